@@ -26,7 +26,7 @@ QUICK := $(addprefix tests/,flow fuel parts observation display signals stepper 
     $(addprefix --ignore=tests/,verification/test_direct_acting.py report/test_plates.py signals/test_standard_errors.py)
 REQUIRED := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")
 # Without whole simulations: as plain Python they take minutes.
-PHYSICS_TESTS := tests/fuel tests/flow tests/parts tests/injector tests/test_dimensions.py --ignore=tests/parts/test_feed_pipe.py
+PHYSICS_TESTS := tests/physics tests/test_dimensions.py --ignore=tests/physics/test_feed_pipe.py
 LOWEST := .venv-lowest
 PYTHON_LOWEST ?= python3.11
 
@@ -34,7 +34,7 @@ help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
 
 demo: $(VENV)/.runtime ## calibrate the cases paper and cri2-16, repeat the paper's study, write three reports to demo/
-	$(BIN)/python -m commonrail.cli.demo --out demo
+	$(BIN)/python -m commonrail.plugins.paper.demo --out demo
 
 quick: lint ## lint, check types and imports, run tests for a minute, a fifth of all
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow and not process and not gpu" $(QUICK)
@@ -97,7 +97,7 @@ disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status
 	$(BIN)/python -m tools.no_room || test $$? -eq 77
 
 kernels: $(VENV)/.runtime ## compile the simulations of the catalogue into libraries: later starts need no compiler
-	$(BIN)/python -m commonrail.export.lane_library
+	$(BIN)/python -m commonrail.plugins.export.wheel_libraries
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
 	$(BIN)/python -m benchmarks speed --peers --out benchmarks/results.json

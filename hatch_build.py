@@ -32,7 +32,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         self._made = tempfile.TemporaryDirectory(prefix="commonrail-kernels-")  # removed at the latest with the process
         folder = Path(self._made.name)
         environment = os.environ | {"PYTHONPATH": str(root / "src")}
-        command = [sys.executable, "-m", "commonrail.export.lane_library", str(folder), "all"]
+        command = [sys.executable, "-m", "commonrail.plugins.export.wheel_libraries", str(folder), "all"]
         if subprocess.run(command, env=environment, check=False).returncode != 0:
             sys.exit(f"{ASKED}=1 needs the libraries, which were not built: see above; without it the wheel has none.")
         for path in sorted(folder.glob("[!.]*")):  # an interrupted build leaves a hidden file

@@ -33,14 +33,13 @@ from benchmarks.run import (
     words,
 )
 from benchmarks.searches import OPTIMISERS, reference_searches
-from commonrail.bench.machine import version
-from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.output import check_file
-from commonrail.cli.progress import Bar
-from commonrail.cli.progress import Stage as Shown
+from commonrail.base.errors import CommonrailError, ConfigurationError
+from commonrail.base.output import write_text
+from commonrail.cli.console import Bar, print_json, print_rows, say
+from commonrail.cli.console import Stage as Shown
+from commonrail.cli.options import check_file
+from commonrail.cli.verbs.doctor import version
 from commonrail.engine.simulate import usable_threads
-from commonrail.errors import CommonrailError, ConfigurationError
-from commonrail.files.atomic import write_text
 
 INTERRUPTED = 130  # exit status
 EXTRA = "pip install 'commonrail[bench]'"

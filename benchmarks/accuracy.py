@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.case import INTERVAL, POINT, candidates, injector
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
-from commonrail.errors import ConfigurationError
-from commonrail.reproduction import paper
+from commonrail.plugins.paper import study
 
 TIGHT = Resolution((480, 240), 1e-9)
 CHECK = Resolution((480, 240), method="explicit", step=2.5e-8)  # as fine, by another scheme
@@ -78,7 +78,7 @@ def lane_errors(time_step: float, precision: Precision, others: int) -> list[Err
     """
     interval = time_step * max(round(INTERVAL / time_step), 1)
     found = []
-    for values in [{}, *(dict(zip(paper.NAMES, row, strict=True)) for row in candidates(others))]:
+    for values in [{}, *(dict(zip(study.NAMES, row, strict=True)) for row in candidates(others))]:
         own = injector().with_values(values)
         lanes = simulate(own, POINT, time_step=time_step, sample_interval=interval, precision=precision)
         found.append(errors(lanes, simulate_reference(own, POINT, interval, Resolution(method="explicit"))))

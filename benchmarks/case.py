@@ -6,19 +6,19 @@ import functools
 
 import numpy as np
 
-from commonrail.analysis.virtual_bench import Bench
-from commonrail.arrays import Floats
+from commonrail.base.arrays import Floats
 from commonrail.calibration.study import Method, Study
+from commonrail.data.curves.data import RateData
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.files.injector_file import load_injector
-from commonrail.files.truth_file import load_truth
-from commonrail.injector.definition import Injector
-from commonrail.kinds import RateData
-from commonrail.reproduction import paper
-from commonrail.reproduction.repetition import measure
+from commonrail.physics.injector import Injector
+from commonrail.plugins.paper import study
+from commonrail.plugins.paper.bench import Bench
+from commonrail.plugins.paper.bench_file import load_truth
+from commonrail.plugins.paper.run import measure
+from commonrail.readers.injector.file import load_injector
 
 INJECTOR = "virtual-lino-2016"
-POINT = OperatingPoint(160e6, paper.ENERGISING_TIME, horizon=1.56e-3)
+POINT = OperatingPoint(160e6, study.ENERGISING_TIME, horizon=1.56e-3)
 INTERVAL = 3e-6  # between samples of the rate [s]
 TIME_STEP = 1e-6  # [s]
 LONG_STEP = POINT.duration / 832  # 1.875 us: the case and its candidates stay within an L1 error of 0.1 % [s]
@@ -34,11 +34,11 @@ def injector() -> Injector:
 
 def candidates(count: int) -> Floats:
     """Stiffnesses k1 to k7 (count, 7) [N/m] around the drawn ones, always the same."""
-    centre = np.array([injector().values[name] for name in paper.NAMES])
+    centre = np.array([injector().values[name] for name in study.NAMES])
     return np.asarray(centre * np.random.default_rng(1).uniform(1.0 - SPREAD, 1.0 + SPREAD, (count, len(centre))))
 
 
-def paper_study(seed: int = 1, generations: int = paper.BEST.generations) -> Study:
+def paper_study(seed: int = 1, generations: int = study.BEST.generations) -> Study:
     """The paper's search: seven stiffnesses, 50 members, 70 generations, one pressure; data are SYNTHETIC.
 
     Parameters
@@ -47,8 +47,8 @@ def paper_study(seed: int = 1, generations: int = paper.BEST.generations) -> Stu
         Of the search; the synthetic measurement is always the same.
     generations : int
     """
-    settings = paper.BEST._replace(generations=generations).settings
-    return Study("paper", injector(), _data(), paper.space(injector()), Method(settings), seed, TIME_STEP)
+    settings = study.BEST._replace(generations=generations).settings
+    return Study("paper", injector(), _data(), study.space(injector()), Method(settings), seed, TIME_STEP)
 
 
 @functools.cache

@@ -12,26 +12,24 @@ import numpy as np
 
 from benchmarks.case import INJECTOR, TIME_STEP, injector, paper_study
 from benchmarks.timing import CLOCKS
-from commonrail.analysis.virtual_bench import Bench
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers import (
-    EvolutionSettings,
-    MultiStartSettings,
-    Settings,
-    StagedSettings,
-)
-from commonrail.calibration.optimisers.covariance import CovarianceSettings
+from commonrail.calibration.optimisers.base import Settings
+from commonrail.calibration.optimisers.evolution import EvolutionSettings
+from commonrail.calibration.optimisers.library import CovarianceSettings, NelderMeadSettings, SuccessHistorySettings
+from commonrail.calibration.optimisers.multistart import MultiStartSettings
 from commonrail.calibration.optimisers.registry import registered
-from commonrail.calibration.optimisers.simplex import NelderMeadSettings
-from commonrail.calibration.optimisers.success_history import SuccessHistorySettings
-from commonrail.calibration.sampling import sample_feasible
+from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.search import goal_of, steps
+from commonrail.calibration.space import sample_feasible
 from commonrail.calibration.study import Study
-from commonrail.files.study_file import load_study
-from commonrail.files.truth_file import load_truth
-from commonrail.kinds import QuantityData, Role, of_role
-from commonrail.reproduction import paper
-from commonrail.reproduction.repetition import measure
+from commonrail.calibration.study_file.file import load_study
+from commonrail.data.base import Role
+from commonrail.data.kinds import of_role
+from commonrail.data.quantities.data import QuantityData
+from commonrail.plugins.paper import study as paper
+from commonrail.plugins.paper.bench import Bench
+from commonrail.plugins.paper.bench_file import load_truth
+from commonrail.plugins.paper.run import measure
 
 PAPER = "differential evolution"
 SLOTS = 3550  # (1 + 70) · 50, of the paper's search

@@ -7,10 +7,10 @@ from typing import Any
 
 from benchmarks.case import POINT, candidates, injector
 from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
-from commonrail.bench.child import Runner, ask_child, run_child
+from commonrail.cli.verbs.doctor import Runner, ask_child, run_child
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch, usable_threads
-from commonrail.reproduction import paper
+from commonrail.plugins.paper import study
 
 __all__ = ["CANDIDATES", "HORIZONS", "POINTS", "horizon_curve", "point_curve", "population_curve", "thread_curve"]
 
@@ -40,7 +40,7 @@ def point_curve(counts: tuple[int, ...], effort: Effort, clocks: Clocks = CLOCKS
     """Time against operating points, 40 to 180 MPa: points, candidates, threads, seconds, runs, per_second."""
     for count in counts:
         points = [
-            OperatingPoint(40e6 + 140e6 * i / max(count - 1, 1), paper.ENERGISING_TIME, horizon=POINT.horizon)
+            OperatingPoint(40e6 + 140e6 * i / max(count - 1, 1), study.ENERGISING_TIME, horizon=POINT.horizon)
             for i in range(count)
         ]
         yield {"points": count, **_timed(points, FULL, usable_threads(), effort, clocks)}
@@ -49,7 +49,7 @@ def point_curve(counts: tuple[int, ...], effort: Effort, clocks: Clocks = CLOCKS
 def horizon_curve(horizons: tuple[float, ...], effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:
     """Time against the simulated horizon [s]: horizon, candidates, threads, seconds, runs, per_second."""
     for horizon in horizons:
-        point = OperatingPoint(POINT.rail_pressure, paper.ENERGISING_TIME, horizon=horizon)
+        point = OperatingPoint(POINT.rail_pressure, study.ENERGISING_TIME, horizon=horizon)
         yield {"horizon": horizon, **_timed([point], FULL, usable_threads(), effort, clocks)}
 
 
@@ -64,7 +64,7 @@ def _timed(points: list[OperatingPoint], count: int, threads: int, effort: Effor
     values = candidates(count)
 
     def run() -> None:
-        simulate_batch(injector(), points, paper.NAMES, values, threads=threads, stop_when_closed=False)
+        simulate_batch(injector(), points, study.NAMES, values, threads=threads, stop_when_closed=False)
 
     run()
     timing = time_best(run, effort, clocks)

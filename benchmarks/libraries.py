@@ -19,13 +19,13 @@ from typing import Any
 
 from benchmarks.case import POINT, candidates, injector
 from benchmarks.timing import Effort, time_best
-from commonrail.choices import Precision
-from commonrail.compile_target import SWITCH
-from commonrail.engine import library, plan
+from commonrail.base.choices import Precision
+from commonrail.compiler.target import SWITCH
+from commonrail.engine import machine_code, plan
 from commonrail.engine.lanes import compiled
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
-from commonrail.reproduction import paper
+from commonrail.plugins.paper import study
 
 COUNT, ROUNDS, STARTS = 512, 30, 10
 KINDS = ("library", "compiler")
@@ -66,7 +66,7 @@ def serve() -> None:
                 simulate_batch(
                     injector(),
                     [POINT],
-                    paper.NAMES,
+                    study.NAMES,
                     values,
                     threads=1,
                     stop_when_closed=False,
@@ -83,8 +83,8 @@ def serve() -> None:
 
 def main(rounds: int = ROUNDS) -> None:
     """Print both tables; ends with a sentence where no library is used."""
-    if library.objection():
-        sys.exit(f"no library is used: {library.objection()}; `make kernels` builds those of the catalogue")
+    if machine_code.objection():
+        sys.exit(f"no library is used: {machine_code.objection()}; `make kernels` builds those of the catalogue")
     print("| simulation from the command line | wall, s | processor, s | memory, MB |")
     print("| --- | --- | --- | --- |")
     for kind in KINDS:

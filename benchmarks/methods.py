@@ -13,7 +13,7 @@ from benchmarks.solvers import Counted, CvodeModel, PeerModel, ScipyMethod, Scip
 from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
-from commonrail.reproduction import paper
+from commonrail.plugins.paper import study
 
 LANES = "lanes"  # family of what the ratios are taken to
 FULL = 512  # candidates that fill the lanes of one core
@@ -116,7 +116,7 @@ def _full_lanes(step: float) -> Method:
     values = candidates(FULL)
 
     def batch() -> None:
-        simulate_batch(injector(), [POINT], paper.NAMES, values, time_step=step, threads=1, stop_when_closed=False)
+        simulate_batch(injector(), [POINT], study.NAMES, values, time_step=step, threads=1, stop_when_closed=False)
 
     name = f"lanes, {step * 1e6:g} us, one of {FULL} on one core"
     return _lanes(step)._replace(name=name, timed=batch, simulations=FULL)

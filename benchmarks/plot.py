@@ -14,8 +14,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from commonrail.errors import CommonrailError
-from commonrail.files.record_file import read_record
+from commonrail.base.errors import CommonrailError
+from commonrail.runs.folder import read_record
 
 COLOURS = {"lanes": "#1b5e8c", "reference": "#6f9bb8", "SciPy": "#c77f2d", "SUNDIALS": "#8c3b2a"}
 STYLE: Any = {

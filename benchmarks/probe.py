@@ -15,19 +15,19 @@ from typing import Any
 from benchmarks.case import POINT, candidates, injector
 from benchmarks.timing import Effort, time_best
 from commonrail.engine.simulate import simulate_batch, usable_threads
-from commonrail.reproduction import paper
+from commonrail.plugins.paper import study
 
 __all__ = ["probe"]
 
 
 def probe(count: int, effort: Effort) -> dict[str, Any]:
     """Time and memory of a population on all threads; the kernel is loaded before."""
-    simulate_batch(injector(), [POINT], paper.NAMES, candidates(1), stop_when_closed=False)
+    simulate_batch(injector(), [POINT], study.NAMES, candidates(1), stop_when_closed=False)
     before = peak_memory()
     values = candidates(count)
 
     def run() -> None:
-        simulate_batch(injector(), [POINT], paper.NAMES, values, stop_when_closed=False)
+        simulate_batch(injector(), [POINT], study.NAMES, values, stop_when_closed=False)
 
     timing = time_best(run, effort)
     return {

@@ -25,13 +25,13 @@ import numpy as np
 
 from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, time_best
-from commonrail import targets
-from commonrail.choices import Precision
-from commonrail.compile_target import own_processor
+from commonrail.base.choices import Precision
+from commonrail.compiler import lower
+from commonrail.compiler.target import own_processor
 from commonrail.engine import lanes, plan
 from commonrail.engine.entry import make_entry
-from commonrail.engine.population import candidate_matrix
-from commonrail.reproduction import paper
+from commonrail.engine.plan import candidate_matrix
+from commonrail.plugins.paper import study
 
 CHAIN_LATENCY = 6  # cycles of three dependent shifts and exclusive ors
 KINDS = {
@@ -204,12 +204,12 @@ def measure(precision: Precision) -> dict[str, Any]:
     vector = lanes.VECTORS[precision]
     values = candidates(8 * vector.lanes)
     steps = round(POINT.duration / TIME_STEP)
-    theta = candidate_matrix(injector(), paper.NAMES, values)
+    theta = candidate_matrix(injector(), study.NAMES, values)
     job = plan.make_job(plan.prepare(injector(), [POINT], TIME_STEP), theta, False, vector.lanes)
     lanes.run(job, variant, precision=precision)
     seconds = _best(lambda: lanes.run(job, variant, precision=precision), 30)
     hertz = clock()
-    text = targets.assembly(make_entry(variant, vector), "kernel", own_processor(), vector.real)
+    text = lower.assembly(make_entry(variant, vector), "kernel", own_processor(), vector.real)
     block = step_block(text)
     times = Times(seconds, measured_bound(block), hertz)
     return {

@@ -13,8 +13,8 @@ from benchmarks.methods import Method, measure_methods, own_methods
 from benchmarks.searches import OWN, Optimiser, measure_search
 from benchmarks.throughput import COUNTS, TIME_STEPS, measure_throughput
 from benchmarks.timing import Effort
-from commonrail.bench.machine import busy, load, machine
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
+from commonrail.cli.verbs.doctor import busy, load, machine
 from commonrail.engine.simulate import usable_threads
 
 SEEDS = (1, 2, 3, 4, 5)

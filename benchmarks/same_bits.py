@@ -11,10 +11,10 @@ import sys
 
 from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, Timing, time_best
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
 from commonrail.engine import plan
 from commonrail.engine.simulate import simulate_batch, usable_threads
-from commonrail.reproduction import paper
+from commonrail.plugins.paper import study
 
 COUNT, ROUNDS = 512, 30
 
@@ -31,7 +31,7 @@ def main(rounds: int = ROUNDS) -> None:
                 simulate_batch(
                     injector(),
                     [POINT],
-                    paper.NAMES,
+                    study.NAMES,
                     values,
                     time_step=TIME_STEP,
                     threads=threads,

@@ -15,17 +15,17 @@ from benchmarks.case import paper_study
 from benchmarks.methods import COARSE
 from benchmarks.solvers import PeerModel, solve_with
 from benchmarks.timing import CLOCKS
-from commonrail.arrays import Floats
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
-from commonrail.calibration.sampling import sample_feasible
+from commonrail.calibration.space import sample_feasible
 from commonrail.calibration.study import Study
+from commonrail.data.curves.data import RateData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
-from commonrail.kinds import RateData
+from commonrail.physics.injector import Injector
 
 
 class Searched(NamedTuple):

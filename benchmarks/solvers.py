@@ -14,13 +14,13 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.sparse import diags
 
-from commonrail.arrays import Floats
+from commonrail.base.arrays import Floats
 from commonrail.engine.explicit import Instants
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution
+from commonrail.engine.schedule import courses
 from commonrail.engine.solution import Solution
-from commonrail.engine.timetable import courses
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 
 __all__ = ["CvodeModel", "PeerModel", "ScipyMethod", "ScipyModel", "solve_with"]
 

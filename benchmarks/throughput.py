@@ -8,10 +8,10 @@ from typing import Any
 from benchmarks.accuracy import lane_errors
 from benchmarks.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
 from commonrail.engine import plan
 from commonrail.engine.simulate import simulate_batch, usable_threads
-from commonrail.reproduction import paper
+from commonrail.plugins.paper import study
 
 COUNTS = (512, 50, 1, 7)  # full lanes; the paper's population; one; one of its seven stiffnesses each
 TIME_STEPS = (TIME_STEP, LONG_STEP)
@@ -57,7 +57,7 @@ def _measure(
         simulate_batch(
             injector(),
             [POINT],
-            paper.NAMES,
+            study.NAMES,
             values,
             time_step=step,
             threads=threads,

@@ -8,22 +8,22 @@ from typing import IO
 
 import pytest
 
-from commonrail.reading import child, guarded_child
+from commonrail.readers.child import parent, program
 
 __all__ = ["read_in_process"]
 
 
 def read_in_process(monkeypatch: pytest.MonkeyPatch, *apart: str) -> None:
     """Replace the child process of all readers but some, and forget what was read before under other limits."""
-    start = guarded_child._run
+    start = parent._run
 
     def run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
         reader, options, memory, _ = args
         if reader in apart:
             return start(args, data, stream)
-        read = import_module(f"commonrail.reading.child_{reader}").read
-        child.write(stream, read, data, json.loads(options), int(memory))
+        read = import_module(f"commonrail.readers.child.{reader}").read
+        program.write(stream, read, data, json.loads(options), int(memory))
         return 0
 
-    monkeypatch.setattr(guarded_child, "_run", run)
-    guarded_child._cached.cache_clear()
+    monkeypatch.setattr(parent, "_run", run)
+    parent._cached.cache_clear()

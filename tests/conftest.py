@@ -13,10 +13,10 @@ from dataclasses import replace
 import pytest
 from hypothesis import HealthCheck, settings
 
-from commonrail.choices import Body, Boundary, Drive
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Variant
+from commonrail.base.choices import Body, Boundary, Drive
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import Variant
+from commonrail.readers.injector.file import load_injector
 from tests.workers.forked import forked
 
 # How long an example takes is the machine's business: no deadline, and nothing is called too slow.
@@ -41,19 +41,19 @@ DOUBLE = (
 OTHERS = (
     "engine/test_precision.py::test_mass_is_kept",
     "engine/test_explicit.py",
-    "stepper/test_stepper.py::test_stepping_gives",
-    "analysis/test_virtual_bench.py",
-    "store/test_same_bits.py",
+    "engine/test_stepper.py::test_stepping_gives",
+    "plugins/paper/test_virtual_bench.py",
+    "runs/test_same_bits.py",
     "engine/test_reference.py",
     *(f"engine/test_{name}.py" for name in ("precision", "streaming", "closings", "validity")),
     "equivalence/test_lanes_and_reference.py",
     "benchmarks/test_solvers.py",
     "benchmarks/test_throughput.py",
-    "store/test_precision.py",
-    "analysis/test_outside.py",
-    "parts/test_feed_pipe.py",
-    "reproduction/",
-    "cli/test_reproduce.py",
+    "runs/test_precision.py",
+    "plugins/verification/test_outside.py",
+    "physics/test_feed_pipe.py",
+    "plugins/paper/",
+    "plugins/paper/test_reproduce.py",
 )
 
 

@@ -20,13 +20,11 @@ from typing import Any, get_type_hints
 import pint
 import pytest
 
-import commonrail.compile
-from commonrail.flow import contact, orifice
-from commonrail.fuel import kernel
-from commonrail.parts import (
+import commonrail.physics.law
+from commonrail.physics import fuel_kernel
+from commonrail.physics.components import (
     armature,
     chain,
-    contents,
     control_chamber,
     direct_needle,
     drive,
@@ -40,12 +38,14 @@ from commonrail.parts import (
     solenoid,
     valve,
 )
-from commonrail.parts.furniture import describe
+from commonrail.physics.flow import contact, orifice, volume
+from commonrail.physics.parameters import describe
 
 Law = Callable[..., Any]
 
 REGISTRY: pint.UnitRegistry[Any] = pint.UnitRegistry()
-ROOMS = ("fuel", "flow", "parts")
+LAWS = ("fuel", "fuel_kernel", "flow", "components")  # modules and packages whose laws state units
+PLAIN = ("algebraic", "elementary", "equations", "law", "state_vector")  # computed with numbers
 POWERS = {"²": "**2", "³": "**3", "⁴": "**4"}
 
 # Constants with a unit, by name, in whichever modules use them.
@@ -70,13 +70,13 @@ UNIFORM = (chain.Nine, chain.Seven, direct_needle.Pair)
 
 # Units of the fields, in order, of each NamedTuple that a law takes or returns. `Parameters` state theirs themselves.
 FIELDS: dict[type, str] = {
-    kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
-    kernel.PressureAndStiffness: "Pa, Pa m3/kg",
+    fuel_kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
+    fuel_kernel.PressureAndStiffness: "Pa, Pa m3/kg",
     contact.Contact: "N, N s/m",
     orifice.Restriction: "m4 Pa, m4",
     orifice.Flow: "kg/s, kg/(s Pa)",
     orifice.Jet: "kg/s, kg/s",
-    contents.Contents: "kg, kg/m3, Pa, Pa m3/kg",
+    volume.Contents: "kg, kg/m3, Pa, Pa m3/kg",
     control_chamber.Coefficients: "m3, m4, m4, kg/s, 1, m4, m4, kg/s",
     armature.Coefficients: "1/kg, m, m, N, N/m, N s/m, N/m, s/m",
     direct_needle.Coefficients: "1/kg, N, N/m, N s/m",
@@ -185,10 +185,11 @@ STAND_INS = {
 }
 
 
-def physics_modules(rooms: tuple[str, ...]) -> Iterator[ModuleType]:
-    for room in rooms:
-        package = importlib.import_module(f"commonrail.{room}")
-        for found in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+def physics_modules(names: tuple[str, ...] = ("",)) -> Iterator[ModuleType]:
+    """Modules and packages of `commonrail.physics` by name, with all that is in them; "" for all."""
+    for found in pkgutil.walk_packages(commonrail.physics.__path__, "commonrail.physics."):
+        name = found.name.removeprefix("commonrail.physics.")
+        if not found.ispkg and name not in PLAIN and any(name == n or not n or name.startswith(f"{n}.") for n in names):
             yield importlib.import_module(found.name)
 
 
@@ -196,7 +197,7 @@ def physics_modules(rooms: tuple[str, ...]) -> Iterator[ModuleType]:
 def carried() -> Iterator[None]:
     """Let the plain functions of fuel, flow, parts and injector take quantities."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in physics_modules((*ROOMS, "injector")):
+        for module in physics_modules():
             for name, stand_in in STAND_INS.items():
                 patch.setattr(module, name, stand_in, raising=False)
             for name in vars(module).keys() & CONSTANTS:
@@ -211,9 +212,9 @@ def carried() -> Iterator[None]:
 
 def laws() -> dict[str, Law]:
     """Every `@physics` law of fuel, flow and parts by its dotted name, but for pieces without a name of their own."""
-    modules = {module.__name__ for module in physics_modules(ROOMS)}
-    found = [law for law in commonrail.compile._LAWS if law.__module__ in modules and law.__doc__]
-    return {f"{law.__module__.removeprefix('commonrail.')}.{law.__name__}": law for law in found}
+    modules = {module.__name__ for module in physics_modules(LAWS)}
+    found = [law for law in commonrail.physics.law._LAWS if law.__module__ in modules and law.__doc__]
+    return {f"{law.__module__.removeprefix('commonrail.physics.')}.{law.__name__}": law for law in found}
 
 
 def documented(law: Law) -> dict[str, list[str]]:

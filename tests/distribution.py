@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail import registry
+from commonrail.base import registry
 
 
 @contextmanager

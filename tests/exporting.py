@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.errors import ConfigurationError
-from commonrail.export.linker import compiler_for, own_platform
-from commonrail.export.objects import target_named
+from commonrail.base.errors import ConfigurationError
+from commonrail.plugins.export.objects import compiler_for, own_platform, target_named
 
 
 def usable_platform() -> str:

@@ -12,16 +12,9 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import pint
 import pytest
 
-from commonrail.choices import Actuation
-from commonrail.files.injector_file import load_injector
-from commonrail.flow import contact, leakage, orifice, volume, wave
-from commonrail.fuel import kernel
-from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.injector import direct_setup, setup
-from commonrail.injector.definition import FUEL_TEMPERATURE
-from commonrail.injector.model import Inputs, Setting, Waves
-from commonrail.injector.variants import EXTENDING, Body, Boundary, Drive, Laws, Variant, wiring
-from commonrail.parts import (
+from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
+from commonrail.physics import fuel_kernel, setup
+from commonrail.physics.components import (
     chain,
     direct_needle,
     drive,
@@ -35,6 +28,13 @@ from commonrail.parts import (
     solenoid,
     valve,
 )
+from commonrail.physics.direct import model as direct_setup
+from commonrail.physics.flow import contact, leakage, orifice, pipe, volume
+from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.injector import FUEL_TEMPERATURE
+from commonrail.physics.model import Inputs, Setting, Waves
+from commonrail.physics.variants import EXTENDING, Variant, wiring
+from commonrail.readers.injector.file import load_injector
 from tests.dimensions import (
     UNIFORM,
     Law,
@@ -103,7 +103,7 @@ class DirectModel(NamedTuple):
 @functools.cache
 def direct_model() -> DirectModel:
     injector = load_injector("direct-acting-kr")
-    f = with_units(kernel.FuelCoefficients, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]))
+    f = with_units(fuel_kernel.FuelCoefficients, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]))
     plain = injector.with_values({"armature.spring_stiffness": 1e3}).parameters
     p = plain._make(with_units(type(room), room) for room in plain)
     at = Setting._make(map(quantity, (20e6, 0.1e6, 0.1e6, 1e-6), ("Pa", "Pa", "Pa", "s")))
@@ -114,7 +114,7 @@ def direct_model() -> DirectModel:
 @functools.cache
 def model() -> Model:
     injector = load_injector("virtual-lino-2016")
-    f = with_units(kernel.FuelCoefficients, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]))
+    f = with_units(fuel_kernel.FuelCoefficients, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]))
     further = dict.fromkeys(EXTENDING, 1e-6) | {"nozzle.discharge_growth": 1e-10, "nozzle.knot_6": 500e-6}
     plain = injector.with_values({"solenoid.eddy_lag": 20e-6, "return_line.length": 0.5, **further}).parameters
     p = plain._make(with_units(type(room), room) for room in plain)
@@ -210,7 +210,7 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
 @pytest.mark.parametrize(
     ("law", "was", "becomes"),
     [
-        (kernel.stiffness, " * f.inverse_reference_density\n", "\n"),
+        (fuel_kernel.stiffness, " * f.inverse_reference_density\n", "\n"),
         (contact.contact, "elastic * damping_factor", "elastic"),
         (contact.contact_over_step, "dt * dt * per_mass", "dt * per_mass"),
         (leakage.gap_conductance, "/ (12.0 * length)", "/ 12.0"),
@@ -218,8 +218,8 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (orifice.jet, "2.0 * density * abs(cda2_dp)", "2.0 * abs(cda2_dp)"),
         (orifice.orifice, "density * through.cda2", "through.cda2"),
         (volume.mean_departure, "0.5 * volume", "0.5"),
-        (wave.impedance, " / area", ""),
-        (wave.friction_resistance, "density * area * area", "density * area"),
+        (pipe.impedance, " / area", ""),
+        (pipe.friction_resistance, "density * area * area", "density * area"),
         (nozzle.discharge, "z * c.per_lift_transition", "z"),
         (needle_seat.gap_cda2, "c.gap_curvature * z", "c.gap_curvature"),
         (solenoid.circuit, "flux * flux * c.per_knee_squared", "flux * c.per_knee_squared"),

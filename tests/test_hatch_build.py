@@ -16,13 +16,12 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from commonrail.choices import Precision
-from commonrail.compile_target import LEVEL_3
-from commonrail.errors import ConfigurationError
-from commonrail.export.lane_library import write_libraries
-from commonrail.export.linker import compiler_for
-from commonrail.export.objects import target_named
-from commonrail.injector.definition import Injector
+from commonrail.base.choices import Precision
+from commonrail.base.errors import ConfigurationError
+from commonrail.compiler.target import LEVEL_3
+from commonrail.physics.injector import Injector
+from commonrail.plugins.export.objects import compiler_for, target_named
+from commonrail.plugins.export.wheel_libraries import write_libraries
 
 LACKING = "hatchling, which builds wheels, is not installed"
 wheels = pytest.importorskip("hatchling.builders.wheel", reason=LACKING)
@@ -80,7 +79,7 @@ def build(tree: Path, target: Path) -> Built:
     assert builder.metadata.core.optional_dependencies["jit"] == ["numba>=0.62"]
     with zipfile.ZipFile(made) as wheel:
         names = wheel.namelist()
-        assert {"commonrail/py.typed", "commonrail/fuel/catalogue/iso4113.toml"} <= set(names)
+        assert {"commonrail/py.typed", "commonrail/physics/catalogue/fuels/iso4113.toml"} <= set(names)
         (about,) = (wheel.read(n).decode() for n in names if n.endswith(".dist-info/METADATA"))
         kernels = {Path(n).name: wheel.read(n) for n in names if n.startswith("commonrail/kernels/")}
     required, of_extra = (
@@ -125,7 +124,7 @@ def test_a_wheel_has_the_libraries_that_were_asked_for(
     def run(command: list[str], **settings: Any) -> Any:
         if command[1:2] != ["-m"]:
             return link(command, **settings)  # the C compiler
-        assert command[2] == "commonrail.export.lane_library"
+        assert command[2] == "commonrail.plugins.export.wheel_libraries"
         assert settings["env"]["PYTHONPATH"] == str(tree / "src")
         assert command[4:] == ["all"]  # who has no compiler needs every wiring
         folders.append(Path(command[3]))

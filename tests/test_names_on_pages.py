@@ -288,5 +288,7 @@ def test_a_wrong_name_is_found(token: str) -> None:
 
 
 def test_a_name_in_a_wrong_file_is_found() -> None:
-    assert misplaced("in `injector/step.py` (`fill_sac`, `drain_cda2`)") == ["drain_cda2 in injector/step.py"]
-    assert misplaced("at the end (`parts/valve.py`, `numerov_correction`)") == ["numerov_correction in parts/valve.py"]
+    assert misplaced("in `physics/step.py` (`fill_sac`, `drain_cda2`)") == ["drain_cda2 in physics/step.py"]
+    assert misplaced("at the end (`physics/components/valve.py`, `numerov_correction`)") == [
+        "numerov_correction in physics/components/valve.py"
+    ]

@@ -34,19 +34,15 @@ def test_a_type_checker_sees_the_names_that_are_loaded() -> None:
 
 
 ROOT = Path(commonrail.__file__).parent
-SHOWCASE = sorted(
-    path
-    for pattern in ("reproduction/*.py", "report/reproduction*.py", "report/plates.py")
-    for path in ROOT.glob(pattern)
-)
+SHOWCASE = sorted(path for pattern in ("plugins/paper/*.py", "report/draw/print.py") for path in ROOT.glob(pattern))
 # Rooms whose public names the reproduction may use, and what its report may use besides: tables, charts, units.
 BELOW = {"analysis", "calibration", "choices", "engine", "errors", "fuel", "injector", "kinds", "observation"}
-SHOWN = {"report": ("commonrail.display.", "commonrail.kinds.records.")}
+SHOWN = {"report": ("commonrail.base.", "commonrail.data.records.")}
 
 
 @pytest.mark.parametrize("path", SHOWCASE, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_the_reproduction_is_made_of_public_names(path: Path) -> None:
-    rooms = (f"commonrail.{path.parent.name}.", "commonrail.arrays.", *SHOWN.get(path.parent.name, ()))
+    rooms = (f"commonrail.{path.parent.name}.", "commonrail.base.arrays.", *SHOWN.get(path.parent.name, ()))
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         named: list[str] = []
         if isinstance(node, ast.ImportFrom):

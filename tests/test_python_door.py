@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail import arguments
-from commonrail.calibration.optimisers import EvolutionSettings
+from commonrail.base import arguments
+from commonrail.base.errors import CommonrailError
+from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.study import Method
-from commonrail.errors import CommonrailError
-from commonrail.files.scaffold import write_new
-from commonrail.kinds import Role
+from commonrail.calibration.study_file.from_data import write_new
+from commonrail.data.base import Role
 
 POINT = cr.OperatingPoint("160 MPa", "700 us")
 INJECTOR = cr.load_injector("virtual-lino-2016")
@@ -419,7 +419,7 @@ def test_energisings_may_be_any_list_of_pairs(pulses: Any) -> None:
 
 
 def test_texts_in_the_rows_of_a_batch_have_the_unit_of_their_column() -> None:
-    from commonrail.engine.population import read_candidates
+    from commonrail.engine.plan import read_candidates
 
     names = ("valve.spring_preload", "fuel.temperature")
     read = read_candidates(names, [["75 N", "80 degC"], [76.0, np.float64(354.0)], (np.nan, "1 kK")])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.ringing import traced
+from commonrail.plugins.verification.closed_forms import traced
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@
 
 A bench draws the parameters about the middle of their priors, a discrepancy that the model lacks, and noise. It is
 fitted and predicted as the linear model of the run has it: derivatives, priors, operating points and the rule of
-`commonrail.analysis.prediction.scatter`. The measured values of the validation maps are not used.
+`commonrail.plugins.prediction.scatter`. The measured values of the validation maps are not used.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.covariance import student
-from commonrail.analysis.certainty.estimate import estimate
-from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.neighbourhood import around
-from commonrail.files.run_folder import read_fit
-from commonrail.kinds import DataSet, QuantityData, Role, of_role
-from commonrail.kinds.simulator import Simulator
+from commonrail.calibration.influence import around
+from commonrail.data.base import DataSet, Role
+from commonrail.data.kinds import of_role
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.simulator import Simulator
+from commonrail.plugins.certainty.covariance import student
+from commonrail.plugins.certainty.estimate import estimate
+from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.runs.folder import read_fit
 
 Floats = NDArray[np.float64]
 

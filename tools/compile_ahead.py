@@ -12,11 +12,11 @@ import sys
 from contextlib import suppress
 
 import commonrail
-from commonrail.choices import Actuation, Body, Boundary, Drive, Laws, Precision
-from commonrail.compile_target import own_processor
+from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws, Precision
+from commonrail.compiler.target import own_processor
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.machine_code import object_of
-from commonrail.injector.variants import Variant
+from commonrail.physics.variants import Variant
 
 # Those that the tests begin with, in their order: see `DOUBLE` and `OTHERS` in tests/conftest.py. What is compiled
 # after the first of a precision shares its laws: one process for each.

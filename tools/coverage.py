@@ -22,17 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import commonrail as cr
-from commonrail.analysis.certainty.certify import friction_withdraws
-from commonrail.analysis.certainty.estimate import Estimate, library, starts_from
-from commonrail.analysis.certainty.freed import judged_residuals
-from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.certainty.missing_delay import missing_delay
-from commonrail.analysis.certainty.verdict import ParameterVerdict, verdicts_of, withdrawal
-from commonrail.analysis.certainty.within import Within, estimate_within
-from commonrail.injector.variants import Drive
-from commonrail.kinds import DataSet
-from commonrail.kinds.noise import NOISE, Correlation, Noise
-from commonrail.kinds.simulator import Simulator
+from commonrail.base.choices import Drive
+from commonrail.calibration.identifiability import ParameterVerdict
+from commonrail.data.base import DataSet
+from commonrail.data.noise import NOISE, Correlation, Noise
+from commonrail.data.simulator import Simulator
+from commonrail.plugins.certainty.estimate import Estimate, library, starts_from
+from commonrail.plugins.certainty.lack_of_fit import missing_delay
+from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.nuisance_fit import Within, estimate_within, judged_residuals
+from commonrail.plugins.certainty.run import friction_withdraws
+from commonrail.plugins.certainty.verdict import verdicts_of, withdrawal
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int], Floats]

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import commonrail as cr
-from commonrail.analysis.certainty.verdict import ParameterVerdict
-from commonrail.injector.variants import Drive
-from commonrail.kinds.noise import Noise
+from commonrail.base.choices import Drive
+from commonrail.calibration.identifiability import ParameterVerdict
+from commonrail.data.noise import Noise
 from tools.noises import NOISES, DrawnNoise
 
 Floats = NDArray[np.float64]

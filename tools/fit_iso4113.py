@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from commonrail.files.fuel_file import load_fuel
-from commonrail.fuel import laws
-from commonrail.fuel.laws import Array
+from commonrail.physics import fuel
+from commonrail.physics.fuel import Array
+from commonrail.readers.fuel import load_fuel
 
 TEMPERATURES = np.linspace(293.15, 393.15, 41)
 MODULUS = (1050.0, 12.5)  # K_B1 [MPa] and K_B3 at 80 °C
@@ -24,12 +24,12 @@ TREND_PRESSURE = 160e6  # Pa, where the trends with pressure are compared: the u
 
 def anchored(values: Array, degree: int, first: float, also: tuple[float, float] | None) -> Array:
     """Fit a polynomial that equals `first` at 80 °C and, if given, also (temperature, value)."""
-    tau = laws.scaled_temperature(TEMPERATURES)
+    tau = fuel.scaled_temperature(TEMPERATURES)
     powers = tau[:, None] ** np.arange(1, degree + 1)
     if also is None:
         rest = np.linalg.lstsq(powers / values[:, None], 1.0 - first / values, rcond=None)[0]
         return np.concatenate(([first], rest))
-    at = laws.scaled_temperature(also[0])
+    at = fuel.scaled_temperature(also[0])
     # eliminate the linear coefficient by the second condition
     slope = (also[1] - first) / at
     higher = powers[:, 1:] - tau[:, None] * at ** np.arange(1, degree)
@@ -50,7 +50,7 @@ def walther() -> Array:
 def show(name: str, polynomial: Array, wanted: Array) -> None:
     """Print a polynomial and its largest relative deviation."""
     rounded = np.array([float(f"{value:.7g}") for value in polynomial])
-    deviation = np.abs(laws.coefficient(rounded, TEMPERATURES) / wanted - 1.0).max()
+    deviation = np.abs(fuel.coefficient(rounded, TEMPERATURES) / wanted - 1.0).max()
     print(f"{name} = [{', '.join(repr(float(c)) for c in rounded)}]  # within {deviation:.1e}")
 
 
@@ -61,7 +61,7 @@ def main() -> None:
     show("density at_zero_pressure", np.array([DENSITY_80, 40.0 * slope]), line)
 
     model = load_fuel("n-dodecane")
-    hot = laws.TEMPERATURE_ORIGIN
+    hot = fuel.TEMPERATURE_ORIGIN
     at_zero = model.isentropic_bulk_modulus(0.0, TEMPERATURES)
     trend = at_zero / model.isentropic_bulk_modulus(0.0, hot)
     show("bulk_modulus k1", anchored(MODULUS[0] * trend, 3, MODULUS[0], None), MODULUS[0] * trend)

@@ -1,7 +1,7 @@
 """Fit Eq. (2) to n-dodecane as CoolProp computes it, and print the catalogue's coefficients.
 
 Run ``python tools/fit_n_dodecane.py``; CoolProp is a development dependency only. The printed
-figures are what `commonrail/fuel/catalogue/n-dodecane*.toml` holds, with the largest deviations
+figures are what `commonrail/physics/catalogue/fuels/n-dodecane*.toml` holds, with the largest deviations
 from CoolProp that the *printed* (rounded) coefficients leave over the whole grid.
 """
 
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.polynomial.polynomial import polyfit
 from scipy.optimize import least_squares
 
-from commonrail.fuel import laws
-from commonrail.fuel.laws import Array
+from commonrail.physics import fuel
+from commonrail.physics.fuel import Array
 
 TEMPERATURES = np.linspace(293.15, 393.15, 11)
 PRESSURES = 125.05 - 124.95 * np.cos(np.pi * np.arange(41) / 40)  # MPa, 0.1 ... 250
@@ -55,7 +55,7 @@ def split(packed: Array, degrees: Sequence[int]) -> list[Array]:
 
 def at_temperatures(polynomials: Sequence[Array]) -> list[Array]:
     """Return each K as a column over the temperatures."""
-    return [laws.coefficient(polynomial, TEMPERATURES)[:, None] for polynomial in polynomials]
+    return [fuel.coefficient(polynomial, TEMPERATURES)[:, None] for polynomial in polynomials]
 
 
 def fit(law: Law, wanted: Array, degrees: Sequence[int], start: Sequence[float]) -> list[Array]:
@@ -67,7 +67,7 @@ def fit(law: Law, wanted: Array, degrees: Sequence[int], start: Sequence[float])
     for row in wanted:
         guess = _minimise(lambda k, row=row: law(list(k)) / row - 1.0, guess)
         rows.append(guess)
-    tau = laws.scaled_temperature(TEMPERATURES)
+    tau = fuel.scaled_temperature(TEMPERATURES)
     columns = np.array(rows).T
     packed = np.concatenate([polyfit(tau, k, d) for k, d in zip(columns, degrees, strict=True)])
     packed = _minimise(lambda c: (law(at_temperatures(split(c, degrees))) / wanted - 1.0).ravel(), packed)
@@ -89,17 +89,17 @@ def modulus_law(k: list[Array]) -> Array:
 
     A free K_B2 halves the deviation but is degenerate (some 4 GPa, with K_B4 < 0).
     """
-    return laws.saturating_law(PRESSURES, k[0], np.zeros_like(k[0]), k[1], k[2])
+    return fuel.saturating_law(PRESSURES, k[0], np.zeros_like(k[0]), k[1], k[2])
 
 
 def explicit_density(k: list[Array]) -> Array:
     """Eq. (2) for density, all four coefficients free."""
-    return laws.saturating_law(PRESSURES, *k)
+    return fuel.saturating_law(PRESSURES, *k)
 
 
 def viscosity_law(k: list[Array]) -> Array:
     """Eq. (2) for kinematic viscosity, up to the limit of the fit."""
-    return laws.power_law(PRESSURES[PRESSURES <= VISCOSITY_LIMIT], *k)
+    return fuel.power_law(PRESSURES[PRESSURES <= VISCOSITY_LIMIT], *k)
 
 
 def report(title: str, names: str, polynomials: Sequence[Array], deviation: Array) -> None:
@@ -120,9 +120,9 @@ def main() -> None:
         report(f"{name} bulk modulus (k2 = [0.0])", "k1 k3 k4", modulus[name], deviation)
 
     k1, k3, k4 = at_temperatures(modulus["isothermal"])
-    growth = np.exp(laws.log_compression(PRESSURES, k1, np.zeros_like(k1), k3, k4))
-    anchor = _rounded(polyfit(laws.scaled_temperature(TEMPERATURES), (table["density"] / growth).mean(axis=1), 3))
-    integrated = laws.coefficient(anchor, TEMPERATURES)[:, None] * growth
+    growth = np.exp(fuel.log_compression(PRESSURES, k1, np.zeros_like(k1), k3, k4))
+    anchor = _rounded(polyfit(fuel.scaled_temperature(TEMPERATURES), (table["density"] / growth).mean(axis=1), 3))
+    integrated = fuel.coefficient(anchor, TEMPERATURES)[:, None] * growth
     report("integrated density", "at_zero_pressure", [anchor], integrated / table["density"] - 1.0)
 
     explicit = fit(explicit_density, table["density"], (3, 3, 3, 3), (749, 403, 407, -0.12))
@@ -135,8 +135,8 @@ def main() -> None:
     report("kinematic viscosity", "k1 k2 k3", viscosity, deviation)
 
     logarithm = np.log(vapour_pressures())
-    line = _rounded(polyfit(laws.scaled_temperature(TEMPERATURES), logarithm, 4))
-    deviation = np.exp(laws.coefficient(line, TEMPERATURES) - logarithm) - 1.0
+    line = _rounded(polyfit(fuel.scaled_temperature(TEMPERATURES), logarithm, 4))
+    deviation = np.exp(fuel.coefficient(line, TEMPERATURES) - logarithm) - 1.0
     report("vapour pressure", "ln_pressure", [line], deviation[:, None])
 
 

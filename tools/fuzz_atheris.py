@@ -13,7 +13,9 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["commonrail.files", "commonrail.reading", "commonrail.units", "tomllib"]):
+with atheris.instrument_imports(
+    include=["commonrail.readers", "commonrail.calibration.study_file", "commonrail.base.units", "tomllib"]
+):
     from tests.fuzz.targets import TARGETS, check
 
 LONGEST = 20_000  # of an input [bytes]

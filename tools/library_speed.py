@@ -14,11 +14,10 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.export.library import Library, write_library
-from commonrail.export.linker import compiler_for, own_platform
-from commonrail.export.objects import target_named, vectors_of
-from commonrail.export.sources import named
-from commonrail.files.injector_file import load_injector
+from commonrail.plugins.export.library import Library, write_library
+from commonrail.plugins.export.objects import compiler_for, own_platform, target_named, vectors_of
+from commonrail.plugins.export.sources import named
+from commonrail.readers.injector.file import load_injector
 
 MODEL = "virtual-lino-2016"
 STEPS = (0.25e-6, 0.5e-6, 1e-6, 1.5e-6, 2e-6)

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import commonrail as cr
-from commonrail.analysis.identifiability import identify
+from commonrail.calibration.identifiability import identify
 from commonrail.calibration.objective import Objective
 
 Floats = NDArray[np.float64]
 
-TEMPLATES = Path(__file__).resolve().parents[1] / "src" / "commonrail" / "files" / "templates"
+TEMPLATES = Path(__file__).resolve().parents[1] / "src" / "commonrail" / "calibration" / "study_file" / "template"
 
 TRUTH = {
     "control_chamber.z_hole_diameter": 0.211e-3,

@@ -23,8 +23,8 @@ from commonrail.engine.plan import reference_density
 from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.time_step import DEFAULT_STEP
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.physics.injector import Injector, parameter_quantities
+from commonrail.readers.injector.file import load_injector
 
 Floats = NDArray[np.float64]
 

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import commonrail as cr
-from commonrail.analysis.certainty.estimate import estimate, library, starts_from
-from commonrail.analysis.design.candidates import place_of
-from commonrail.kinds.noise import Law
-from commonrail.kinds.simulator import Simulator
+from commonrail.data.noise import Law
+from commonrail.data.simulator import Simulator
+from commonrail.plugins.certainty.estimate import estimate, library, starts_from
+from commonrail.plugins.next.study import place_of
 
 Floats = NDArray[np.float64]
 

@@ -20,18 +20,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.bench_sensor import Sensor
-from commonrail.analysis.truth import Friction, Scatter, Truth
-from commonrail.analysis.virtual_bench import Bench
-from commonrail.display.table import Table
-from commonrail.display.text import duration, fixed, percent, signed
-from commonrail.files.injector_file import load_injector
-from commonrail.files.truth_file import load_truth
-from commonrail.report import reproduction_tables as tables
-from commonrail.report.paper import RESULT
-from commonrail.report.reproduction import verdicts
-from commonrail.reproduction import paper
-from commonrail.reproduction.repetition import measure, search
+from commonrail.base.table import Table
+from commonrail.base.text import duration, fixed, percent, signed
+from commonrail.plugins.paper import page as tables
+from commonrail.plugins.paper import study
+from commonrail.plugins.paper.bench import Bench, Friction, Scatter, Sensor, Truth
+from commonrail.plugins.paper.bench_file import load_truth
+from commonrail.plugins.paper.page import RESULT, verdicts
+from commonrail.plugins.paper.run import measure, search
+from commonrail.readers.injector.file import load_injector
 
 Floats = NDArray[np.float64]
 Record = dict[str, Any]
@@ -83,7 +80,7 @@ def further(record: Record) -> str:
     return "\n".join(
         (
             f"- Greatest J at 80 MPa of the {count} searches of Table 3: {fixed(worst, 0)}; the paper's (60, 30) has "
-            f"{paper.TABLE3[paper.Configuration(60, 30)][2]}.",
+            f"{study.TABLE3[study.Configuration(60, 30)][2]}.",
             f"- k7: {fixed(k7['median'], 1, 1e-6)} N/µm, and {fixed(k7['truth'], 1, 1e-6)} N/µm in truth, which "
             f"{k7['covered']} of {k7['intervals']} intervals of 95 % hold (standard error "
             f"{fixed(k7['standard_error'], 1, 1e-6)} N/µm, median): the meter's delay is in none of them.",
@@ -110,7 +107,7 @@ def ideal(record: Record) -> str:
 def friction_truths() -> dict[str, Truth]:
     """Truths of theoretical stiffness without noise, that differ in friction or meter."""
     bench = load_truth(TRUTH)
-    rest = {name: value for name, value in bench.values.items() if name not in paper.NAMES}
+    rest = {name: value for name, value in bench.values.items() if name not in study.NAMES}
     plain = replace(
         bench, values=rest, friction=Friction(), rate_meter=Sensor(), rail_sensor=Sensor(), scatter=Scatter()
     )
@@ -131,8 +128,8 @@ def friction() -> str:
     for text, truth in friction_truths().items():
         bench = Bench(truth, load_injector(truth.injector), TIME_STEP)
         data = measure(bench, 1)[0]
-        found = [search(bench, data, paper.BEST.settings, seed) for seed in FRICTION_SEEDS]
-        theory = paper.space(bench.injector).reference
+        found = [search(bench, data, study.BEST.settings, seed) for seed in FRICTION_SEEDS]
+        theory = study.space(bench.injector).reference
         change = np.median([f.x / theory - 1.0 for f in found], axis=0)
         cost = float(np.median([f.cost for f in found]))
         rows.append((text, *(signed(100.0 * value, 0) for value in change), fixed(cost, 1)))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import commonrail as cr
-from commonrail.kinds.simulator import Simulator
+from commonrail.data.simulator import Simulator
 
 Floats = NDArray[np.float64]
 Place = tuple[int, int]

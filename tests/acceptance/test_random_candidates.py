@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.choices import Boundary
+from commonrail.base.choices import Boundary
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.injector.variants import Variant
-from commonrail.parts.furniture import Domain
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.physics.parameters import Domain
+from commonrail.physics.variants import Variant
+from commonrail.readers.injector.file import load_injector
 
 BATCH = 1000
 RAILS = (1e6, 250e6)  # [Pa]

@@ -10,10 +10,9 @@ from typing import Any
 
 import pytest
 
-from commonrail import kernel_cache
-from commonrail.bench import doctor
-from commonrail.bench.child import run_child
-from commonrail.bench.doctor import OK, Fact, cache_facts, extra_facts, kernel_facts, self_check, usable
+from commonrail.cli.verbs import doctor
+from commonrail.cli.verbs.doctor import OK, Fact, cache_facts, extra_facts, kernel_facts, run_child, self_check, usable
+from commonrail.compiler import cache
 
 SOUND: dict[str, Any] = {
     "seconds": 0.5,
@@ -32,9 +31,9 @@ def facts_of(*answers: dict[str, Any]) -> list[Fact]:
 
 
 @pytest.mark.slow  # tests/cli/test_doctor.py reads the same of the command
-@pytest.mark.skipif(kernel_cache.cache_folder() is None, reason="no place for compiled simulations can be used here")
+@pytest.mark.skipif(cache.cache_folder() is None, reason="no place for compiled simulations can be used here")
 def test_a_second_process_loads_what_the_first_has_compiled() -> None:
-    first, second = (json.loads(run_child("commonrail.bench.kernel_probe", [], 300.0).stdout) for _ in range(2))
+    first, second = (json.loads(run_child("commonrail.cli.verbs.doctor", [], 300.0).stdout) for _ in range(2))
     assert first["origin"] in ("compiled", "cache", "library")
     assert second["origin"] in ("cache", "library")
 
@@ -50,11 +49,11 @@ def test_a_cache_that_cannot_be_written_is_told() -> None:
 def test_the_cache_falls_back_where_its_usual_place_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "commonrail").touch()  # even root cannot make a folder below a file
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    kernel_cache.cache_folder.cache_clear()
+    cache.cache_folder.cache_clear()
     try:
         first = next(iter(cache_facts()))
     finally:
-        kernel_cache.cache_folder.cache_clear()
+        cache.cache_folder.cache_clear()
     assert f"{tmp_path / 'commonrail'} cannot be used" in first.verdict
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.accuracy import errors
 from benchmarks.case import INTERVAL
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
 
 TIME = INTERVAL * np.arange(5)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from benchmarks import libraries
-from commonrail.compile_target import SWITCH
-from commonrail.engine import library
+from commonrail.compiler.target import SWITCH
+from commonrail.engine import machine_code
 
 
 def test_without_libraries_nothing_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(library, "objection", lambda: "none came with this package")
+    monkeypatch.setattr(machine_code, "objection", lambda: "none came with this package")
     with pytest.raises(SystemExit, match="no library is used: none came with this package; `make kernels`"):
         libraries.main()
 

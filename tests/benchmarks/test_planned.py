@@ -10,7 +10,7 @@ import pytest
 from benchmarks import __main__ as whole
 from benchmarks.methods import own_methods, peer_methods
 from benchmarks.run import SEEDS, Stage, grids
-from commonrail.files.record_file import read_record
+from commonrail.runs.folder import read_record
 
 
 def test_a_missing_peer_is_named_with_its_cure() -> None:

@@ -11,9 +11,9 @@ import pytest
 
 from benchmarks import run as bench_run
 from benchmarks.run import Stage, grids, run_bench, sentences, stages
-from commonrail.bench.machine import busy
-from commonrail.files.atomic import write_text
-from commonrail.files.record_file import read_record
+from commonrail.base.output import write_text
+from commonrail.cli.verbs.doctor import busy
+from commonrail.runs.folder import read_record
 
 OPTIONS = {"quick": False}
 ROW = {

@@ -17,11 +17,11 @@ from benchmarks.searches import (
     measure_search,
     reference_searches,
 )
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 
 
 def test_only_what_keeps_to_the_ordering_can_be_best() -> None:

@@ -8,14 +8,14 @@ from benchmarks import accuracy, throughput
 from benchmarks.accuracy import lane_errors
 from benchmarks.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.population import candidate_matrix
+from commonrail.engine.plan import candidate_matrix
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
-from commonrail.engine.stability import medium_of, too_long
-from commonrail.injector.definition import Injector
-from commonrail.reproduction import paper
+from commonrail.engine.time_step import medium_of, too_long
+from commonrail.physics.injector import Injector
+from commonrail.plugins.paper import study
 
 _JUDGES: dict[tuple[object, ...], Solution] = {}
 
@@ -46,8 +46,8 @@ def test_there_is_a_row_for_each_precision_step_count_and_number_of_threads(monk
 
 def test_the_long_step_is_a_whole_part_of_the_case_and_bears_all_its_candidates() -> None:
     assert POINT.duration / LONG_STEP == pytest.approx(round(POINT.duration / LONG_STEP), abs=1e-9)
-    theta = candidate_matrix(injector(), paper.NAMES, candidates(512))
-    assert not too_long(injector(), paper.NAMES, theta, medium_of(injector(), 160e6), LONG_STEP).any()
+    theta = candidate_matrix(injector(), study.NAMES, candidates(512))
+    assert not too_long(injector(), study.NAMES, theta, medium_of(injector(), 160e6), LONG_STEP).any()
 
 
 @pytest.mark.parametrize("precision", Precision)

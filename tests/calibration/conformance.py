@@ -9,11 +9,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.optimisers import Optimiser, Trials, Wanted
-from commonrail.calibration.products import parse_products
-from commonrail.errors import ConfigurationError, StudyError
-from commonrail.store.states import pack, unpack
+from commonrail.base.errors import ConfigurationError, StudyError
+from commonrail.calibration.constraints import parse_products
+from commonrail.calibration.optimisers.base import Optimiser, Trials, Wanted
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
+from commonrail.runs.tables import pack, unpack
 
 __all__ = ["CHECKS", "SPACES", "Case", "answer"]
 

@@ -7,7 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space, percent_bounds
+from commonrail.calibration.parameter import Parameter, percent_bounds
+from commonrail.calibration.space import Space
+from tests.readers.conftest import injector_file, study_file, table_file  # noqa: F401
 
 THEORETICAL = (1.22e8, 8.08e7, 8.21e7, 9.44e7, 9.43e7, 1.86e8, 5.82e7)
 OPTIMAL = (3.03e8, 8.26e7, 8.35e7, 1.41e8, 1.05e8, 3.50e8, 6.44e7)

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.calibration.optimisers import Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
 from commonrail.calibration.optimisers.registry import Registered
-from commonrail.calibration.sampling import sample_feasible
-from commonrail.calibration.space import Space
+from commonrail.calibration.space import Space, sample_feasible
 
 __all__ = ["GUESSING", "Guessing", "GuessingSettings"]
 

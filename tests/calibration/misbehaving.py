@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.objective import Objective, Scores
-from commonrail.errors import ConfigurationError
 
 
 class Misbehaving(Objective):

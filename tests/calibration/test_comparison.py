@@ -9,19 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.comparison import Comparison, check_drive, compare
-from commonrail.calibration.comparison_record import comparison_record
-from commonrail.calibration.labels import check_labels
+from commonrail.base.choices import Body, Drive
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.compare import Comparison, check_drive, check_labels, compare, comparison_record
 from commonrail.calibration.result import validate
 from commonrail.calibration.study import Study
-from commonrail.choices import Body, Drive
+from commonrail.calibration.study_file.file import load_study
+from commonrail.data.curves.data import RateData
+from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.files.study_file import load_study
-from commonrail.injector.definition import Injector
-from commonrail.injector.variants import EXTENDING
-from commonrail.kinds import QuantityData, RateData
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import EXTENDING
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 TAP = Status.NOT_CLOSED_AT_START

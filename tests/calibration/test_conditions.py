@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.calibration.conditions import Condition, Wanted, broken, distances_past
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.parameter import Condition, Wanted, broken, distances_past
+from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.status import OK, STILL_INJECTING
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
-from commonrail.kinds.simulator import Simulator
+from commonrail.physics.injector import Injector
 
 POINT = OperatingPoint(160e6, 200e-6)
 

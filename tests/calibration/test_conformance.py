@@ -8,18 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.calibration import Space
-from commonrail.calibration.optimisers import (
-    Best,
-    DifferentialEvolution,
-    EvolutionSettings,
-    Optimiser,
-    Refinement,
-    RefinementSettings,
-    Treatment,
-    Trials,
-)
+from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
+from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings, Treatment
+from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, Registered
+from commonrail.calibration.space import Space
 from tests.calibration import conformance
 from tests.calibration.conformance import CHECKS, SPACES, Case
 from tests.calibration.guessing import GUESSING, Guessing, GuessingSettings

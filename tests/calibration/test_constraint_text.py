@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commonrail.calibration import parse_constraints
-from commonrail.errors import CommonrailError, ConfigurationError, InputError
+from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
+from commonrail.calibration.constraints import parse_constraints
 
 NAMES = ("plunger_needle.k1", "plunger_needle.k2", "plunger_needle.k3", "a", "b")
 

@@ -9,9 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from commonrail.calibration import LinearConstraints, parse_constraints
-from commonrail.calibration.constraints import Polytope, conflicting_rows, deepest_point
-from commonrail.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.constraints import (
+    LinearConstraints,
+    Polytope,
+    conflicting_rows,
+    deepest_point,
+    parse_constraints,
+)
 
 
 def test_deepest_point_of_a_triangle_is_its_incentre() -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration.checkpoint import Generation
-from commonrail.calibration.convergence import LATEST, judge_population, judge_restarts, noise_in
 from commonrail.calibration.goal import Loss
+from commonrail.calibration.search import LATEST, Generation, judge_population, judge_restarts, noise_in
 
 NOISE = 2.0
 COLLAPSED = 100.0 + NOISE * np.array([0.0, 0.1, 0.2, 0.4])

@@ -7,15 +7,17 @@ import math
 import numpy as np
 import pytest
 
+from commonrail.base.choices import Actuation
 from commonrail.calibration.objective import Objective
-from commonrail.choices import Actuation
+from commonrail.data.base import Role
+from commonrail.data.curves.data import RateData, RateScore
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.kinds import QuantityData, RateData, RateScore, Role
-from commonrail.kinds.simulator import Simulator
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 
 STEP = 1e-6
 WARM, COLD = 363.15, 313.15

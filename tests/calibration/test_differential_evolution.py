@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.optimisers import (
-    Best,
+from commonrail.base.errors import ConfigurationError, StudyError
+from commonrail.calibration.optimisers.base import Best, Optimiser
+from commonrail.calibration.optimisers.evolution import (
     DifferentialEvolution,
     EvolutionSettings,
     InitialSampling,
-    Optimiser,
     Treatment,
+    draw,
 )
-from commonrail.calibration.optimisers.operators import draw
-from commonrail.errors import ConfigurationError, StudyError
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
 
 ORDER = [6, 1, 2, 4, 3, 0, 5]
 Cost = Callable[[np.ndarray], np.ndarray]

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.optimisers import Optimiser
-from commonrail.calibration.optimisers.covariance import CovarianceSettings, CovarianceStrategy
-from commonrail.calibration.optimisers.simplex import NelderMead, NelderMeadSettings
-from commonrail.calibration.optimisers.success_history import SuccessHistoryEvolution, SuccessHistorySettings
+from commonrail.calibration.optimisers.base import Optimiser
+from commonrail.calibration.optimisers.library import (
+    CovarianceSettings,
+    CovarianceStrategy,
+    NelderMead,
+    NelderMeadSettings,
+    SuccessHistoryEvolution,
+    SuccessHistorySettings,
+)
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
 
 Floats = np.ndarray
 

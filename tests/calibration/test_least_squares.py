@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear, minimize
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.optimisers import diverse_members
-from commonrail.calibration.optimisers.least_squares import (
+from commonrail.calibration.optimisers.base import diverse_members
+from commonrail.calibration.optimisers.least_squares import DescentLoss, LossSum
+from commonrail.calibration.optimisers.polish import (
     Descents,
     FeasibleSet,
     Rules,
@@ -19,7 +19,8 @@ from commonrail.calibration.optimisers.least_squares import (
     constrained_step,
     differences,
 )
-from commonrail.calibration.optimisers.losses import DescentLoss, LossSum
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
 
 Floats = np.ndarray
 TIME = np.linspace(0.0, 2.0, 15)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import commonrail as cr
+from commonrail.base.output import SUMS
 from commonrail.calibration import members
 from commonrail.calibration.members import equal_ends, members_of
-from commonrail.calibration.optimisers import Best
-from commonrail.files.run_folder import write_results
-from commonrail.files.sums import SUMS
-from commonrail.store.copies import copies_of
-from commonrail.store.run import calibrate_into
-from tests.family.samples import INJECTOR, MASS, PRELOAD, study_of
+from commonrail.calibration.optimisers.base import Best
+from commonrail.runs.copies import copies_of
+from commonrail.runs.fit import calibrate_into
+from commonrail.runs.folder import write_results
+from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, study_of
 
 POINTS = (80.0, 400.0), (80.0, 900.0), (160.0, 300.0), (160.0, 900.0)
 

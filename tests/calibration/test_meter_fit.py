@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.calibration.optimisers import EvolutionSettings
+from commonrail.calibration.optimisers.evolution import EvolutionSettings
+from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.run import Calibration, calibrate
-from commonrail.calibration.space import Parameter, Space
+from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
+from commonrail.data.base import Role
+from commonrail.data.curves.data import RateData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
-from commonrail.injector.definition import Injector
-from commonrail.kinds import RateData, Role
-from commonrail.observation.meter import Meter
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.meter import Meter
 
 K7, TRUE_K7, DELAY = "plunger_needle.k7", 64.4e6, 5e-6
 NOISE = 0.05e-6  # [m³/s], a sixth of the virtual bench's

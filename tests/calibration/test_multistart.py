@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.optimisers import MultiStartLeastSquares, MultiStartSettings, Wanted, least_squares
-from commonrail.calibration.optimisers.losses import DescentLoss, recognised
-from commonrail.calibration.optimisers.verdict import AGREEING, noise_of
+from commonrail.calibration.optimisers import polish
+from commonrail.calibration.optimisers.base import AGREEING, Wanted, noise_of
+from commonrail.calibration.optimisers.least_squares import DescentLoss, recognised
+from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
 
 Floats = np.ndarray
 Residuals = Callable[[Floats], Floats]
@@ -123,7 +125,7 @@ def test_a_bent_step_follows_a_curved_valley_in_fewer_iterations(monkeypatch: py
         return search.steps
 
     bent = iterations()
-    monkeypatch.setattr(least_squares, "MOST_BENT", 0.0)  # no second difference is believed
+    monkeypatch.setattr(polish, "MOST_BENT", 0.0)  # no second difference is believed
     assert bent < iterations()
 
 

@@ -8,19 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.calibration.conditions import Condition, Wanted
+from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.prior import Prior, Priors
+from commonrail.calibration.parameter import Condition, Prior, Priors, Wanted
+from commonrail.data import simulator as module
+from commonrail.data.base import Role
+from commonrail.data.curves.data import RateData
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
-from commonrail.kinds import QuantityData, RateData, Role
-from commonrail.kinds import simulator as module
-from commonrail.kinds.simulator import Simulator
+from commonrail.physics.injector import Injector
 
 NAMES = ("plunger_needle.k1", "valve.mass")
 STEP = 1e-6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration.optimisers.operators import Draws, crossover, draw, mutate
+from commonrail.calibration.optimisers.evolution import Draws, crossover, draw, mutate
 
 PAPER_F = (0.4, 1.0)
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from commonrail.calibration import Parameter, percent_bounds
-from commonrail.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.parameter import Parameter, percent_bounds
 
 
 def make(**changes: Any) -> Parameter:

@@ -10,17 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_model, of_settings, of_start
-from commonrail.calibration.plausibility.fit import best_gain, best_shift
-from commonrail.calibration.plausibility.limits import LARGE_MISFIT
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.plausibility.check import after_fit, of_model, of_settings, of_start
+from commonrail.calibration.plausibility.finding import LARGE_MISFIT, Finding
+from commonrail.calibration.plausibility.fit import Fit, best_gain, best_shift
 from commonrail.calibration.plausibility.start import onset
+from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
+from commonrail.data.base import Role
+from commonrail.data.curves.data import RateData, RateScore
+from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.injector.definition import Injector
-from commonrail.kinds import QuantityData, QuantityScore, RateData, RateScore, Role
-from commonrail.parts.furniture import Domain, Q
-from commonrail.store.targets import TARGET
+from commonrail.physics.injector import Injector
+from commonrail.physics.parameters import Domain, Q
+from commonrail.runs.fingerprint import TARGET
 
 BOUNDS = 3e-6 * np.arange(521)
 RNG = np.random.default_rng(5)
@@ -186,7 +189,7 @@ def test_zero_switches_an_effect_off_and_is_usual() -> None:
 @pytest.mark.parametrize("name", ["pwm", "cri2-16", "direct-acting-kr"])
 def test_a_unit_mistaken_by_a_thousand_leaves_the_usual_range(name: str, pwm: Injector) -> None:
     """Of every length, volume, force, stiffness, pressure, voltage and current of the catalogue."""
-    from commonrail.files.injector_file import load_injector
+    from commonrail.readers.injector.file import load_injector
 
     injector = pwm if name == "pwm" else load_injector(name)
     judged = 0

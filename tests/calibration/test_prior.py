@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.prior import Prior, Priors
-from commonrail.calibration.sampling import sample_priors
-from commonrail.errors import CommonrailError, ConfigurationError
+from commonrail.base.errors import CommonrailError, ConfigurationError
+from commonrail.calibration.parameter import Parameter, Prior, Priors
+from commonrail.calibration.space import Space, sample_priors
 
 
 def parameter(name: str, lower: float, upper: float, prior: Prior | None = None) -> Parameter:

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.products import parse_products
-from commonrail.calibration.sampling import sample_feasible
-from commonrail.errors import ConfigurationError, InputError
+from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.calibration.constraints import parse_products
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space, sample_feasible
 
 NAMES = ("valve.spring_preload", "valve.seat_diameter")
 TEXT = "valve.spring_preload >= 1.2 * pi / 4 * valve.seat_diameter^2 * rail_pressure_max"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration.optimisers import DifferentialEvolution, EvolutionSettings, Refinement, RefinementSettings
+from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings
+from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
 from commonrail.calibration.space import Space
 from tests.calibration import conformance
 from tests.calibration.conformance import SPACES, answer

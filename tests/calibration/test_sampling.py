@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from commonrail.calibration import Parameter, Space, sample_feasible, sample_uniform
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space, sample_feasible, sample_uniform
 
 
 def unit_box(d: int, constraints: list[str], scale: str = "linear") -> Space:

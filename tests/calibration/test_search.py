@@ -7,11 +7,16 @@ from typing import cast
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.checkpoint import NOT_SIMULATED
 from commonrail.calibration.objective import Objective, Scores
-from commonrail.calibration.optimisers import DifferentialEvolution, EvolutionSettings, InitialSampling, Treatment
-from commonrail.calibration.search import steps
+from commonrail.calibration.optimisers.evolution import (
+    DifferentialEvolution,
+    EvolutionSettings,
+    InitialSampling,
+    Treatment,
+)
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.search import NOT_SIMULATED, steps
+from commonrail.calibration.space import Space
 from commonrail.engine.status import Status
 
 SPACE = Space(

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commonrail.calibration import LinearConstraints, Parameter, Space
-from commonrail.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.constraints import LinearConstraints
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
 
 
 def parameter(name: str, lower: float, upper: float, scale: str = "linear") -> Parameter:

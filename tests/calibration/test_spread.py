@@ -11,13 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration import spread as module
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.spread import BLOCK, LONGEST, SHORTEST, SpreadObjective, cut
-from commonrail.errors import ConfigurationError, StudyError
-from commonrail.files.study_file import load_study
-from commonrail.kinds import Role, of_role
-from commonrail.workers.limits import Limits
+from commonrail.calibration.study_file.file import load_study
+from commonrail.data.base import Role
+from commonrail.data.kinds import of_role
+from commonrail.workers.pool import Limits
 from commonrail.workers.workers import Workers
 from tests.calibration.misbehaving import Misbehaving
 from tests.workers.crews import CREWS, processes

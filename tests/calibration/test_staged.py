@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration import Parameter, Space
-from commonrail.calibration.optimisers import StagedLeastSquares, StagedSettings, Wanted, staged
-from commonrail.calibration.optimisers.staged import capped
-from commonrail.calibration.prior import Prior
-from commonrail.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.optimisers import staged
+from commonrail.calibration.optimisers.base import Wanted
+from commonrail.calibration.optimisers.staged import StagedLeastSquares, StagedSettings, capped
+from commonrail.calibration.parameter import Parameter, Prior
+from commonrail.calibration.space import Space
 
 Floats = np.ndarray
 

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.plausibility import of_settings
+from commonrail.calibration.plausibility.check import of_settings
+from commonrail.calibration.study_file.file import load_study
 from commonrail.calibration.time_step import longest_for_all, step_for_all
+from commonrail.data.base import Role
+from commonrail.data.kinds import of_role
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP
-from commonrail.errors import ConfigurationError
-from commonrail.files.study_file import load_study
-from commonrail.kinds import Role, of_role
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from commonrail.calibration import Parameter, Space, sample_feasible
-from commonrail.calibration.optimisers.treatments import Treatment, reflect, treat, wins
+from commonrail.calibration.optimisers.evolution import Treatment, reflect, treat, wins
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space, sample_feasible
 
 INF = np.inf
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from commonrail.calibration.run import Progress
-from commonrail.errors import StudyError
-from commonrail.workers import link
+from commonrail.base.errors import StudyError
+from commonrail.calibration.search import Progress
+from commonrail.workers import cluster
 from tests.cli.conftest import Command, check_made_again, run_command, small_study
 
 OWN = {"calibrated.toml", "result.json", "traces.csv", "SHA256SUMS", "report.html", "journal.sqlite", "journal.lock"}
@@ -119,7 +119,7 @@ def test_without_out_runs_are_numbered(
         asked.append(folder)
         raise StudyError("enough.")
 
-    monkeypatch.setattr("commonrail.cli.study_run.run_study", note)
+    monkeypatch.setattr("commonrail.cli.fit.run_study", note)
     monkeypatch.chdir(tmp_path)
     command("calibrate", study)
     (tmp_path / "runs" / "small-1").mkdir(parents=True)
@@ -137,7 +137,7 @@ def test_a_search_that_fails_leaves_no_folder(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("commonrail.store.run.calibrate", fail)
+    monkeypatch.setattr("commonrail.calibration.run.calibrate", fail)
     done = command("calibrate", study, "--out", tmp_path / "run")
     assert done.status == (2 if isinstance(error, StudyError) else 1)
     assert done.sentence
@@ -162,7 +162,7 @@ def interrupt_at(number: int) -> Callable[..., Any]:
 def test_ctrl_c_writes_the_best_so_far_and_ends_with_130(
     command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("commonrail.store.run.calibrate", interrupt_at(2))
+    monkeypatch.setattr("commonrail.calibration.run.calibrate", interrupt_at(2))
     done = command("calibrate", study, "--out", tmp_path / "run", "--json")
     assert done.status == 130
     run = tmp_path / "run"
@@ -209,7 +209,7 @@ def test_report_refuses_what_is_no_run_folder(command: Command, tmp_path: Path) 
     assert "not a run folder" in done.sentence
 
 
-@pytest.mark.slow  # tests/cli/test_resume.py resumes with workers, tests/store/test_workers.py compares all bytes
+@pytest.mark.slow  # tests/cli/test_resume.py resumes with workers, tests/runs/test_workers.py compares all bytes
 def test_workers_give_the_same_result(command: Command, finished: dict[str, Any], tmp_path: Path) -> None:
     options = ("--out", tmp_path / "run", "--seed", "3", "--workers", "2", "--json")
     found = command("calibrate", finished["study"], *options).record["result"]
@@ -222,7 +222,7 @@ def test_a_scheduler_that_is_not_there_is_a_sentence(
     command: Command, finished: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    monkeypatch.setattr(link, "CONNECT", 0.5)
+    monkeypatch.setattr(cluster, "CONNECT", 0.5)
     done = command("calibrate", finished["study"], "--out", tmp_path / "run", "--cluster", "tcp://127.0.0.1:1")
     assert done.status == 2
     assert "tcp://127.0.0.1:1" in done.sentence

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from commonrail.choices import Drive
-from commonrail.files.injector_file import dump_injector, load_injector
+from commonrail.base.choices import Drive
+from commonrail.readers.injector.file import dump_injector, load_injector
 from tests.cli.conftest import Command, check_made_again, run_command
 
 NAME = "virtual-lino-2016"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail import kernel_cache
-from commonrail.bench import doctor as bench_doctor
-from commonrail.bench.doctor import Fact
+from commonrail.cli.verbs import doctor as bench_doctor
+from commonrail.cli.verbs.doctor import Fact
+from commonrail.compiler import cache
 from tests.cli.conftest import Command
 
 
@@ -17,7 +17,7 @@ def test_this_machine_is_usable_and_said_in_json(command: Command) -> None:
     assert record["usable"] is True
     facts = {fact["name"]: fact for fact in record["facts"]}
     assert {"Python", "numba", "processor", "instruction sets", "threads", "kernel cache", "self-check"} <= set(facts)
-    if kernel_cache.cache_folder() is not None:  # there is a place for compiled simulations
+    if cache.cache_folder() is not None:  # there is a place for compiled simulations
         compiled = facts["machine code"]["value"].startswith("from the compiler, for ")
         assert compiled == ("from the cache from now on" in facts["first simulation"]["value"])
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import click
 import pytest
 
-from commonrail import registry
+from commonrail.base import registry
 from commonrail.cli.grammar import Argument, Option, cli, verb
 from commonrail.plugins import SHIPPED
 from tests.cli.conftest import Command, invoke
@@ -108,7 +108,7 @@ def test_the_help_has_the_text_of_each_argument() -> None:
 
 VERBS = """
 import click
-from commonrail.errors import InputError
+from commonrail.base.errors import InputError
 
 @click.command()
 @click.option("--bins", default=10, help="Number of bins.")

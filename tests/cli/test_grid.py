@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
-from commonrail.cli.grid import _NARROW, plain_pairs, plain_rows
+from commonrail.cli.console import _NARROW, plain_pairs, plain_rows
 
 WIDTH = 60
 

@@ -7,7 +7,7 @@ import re
 import click
 import pytest
 
-from commonrail import errors
+from commonrail.base import errors
 from commonrail.cli.grammar import Verbs, cli
 from commonrail.cli.guard import MEMORY
 from tests.cli.conftest import Done, run_command

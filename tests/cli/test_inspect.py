@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.files.map_file import write_map_file
-from commonrail.reading.tables import Column, read_columns
+from commonrail.plugins.maps.file import write_map_file
+from commonrail.readers.columns import Column
+from commonrail.readers.tables import read_columns
 from tests.cli.conftest import Command
-from tests.maps.tables import table
+from tests.plugins.maps.tables import table
 
 MATRIX = "quantity [mm3]\nET [us] \\ p [bar];300;500\n400;1,5;2,5\n800;10,25;15\n"
 

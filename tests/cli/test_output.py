@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.cli.output import check_distinct, check_file, check_folder, free_run_folder
-from commonrail.errors import InputError, OutputError
+from commonrail.base.errors import InputError, OutputError
+from commonrail.cli.options import check_distinct, check_file, check_folder, free_run_folder
 from tests.cli.conftest import Command
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.files.study_file import load_study
+from commonrail.calibration.study_file.file import load_study
 from tests.cli.conftest import Command
-from tests.store.conftest import GENERATIONS, stopped_run, timeless, write_small
+from tests.runs.conftest import GENERATIONS, stopped_run, timeless, write_small
 
 
 @pytest.fixture(scope="module")

@@ -88,7 +88,8 @@ def test_the_csv_has_units_and_adds_up(command: Command, tmp_path: Path) -> None
 
 
 def test_the_csv_can_be_read_back_as_data(command: Command, tmp_path: Path) -> None:
-    from commonrail.reading.tables import Column, read_columns
+    from commonrail.readers.columns import Column
+    from commonrail.readers.tables import read_columns
 
     path = tmp_path / "course.csv"
     command(*SIMULATE, "--out", path)
@@ -116,7 +117,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     failed = replace(solution(), status=Status.STEP_UNSTABLE, longest_step=2.2e-6)
-    monkeypatch.setattr("commonrail.cli.injection.simulated", lambda *_, **__: failed)
+    monkeypatch.setattr("commonrail.cli.verbs.simulate.simulated", lambda *_, **__: failed)
     done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
     assert (done.status, done.out) == (4, "")
     assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence} A step of 2 us would do."
@@ -205,7 +206,11 @@ gain = 1.5
 
 def metered_study(tmp_path: Path) -> Path:
     """The scaffold's study with a meter; its data are not there, and need not be."""
-    text = resources.files("commonrail.files").joinpath("templates", "study.toml").read_text(encoding="utf-8")
+    text = (
+        resources.files("commonrail.calibration.study_file")
+        .joinpath("template", "study.toml")
+        .read_text(encoding="utf-8")
+    )
     file = tmp_path / "study.toml"
     file.write_text(text + METERS, encoding="utf-8")
     return file

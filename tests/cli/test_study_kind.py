@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.store.journal import JOURNAL
+from commonrail.runs.journal import JOURNAL
 from tests.cli.conftest import Command
 from tests.distribution import distribution
 

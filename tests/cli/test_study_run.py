@@ -6,9 +6,10 @@ import io
 
 import pytest
 
-from commonrail import notice
-from commonrail.calibration.run import Progress
-from commonrail.cli import progress, study_run
+from commonrail.base import hooks
+from commonrail.calibration.search import Progress
+from commonrail.cli import console as progress
+from commonrail.cli import fit
 from commonrail.cli.console import COMPILING
 
 STATES = [
@@ -26,7 +27,7 @@ def shown(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> str:
     monkeypatch.setattr(progress, "stderr_console", lambda: console)
     with progress.Bar("[b]A study") as bar:
         for state in STATES:
-            bar.show(study_run.stage_of(state))
+            bar.show(fit.stage_of(state))
     return stream.getvalue()
 
 
@@ -56,9 +57,9 @@ def test_compiling_is_told_while_it_lasts(
     monkeypatch.setattr(progress, "stderr_console", lambda: console)
     with progress.Bar("A study"):
         assert COMPILING not in stream.getvalue() + capsys.readouterr().err
-        with notice.compiling():
+        with hooks.compiling():
             pass
     assert COMPILING in stream.getvalue() + capsys.readouterr().err
-    with notice.compiling():  # the bar listens no more
+    with hooks.compiling():  # the bar listens no more
         pass
     assert capsys.readouterr().err == ""

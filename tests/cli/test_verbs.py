@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from commonrail.analysis.closed_forms import check
-from commonrail.files.scaffold import TEMPLATES
-from commonrail.injector.definition import parameter_quantities
+from commonrail.calibration.study_file.from_data import TEMPLATES
+from commonrail.physics.injector import parameter_quantities
+from commonrail.plugins.verification.closed_forms import check
 from tests.cli.conftest import Command
 
 
@@ -80,7 +80,7 @@ def test_the_virtual_bench_passes_folder_and_seed_on(
     def write(folder: Path, seed: int, truth: object) -> list[Path]:
         return [folder / f"seed-{seed}.csv"]
 
-    monkeypatch.setattr("commonrail.files.bench_data.write_bench_data", write)
+    monkeypatch.setattr("commonrail.plugins.paper.bench_file.write_bench_data", write)
     done = command("virtual-bench", tmp_path, "--seed", "5", "--json")
     assert done.record == {
         "kind": "virtual-bench",
@@ -104,7 +104,7 @@ def patch_checks(monkeypatch: pytest.MonkeyPatch, *checks: Any) -> None:
         assert len(catalogue) == 4
         return list(checks)
 
-    monkeypatch.setattr("commonrail.analysis.verification.verify", verify)
+    monkeypatch.setattr("commonrail.plugins.verification.checks.verify", verify)
 
 
 def test_verify_passes_with_0(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

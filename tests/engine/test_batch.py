@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.tracing import traced
 
 K = tuple(f"plunger_needle.k{i}" for i in range(1, 8))

@@ -9,8 +9,8 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Solution
-from commonrail.injector.definition import Injector
-from commonrail.injector.joints import CLEAR_LIFT, REOPENED
+from commonrail.physics.connections import CLEAR_LIFT, REOPENED
+from commonrail.physics.injector import Injector
 
 TWICE = OperatingPoint(120e6, [(0.0, 250e-6), (500e-6, 300e-6)])
 

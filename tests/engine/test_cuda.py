@@ -17,16 +17,16 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine import cuda
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Variant
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import Variant
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("plunger_needle.k1", "feed_pipe.length", "nozzle.hole_diameter", "fuel.temperature")
@@ -61,7 +61,7 @@ import numpy as np
 from dataclasses import replace
 from commonrail.engine import cuda
 from commonrail.engine.simulate import simulate, simulate_batch
-from commonrail.files.injector_file import load_injector
+from commonrail.readers.injector.file import load_injector
 from tests.engine import test_cuda as here
 chopped = load_injector("virtual-lino-2016")
 injector = replace(chopped, variant=here.Variant())
@@ -230,7 +230,7 @@ def instructions() -> dict[Precision, list[str]]:
     from numba import cuda as numba_cuda
     from numba.cuda import dispatcher
 
-    from commonrail.engine import cuda_kernel
+    from commonrail.engine import cuda as cuda_kernel
 
     cuda_kernel.open_device()
     texts = {}

@@ -7,10 +7,10 @@ import pytest
 
 from commonrail.engine import direct_stability
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.population import candidate_matrix
-from commonrail.engine.stability import longest, longest_step, medium_of, stiffest_corner, too_long
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector
+from commonrail.engine.plan import candidate_matrix
+from commonrail.engine.time_step import longest, longest_step, medium_of, stiffest_corner, too_long
+from commonrail.physics.injector import Injector
+from commonrail.readers.injector.file import load_injector
 
 POINT = OperatingPoint(20e6, 600e-6)
 

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.choices import Boundary
+from commonrail.base.choices import Boundary
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.explicit import march
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 
 CELLS = (120, 60)
 FRICTION = np.column_stack(((1.5, 0.5, 0.3, 1.0, 1.0, 0.3, 1.5, 1.0, 0.0), np.linspace(1.0, 0.2, 9)))

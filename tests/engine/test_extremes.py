@@ -9,9 +9,9 @@ import pytest
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import Status
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Variant
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import Variant
+from commonrail.readers.injector.file import load_injector
 
 # Relative; what a step of 1 us may miss where the valve's switching is as coarse as here. Each test names what was
 # missed before.

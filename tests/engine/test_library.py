@@ -19,16 +19,16 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.choices import Actuation, Drive, Precision
-from commonrail.compile_target import LEVEL_3, LEVEL_4, own_processor
-from commonrail.engine import lanes, library
+from commonrail.base.choices import Actuation, Drive, Precision
+from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.compiler.target import LEVEL_3, LEVEL_4, own_processor
+from commonrail.engine import lanes, machine_code
 from commonrail.engine.machine_code import symbol_of
 from commonrail.engine.operating_point import Trace
-from commonrail.errors import ConfigurationError, SimulationError
-from commonrail.export import lane_library
-from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
-from commonrail.files.injector_file import injector_catalogue, load_injector
-from commonrail.injector.variants import Variant
+from commonrail.physics.variants import Variant
+from commonrail.plugins.export import wheel_libraries
+from commonrail.plugins.export.wheel_libraries import ALL, CATALOGUE, write_libraries
+from commonrail.readers.injector.file import injector_catalogue, load_injector
 from tests.conftest import wired
 
 RAILS = {Actuation.SERVO: 160e6, Actuation.DIRECT: 25e6}
@@ -37,7 +37,7 @@ COURSES = {
     Drive.VOLTAGE: Trace.of([0.0, 1e-6, 3e-4, 3.1e-4], [0.0, 50.0, 50.0, 0.0]),  # [V]
 }
 NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
-CACHES = (lanes.compiled, library.objection, library.made_by, library._level, library._opened)
+CACHES = (lanes.compiled, machine_code.objection, machine_code.made_by, machine_code._level, machine_code._opened)
 REASON = "" if shutil.which("cc") else "no C compiler, cc, is on this machine"
 if own_processor() not in (LEVEL_3, LEVEL_4):
     REASON = "this processor is below x86-64-v3"
@@ -58,7 +58,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, rigid: cr.Injector) -> Path:
 @pytest.fixture
 def use(monkeypatch: pytest.MonkeyPatch, made: Path) -> Iterator[pytest.MonkeyPatch]:
     """Let this process find those libraries in place of the package's own."""
-    monkeypatch.setattr(library, "FOLDER", made)
+    monkeypatch.setattr(machine_code, "FOLDER", made)
     monkeypatch.delenv("COMMONRAIL_KERNELS", raising=False)
     forget()
     yield monkeypatch
@@ -135,7 +135,7 @@ def test_every_wiring_has_the_bits_of_the_compiler(
     write_libraries(tmp_path, [variant], [precision])
     direct = variant.actuation is Actuation.DIRECT
     injector = replace(load_injector("direct-acting-kr"), variant=variant) if direct else wired(variant)
-    monkeypatch.setattr(library, "FOLDER", tmp_path)
+    monkeypatch.setattr(machine_code, "FOLDER", tmp_path)
     found, exact = {}, set()
     for switch in ("off", "v3", "v4"):
         monkeypatch.setenv("COMMONRAIL_KERNELS", switch)
@@ -155,35 +155,35 @@ def test_every_wiring_has_the_bits_of_the_compiler(
 
 
 def test_sources_that_were_changed_are_compiled(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
-    assert library.find(symbol_of(rigid.wired(), Precision.F64)) is not None
-    use.setattr(library, "sources_stamp", lambda: "another")
+    assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is not None
+    use.setattr(machine_code, "sources_stamp", lambda: "another")
     forget()
-    assert library.find(symbol_of(rigid.wired(), Precision.F64)) is None
-    assert library.objection() == "the sources were changed since they were built"
+    assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is None
+    assert machine_code.objection() == "the sources were changed since they were built"
 
 
 def test_libraries_of_another_compiler_than_the_installed_one_are_not_used(use: pytest.MonkeyPatch) -> None:
     """Results name the installed ones."""
-    use.setattr(library, "package_version", lambda package: "0.1" if package == "numba" else "")
+    use.setattr(machine_code, "package_version", lambda package: "0.1" if package == "numba" else "")
     forget()
-    assert library.objection().endswith(", and 0.1 is installed")
-    use.setattr(library, "package_version", lambda package: "")
+    assert machine_code.objection().endswith(", and 0.1 is installed")
+    use.setattr(machine_code, "package_version", lambda package: "")
     forget()
-    assert library.objection() == ""
+    assert machine_code.objection() == ""
 
 
 def test_a_wiring_that_a_library_lacks_is_not_found(use: pytest.MonkeyPatch, pwm: cr.Injector) -> None:
-    assert library.find(symbol_of(pwm.wired(), Precision.F64)) is None
-    assert library.objection() == ""
+    assert machine_code.find(symbol_of(pwm.wired(), Precision.F64)) is None
+    assert machine_code.objection() == ""
 
 
 def test_a_library_that_cannot_be_loaded_is_not_used(use: pytest.MonkeyPatch, made: Path, tmp_path: Path) -> None:
-    shutil.copy(made / library.STAMP, tmp_path)
+    shutil.copy(made / machine_code.STAMP, tmp_path)
     (tmp_path / "lanes-v3.so").write_bytes(b"cut")
-    use.setattr(library, "FOLDER", tmp_path)
+    use.setattr(machine_code, "FOLDER", tmp_path)
     forget()
-    assert library.find("cr_any") is None
-    assert library.objection().startswith("they cannot be loaded: ")
+    assert machine_code.find("cr_any") is None
+    assert machine_code.objection().startswith("they cannot be loaded: ")
 
 
 @pytest.mark.parametrize("level", ["v3", "v4"])
@@ -202,14 +202,14 @@ def test_a_library_that_is_not_the_one_that_was_built_is_never_opened(
         path.mkdir()
     else:
         path.write_bytes(whole[: len(whole) // 2] if spoilt == "cut" else whole + b" ")
-    use.setattr(library, "FOLDER", tmp_path)
+    use.setattr(machine_code, "FOLDER", tmp_path)
     opened: list[str] = []
     load = ctypes.CDLL
     use.setattr(ctypes, "CDLL", lambda name: opened.append(name) or load(name))
     forget()
-    assert library.find("cr_any") is None
+    assert machine_code.find("cr_any") is None
     assert str(path) not in opened
-    assert library.objection().startswith(f"they cannot be loaded: {path} is not the one that was built")
+    assert machine_code.objection().startswith(f"they cannot be loaded: {path} is not the one that was built")
 
 
 def test_a_library_is_replaced_whole(use: pytest.MonkeyPatch, made: Path, tmp_path: Path, rigid: cr.Injector) -> None:
@@ -219,22 +219,22 @@ def test_a_library_is_replaced_whole(use: pytest.MonkeyPatch, made: Path, tmp_pa
     with path.open("rb") as running:
         write_libraries(tmp_path, [rigid.wired()], [Precision.F64], [LEVEL_3])
         assert running.read() == b"before"
-    assert sorted(found.name for found in tmp_path.iterdir()) == ["lanes-v3.so", library.STAMP]
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["lanes-v3.so", machine_code.STAMP]
 
 
 def test_processes_beside_each_other_make_the_same_libraries(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rigid: cr.Injector, regulated: cr.Injector
 ) -> None:
-    monkeypatch.setattr(lane_library, "GROUP", 1)
+    monkeypatch.setattr(wheel_libraries, "GROUP", 1)
     how = [rigid.wired(), regulated.wired()], [Precision.F64], [LEVEL_3]
-    assert len(lane_library._tasks(*how)) == 2
+    assert len(wheel_libraries._tasks(*how)) == 2
     for processes in (1, 2):
         write_libraries(tmp_path / str(processes), *how, processes=processes)
     first, second = ((tmp_path / str(processes) / "lanes-v3.so").read_bytes() for processes in (1, 2))
     assert first == second
 
 
-def _killed(task: lane_library._Task) -> dict[tuple[str, str], bytes]:
+def _killed(task: wheel_libraries._Task) -> dict[tuple[str, str], bytes]:
     os.kill(os.getpid(), signal.SIGKILL)
     return {}
 
@@ -243,10 +243,10 @@ def test_a_process_that_is_killed_ends_the_making_of_libraries(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rigid: cr.Injector
 ) -> None:
     """As for want of memory: it must not be waited for."""
-    monkeypatch.setattr(lane_library, "_compiled", _killed)
+    monkeypatch.setattr(wheel_libraries, "_compiled", _killed)
     with pytest.raises(BrokenProcessPool):
         write_libraries(tmp_path, [rigid.wired()], list(Precision), [LEVEL_3], processes=2)
-    assert not (tmp_path / library.STAMP).exists()
+    assert not (tmp_path / machine_code.STAMP).exists()
 
 
 def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:
         "found = importlib.util.find_spec; "
         "importlib.util.find_spec = lambda name, *more: None if name == 'ziglang' else found(name, *more); "
         f"sys.argv[1:] = [{str(tmp_path)!r}]; "
-        "runpy.run_module('commonrail.export.lane_library', run_name='__main__')"
+        "runpy.run_module('commonrail.plugins.export.wheel_libraries', run_name='__main__')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2
@@ -271,10 +271,10 @@ def test_an_unknown_value_of_the_switch_is_refused(use: pytest.MonkeyPatch, rigi
 
 
 def test_a_damaged_stamp_is_none(use: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    use.setattr(library, "FOLDER", tmp_path)
-    (tmp_path / library.STAMP).write_text("[", encoding="utf-8")
-    assert library.made_by() is None
-    assert library.objection() == "none came with this package"
+    use.setattr(machine_code, "FOLDER", tmp_path)
+    (tmp_path / machine_code.STAMP).write_text("[", encoding="utf-8")
+    assert machine_code.made_by() is None
+    assert machine_code.objection() == "none came with this package"
 
 
 @pytest.mark.parametrize("wrong", ["rows", "lanes", "columns", "size"])
@@ -304,8 +304,8 @@ import json, pathlib, sys
 from commonrail.engine import library
 library.FOLDER = pathlib.Path(sys.argv[1])
 import commonrail as cr
-from commonrail.choices import Body, Drive
-from commonrail.injector.variants import Variant
+from commonrail.base.choices import Body, Drive
+from commonrail.physics.variants import Variant
 from dataclasses import replace
 injector = replace(cr.load_injector("virtual-lino-2016"), variant=Variant(Body.RIGID, drive=Drive.PWM))
 found = cr.simulate(injector, cr.OperatingPoint(160e6, 300e-6, horizon=6e-4))

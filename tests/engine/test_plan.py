@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.engine import plan, population
-from commonrail.engine.courses import CHECK_AFTER
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine import plan
+from commonrail.engine import plan as population
 from commonrail.engine.job import Courses
 from commonrail.engine.lanes import tabled
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector, parameter_paths
+from commonrail.engine.schedule import CHECK_AFTER
+from commonrail.physics.injector import Injector, parameter_paths
 
 
 def of(*points: OperatingPoint, injector: Injector) -> Courses:

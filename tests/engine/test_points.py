@@ -11,9 +11,9 @@ from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import prepare
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
-from commonrail.engine.stability import longest_step, medium_of
 from commonrail.engine.status import Status
-from commonrail.injector.definition import Injector
+from commonrail.engine.time_step import longest_step, medium_of
+from commonrail.physics.injector import Injector
 
 FIGURES = (
     "injected_mass",

@@ -10,15 +10,15 @@ import numba
 import numpy as np
 import pytest
 
-from commonrail import compile as laws
-from commonrail import jit
-from commonrail.analysis.verification import difference
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
+from commonrail.base.errors import ConfigurationError
+from commonrail.compiler import numba as jit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
+from commonrail.physics import law as laws
+from commonrail.physics.injector import Injector
+from commonrail.plugins.verification.checks import difference
 from tests.engine.test_batch import POINTS, K, failing, same_bits, stiffnesses
 
 compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the JIT is switched off: all numbers are double")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.analysis.verification import difference
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.injector.definition import Injector
-from commonrail.injector.joints import CLEAR_LIFT
+from commonrail.physics.connections import CLEAR_LIFT
+from commonrail.physics.injector import Injector
+from commonrail.plugins.verification.checks import difference
 
 POINT = OperatingPoint(120e6, 400e-6, horizon=1.3e-3)
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.choices import Body
+from commonrail.base.choices import Body
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.tracing import traced
 
 POINT = OperatingPoint(160e6, 700e-6)

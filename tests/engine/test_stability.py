@@ -9,16 +9,23 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from commonrail.analysis.ringing import chain_matrices
-from commonrail.choices import Body
-from commonrail.engine import stability
+from commonrail.base.choices import Body
+from commonrail.engine import time_step
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.population import candidate_matrix
+from commonrail.engine.plan import candidate_matrix
 from commonrail.engine.simulate import simulate, simulate_batch
-from commonrail.engine.stability import Medium, longest_step, medium_of, stiffest_corner, too_long
 from commonrail.engine.status import Status
-from commonrail.engine.time_step import nice_step, step_advice
-from commonrail.injector.definition import Injector, parameter_paths, parameter_quantities
+from commonrail.engine.time_step import (
+    Medium,
+    longest_step,
+    medium_of,
+    nice_step,
+    step_advice,
+    stiffest_corner,
+    too_long,
+)
+from commonrail.physics.injector import Injector, parameter_paths, parameter_quantities
+from commonrail.plugins.verification.closed_forms import chain_matrices
 
 POINT = OperatingPoint(160e6, 700e-6)
 EMPTY = Medium(0.0, 0.0, 0.0)  # no fuel: its springs and its waves do not count
@@ -151,18 +158,18 @@ def test_the_limit_moves_as_its_parameters_are_said_to_move_it(regulated: Inject
     for _ in range(40):
         theta = own_vector(injector) * 2.0 ** rng.uniform(-1, 1, len(paths))
         limit = longest_step(injector, theta, medium)
-        for name in (*stability.SHORTENS, *stability.LENGTHENS):
+        for name in (*time_step.SHORTENS, *time_step.LENGTHENS):
             more = theta.copy()
             more[paths.index(name)] *= 1.2
             changed = longest_step(injector, more, medium)
-            shortens = name in stability.SHORTENS
+            shortens = name in time_step.SHORTENS
             assert changed <= limit * (1 + 1e-9) if shortens else changed >= limit * (1 - 1e-9), name
 
 
 def test_no_other_parameter_moves_the_limit(regulated: Injector) -> None:
     medium = medium_of(regulated, 160e6)
     limit = longest_step(regulated, own_vector(regulated), medium)
-    for name in set(parameter_paths()) - {*stability.SHORTENS, *stability.LENGTHENS}:
+    for name in set(parameter_paths()) - {*time_step.SHORTENS, *time_step.LENGTHENS}:
         changed = own_vector(regulated)
         changed[parameter_paths().index(name)] *= 3.0
         assert longest_step(regulated, changed, medium) == limit, name

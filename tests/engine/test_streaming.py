@@ -7,13 +7,13 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from commonrail.choices import Precision
+from commonrail.base.choices import Precision
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine import simulate as engine
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.engine.test_batch import POINTS, K, failing, same_bits, stiffnesses
 
 BOUNDS = np.linspace(0.0, 1200.0, 401) + 0.3  # [steps]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
-from commonrail.errors import ConfigurationError
 
 ZIGZAG = Trace((0.0, 1.0, 1.5, 4.0), (2.0, 6.0, -2.0, 3.0))
 

@@ -7,15 +7,15 @@ import warnings
 import numpy as np
 import pytest
 
-from commonrail.engine import plan, validity
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine import plan, status
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector, parameter_quantities
-from commonrail.parts.furniture import Domain
+from commonrail.physics.injector import Injector, parameter_quantities
+from commonrail.physics.parameters import Domain
+from commonrail.readers.injector.file import load_injector
 
 COARSE = Resolution((20, 10))
 
@@ -82,7 +82,7 @@ def test_a_discharge_coefficient_that_is_held_at_one_is_told(regulated: Injector
     point = OperatingPoint(160e6, 20e-6, horizon=30e-6)
     for injector, count in ((regulated, 0), (regulated.with_values(excess), 1)):
         for prepare in (lambda i: plan.prepare(i, [point], 1e-6), lambda i: simulate_reference(i, point, 3e-6, COARSE)):
-            validity._note_once.cache_clear()
+            status._note_once.cache_clear()
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 prepare(injector)
@@ -97,7 +97,7 @@ def test_a_pipe_that_rubs_more_than_is_resolved_is_told(
     regulated: Injector, pipe: tuple[float, float, float], count: int
 ) -> None:
     names = ("feed_pipe.length", "feed_pipe.diameter", "feed_pipe.friction_factor")
-    validity._note_once.cache_clear()
+    status._note_once.cache_clear()
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         plan.prepare(regulated.with_values(dict(zip(names, pipe, strict=True))), [OperatingPoint(160e6, 700e-6)], 1e-6)
@@ -106,7 +106,7 @@ def test_a_pipe_that_rubs_more_than_is_resolved_is_told(
 
 def test_no_pipe_of_the_catalogue_rubs_so_much() -> None:
     for name in ("virtual-lino-2016", "cri2-16", "crin", "direct-acting-kr"):
-        assert validity.pipe_loss(load_injector(name), 180e6) < validity.MOST_LOSS
+        assert status.pipe_loss(load_injector(name), 180e6) < status.MOST_LOSS
 
 
 def noisy(level: float, spike: float) -> Trace:

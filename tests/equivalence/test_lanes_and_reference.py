@@ -9,17 +9,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.analysis.verification import Compared, compare, difference, judged, verify
-from commonrail.analysis.verification_cases import ENERGISING, HORIZON, Course, Task, comparisons
-from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
-from commonrail.choices import Drive
+from commonrail.base.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
-from commonrail.files.injector_file import injector_catalogue, load_injector
-from commonrail.files.outside_figures import load_outside
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
+from commonrail.plugins.paper.bench import PAPER_OPTIMUM
+from commonrail.plugins.verification.checks import (
+    ENERGISING,
+    HORIZON,
+    Compared,
+    Course,
+    Task,
+    compare,
+    comparisons,
+    difference,
+    judged,
+    verify,
+)
+from commonrail.plugins.verification.external import load_outside
+from commonrail.readers.injector.file import injector_catalogue, load_injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short
 # Kernels that no other test needs: measured current, the explicit method with regulated drive. The rigid body's stays:

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from commonrail.choices import Actuation, Drive
+from commonrail.base.choices import Actuation, Drive
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
-from commonrail.files.injector_file import injector_catalogue, load_injector
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
+from commonrail.readers.injector.file import injector_catalogue, load_injector
 
 TRAINS, SEED = 200, 20161201
 DWELLS = (0.2e-3, 2e-3)  # [s]

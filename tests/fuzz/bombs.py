@@ -11,8 +11,8 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
-from commonrail.files.survey import survey
-from commonrail.reading.toml_file import read_toml
+from commonrail.readers.survey import survey
+from commonrail.readers.toml import read_toml
 
 __all__ = ["BOMBS", "blank_lines", "lvm", "mat5_names", "mat73_chunk", "mdf_loop", "read", "sheet", "thousands", "xlsx"]
 

@@ -7,19 +7,18 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+from commonrail.base.errors import CommonrailError
 from commonrail.calibration.search import Progress
-from commonrail.errors import CommonrailError
-from commonrail.files.study_file import load_study
-from commonrail.fleet.begun import check_entries
-from commonrail.fleet.fleet_file import load_fleet
-from commonrail.fleet.journal import Journal
-from commonrail.fleet.member import shared_files, write_study
-from commonrail.fleet.results import write_results
-from commonrail.fleet.run import run_fleet
-from commonrail.report.fleet import write_fleet_report
-from commonrail.store.journal import read_about
-from commonrail.store.listing import DAMAGED, list_runs
-from commonrail.store.run import Listener, calibrate_into, resume
+from commonrail.calibration.study_file.file import load_study
+from commonrail.plugins.fleet.file import write_results
+from commonrail.plugins.fleet.journal import Journal, check_entries
+from commonrail.plugins.fleet.member import shared_files, write_study
+from commonrail.plugins.fleet.page import write_fleet_report
+from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.study import load_fleet
+from commonrail.runs.fit import Listener, calibrate_into, resume
+from commonrail.runs.journal import read_about
+from commonrail.runs.listing import DAMAGED, list_runs
 from tools.make_fleet import make_fleet
 
 __all__ = ["TITLE", "fleet_runs", "fleets", "read_fleet", "read_fleet_journal", "read_journal", "runs"]

@@ -16,22 +16,21 @@ import numpy as np
 from openpyxl import Workbook
 from scipy.io import savemat
 
+from commonrail.base.errors import CommonrailError
 from commonrail.calibration.study import Study
-from commonrail.engine.plan import make_job, prepare
-from commonrail.engine.population import candidate_matrix
-from commonrail.engine.stability import longest_step, medium_of
-from commonrail.errors import CommonrailError
-from commonrail.files.injector_file import load_injector
-from commonrail.files.injector_writer import injector_text
-from commonrail.files.run_folder import read_run
-from commonrail.files.study_file import load_study
-from commonrail.files.survey import survey
-from commonrail.files.tolerance_file import load_tolerances
-from commonrail.files.truth_file import load_truth
-from commonrail.files.type_file import load_type
-from commonrail.injector.definition import Injector, parameter_paths
-from commonrail.kinds import QuantityData, RateData
-from commonrail.report.build import write_report
+from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file.type import load_type
+from commonrail.data.curves.data import RateData
+from commonrail.data.quantities.data import QuantityData
+from commonrail.engine.plan import candidate_matrix, make_job, prepare
+from commonrail.engine.time_step import longest_step, medium_of
+from commonrail.physics.injector import Injector, parameter_paths
+from commonrail.plugins.paper.bench_file import load_truth
+from commonrail.plugins.tolerance.study import load_tolerances
+from commonrail.readers.injector.file import injector_text, load_injector
+from commonrail.readers.survey import survey
+from commonrail.report.page import write_report
+from commonrail.runs.folder import read_run
 from tests.fuzz import kept
 from tests.fuzz.database import spoilt_database
 from tests.fuzz.mutation import BYTES, mutated
@@ -53,8 +52,8 @@ LEAKS = (
     "built-in",
     "pydantic",
     "tomllib",
-    "commonrail.files.",
-    "commonrail.reading.",
+    "commonrail.readers.",
+    "commonrail.calibration.study_file.",
 )
 
 Files = dict[str, bytes]
@@ -230,7 +229,9 @@ def _data_of(case: Path) -> list[str]:
 
 @cache
 def _studies() -> list[Files]:
-    templates = _folder(PACKAGE / "files" / "templates", "study.toml", "injector.toml", "data/evi.csv")
+    templates = _folder(
+        PACKAGE / "calibration" / "study_file" / "template", "study.toml", "injector.toml", "data/evi.csv"
+    )
     cases = (ROOT / "cases" / name for name in ("cri2-16", "paper"))
     case, paper = (_folder(at, "study.toml", *_data_of(at)) for at in cases)
     return [templates, templates, templates, case, case, paper]
@@ -238,10 +239,10 @@ def _studies() -> list[Files]:
 
 @cache
 def _injectors() -> list[Files]:
-    fuel = (PACKAGE / "fuel" / "catalogue" / "iso4113.toml").read_bytes()
-    folder = PACKAGE / "injector" / "catalogue"
+    fuel = (PACKAGE / "physics" / "catalogue" / "fuels" / "iso4113.toml").read_bytes()
+    folder = PACKAGE / "physics" / "catalogue" / "injectors"
     own = [(folder / f"{name}.toml").read_bytes() for name in ("virtual-lino-2016", "cri2-16")]
-    own.append((PACKAGE / "files" / "templates" / "injector.toml").read_bytes())
+    own.append((PACKAGE / "calibration" / "study_file" / "template" / "injector.toml").read_bytes())
     with_fuel = own[-1].replace(b'name = "iso4113"', b'file = "fuel.toml"')
     written = injector_text(load_injector("cri2-16"), {}, "calibrated").encode()
     files = [{"injector.toml": text} for text in (*own, written)]
@@ -250,7 +251,7 @@ def _injectors() -> list[Files]:
 
 @cache
 def _truths() -> list[Files]:
-    folder = PACKAGE / "analysis" / "truths"
+    folder = PACKAGE / "plugins" / "paper" / "truths"
     texts = [path.read_bytes() for path in sorted(folder.glob("*.toml"))]
     local = texts[0].replace(b'injector = "virtual-lino-2016"', b'injector = "injector.toml"')
     return [*({"truth.toml": text} for text in texts), {"truth.toml": local, **_injectors()[0]}]

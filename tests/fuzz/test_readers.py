@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from commonrail.errors import InputError
+from commonrail.base.errors import InputError
 from tests.child_in_process import read_in_process
 from tests.fuzz import targets
 from tests.fuzz.mutation import mutated

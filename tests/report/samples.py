@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.kinds.records import LABELS
+from commonrail.data.records import LABELS
 
 TABLE_1 = {  # theoretical and optimal stiffness [N/m], Table 1 of the paper
     "k1": (1.22e8, 3.03e8),

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from commonrail.display.chart import Bars, Figure, Panel
-from commonrail.errors import InputError
-from commonrail.report.build import write_report
-from commonrail.report.draw import figure_svg
-from commonrail.report.sensitivity import sensitivity_html, sensitivity_lines, sensitivity_tables
-from commonrail.report.tolerance import tolerance_html, tolerance_lines, tolerance_tables
+from commonrail.base.chart import Bars, Figure, Panel
+from commonrail.base.errors import InputError
+from commonrail.plugins.sensitivity.page import sensitivity_html, sensitivity_lines, sensitivity_tables
+from commonrail.plugins.tolerance.page import tolerance_html, tolerance_lines, tolerance_tables
+from commonrail.report.draw.figure import figure_svg
+from commonrail.report.page import write_report
 from tests.report.analysis_samples import sensitivity_record, tolerance_record
 
 HOSTILE = "<script>alert(1)</script>"

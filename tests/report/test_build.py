@@ -10,13 +10,12 @@ from typing import Any
 
 import pytest
 
-from commonrail.calibration.optimisers.covariance import CovarianceSettings
+from commonrail.base.errors import InputError, OutputError
+from commonrail.calibration.optimisers.library import CovarianceSettings, NelderMeadSettings
 from commonrail.calibration.optimisers.multistart import MultiStartSettings
 from commonrail.calibration.optimisers.registry import registered
-from commonrail.calibration.optimisers.simplex import NelderMeadSettings
-from commonrail.calibration.optimisers.staged_settings import StagedSettings
-from commonrail.errors import InputError, OutputError
-from commonrail.report.build import report_html, write_report
+from commonrail.calibration.optimisers.staged import StagedSettings
+from commonrail.report.page import report_html, write_report
 from tests.report.conftest import WriteRun
 from tests.report.samples import SYNTHETIC, map_record, rate_record, rate_traces
 

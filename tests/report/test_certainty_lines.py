@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from commonrail.report.certainty import certainty_lines, certainty_tables
+from commonrail.report.fit.certainty import certainty_lines, certainty_tables
 
 
 def record(found: bool) -> dict[str, Any]:

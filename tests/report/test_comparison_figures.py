@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from commonrail.display.chart import Figure
-from commonrail.report.draw import figure_svg
-from commonrail.report.figures import comparison_figures
-from commonrail.report.record import shown_of
+from commonrail.base.chart import Figure
+from commonrail.report.draw.figure import figure_svg
+from commonrail.report.fit.figures import comparison_figures
+from commonrail.report.fit.record import shown_of
 from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.display.table import Table
-from commonrail.report.comparison_tables import comparison_tables, difference_table
+from commonrail.base.table import Table
+from commonrail.report.compare import comparison_tables, difference_table
 from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, fail
 
 

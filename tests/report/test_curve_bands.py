@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.kinds.bands import band_sentence
-from commonrail.kinds.curves.view import CurveView
-from commonrail.kinds.records import JUDGED, Plotted
-from commonrail.report.record import shown_of
+from commonrail.data.bands import band_sentence
+from commonrail.data.curves.page import CurveView
+from commonrail.data.records import JUDGED, Plotted
+from commonrail.report.fit.record import shown_of
 from tests.report.samples import rate_record, rate_traces
 
 MM3_PER_MS = 1e6  # of 1 m³/s

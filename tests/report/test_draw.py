@@ -7,13 +7,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from commonrail.display.chart import MARKERS, Band, Bars, Boxes, Figure, Panel, Series
-from commonrail.display.heat_map import HeatMap
-from commonrail.report.axis import Axis
-from commonrail.report.draw import NARROW, WIDE, figure_html, figure_svg
-from commonrail.report.draw_map import SMALLEST, heat_map_svg
-from commonrail.report.figures import figures_of
-from commonrail.report.lettering import SIZE, text_width
+from commonrail.base.chart import MARKERS, Band, Bars, Boxes, Figure, HeatMap, Panel, Series
+from commonrail.report.draw.axis import SIZE, Axis, text_width
+from commonrail.report.draw.figure import NARROW, WIDE, figure_html, figure_svg
+from commonrail.report.draw.heat_map import SMALLEST, heat_map_svg
+from commonrail.report.fit.figures import figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
 
 SVG = "{http://www.w3.org/2000/svg}"

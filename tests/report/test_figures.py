@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.display.chart import Figure
-from commonrail.kinds.records import LABELS
-from commonrail.report.draw import figure_svg
-from commonrail.report.figures import convergence_figure, figures_of
+from commonrail.base.chart import Figure
+from commonrail.data.records import LABELS
+from commonrail.report.draw.figure import figure_svg
+from commonrail.report.fit.figures import convergence_figure, figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
 
 TRACE = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from commonrail.report.headline import headline, parameter_lines
+from commonrail.report.fit.verdict import headline, parameter_lines
 from tests.report.samples import map_record, rate_record
 
 

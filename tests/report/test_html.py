@@ -4,11 +4,11 @@ import re
 from itertools import combinations
 from pathlib import Path
 
-from commonrail.display.table import tabulated
+from commonrail.base.table import tabulated
+from commonrail.plugins.foreign_fmu.page import fmu_figures, fmu_lines
 from commonrail.report import html
-from commonrail.report.build import MANY, report_html
-from commonrail.report.foreign import fmu_figures, fmu_lines
 from commonrail.report.html import breakable, print_size, unbroken
+from commonrail.report.page import MANY, report_html
 from tests.report.samples import rate_record, rate_traces
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from commonrail.kinds.maps.view import MapView
-from commonrail.kinds.records import Plotted
-from commonrail.report.build import report_html
-from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
+from commonrail.data.quantities.page import MapView
+from commonrail.data.records import Plotted
+from commonrail.report.fit.verdict import combination_table, judgement_lines, judgement_tables
+from commonrail.report.page import report_html
 from tests.report.samples import map_record, rate_record
 
 FIGURES = {"rms_large_percent": 3.5, "rms_small": 0.2e-9, "dead_time_rms": 8e-6, "limit_quantity": 3e-9}

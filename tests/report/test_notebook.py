@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.display.shown import lend
-from commonrail.maps.response import Conditions
-from commonrail.maps.sweep import Base, Sweep, Variable
+from commonrail.base.display import lend
+from commonrail.plugins.maps.response import Conditions
+from commonrail.plugins.maps.sweep import Base, Sweep, Variable
 from commonrail.report.notebook import MOST_ROWS, Picture
 from tests.report.test_simulation import solution
 
-TEMPLATE = Path(cr.__file__).parent / "files" / "templates" / "study.toml"
+TEMPLATE = Path(cr.__file__).parent / "calibration" / "study_file" / "template" / "study.toml"
 
 
 def made_sweep() -> Sweep:
@@ -106,7 +106,7 @@ def test_what_has_no_figure_or_values_says_so() -> None:
 
 
 def test_a_long_table_is_cut_with_a_note() -> None:
-    from commonrail.display.table import Cell, Table
+    from commonrail.base.table import Cell, Table
     from commonrail.report.notebook import _table_html
 
     table = Table("t", ("a",), tuple((Cell(f"row {i}"),) for i in range(MOST_ROWS + 5)))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.report.certainty import interval_text
-from commonrail.report.parameters import parameter_rows, parameter_table
+from commonrail.report.fit.certainty import interval_text
+from commonrail.report.fit.tables import parameter_rows, parameter_table
 from tests.report.samples import rate_record
 
 

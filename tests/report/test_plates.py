@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.errors import InputError
-from commonrail.report.build import write_report
-from commonrail.report.paper import draw_plates, make_plates
-from commonrail.report.reproduction import PLATES
+from commonrail.base.errors import InputError
+from commonrail.plugins.paper.page import PLATES, draw_plates, make_plates
+from commonrail.report.page import write_report
 from tests.report.reproduction_sample import record, traces
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -69,7 +68,7 @@ def test_without_matplotlib_a_sentence_names_the_extra(
     assert f"`commonrail report {run}` draws them" in sentence
     assert not (run / "figures").exists()
     assert "For print" not in page
-    monkeypatch.setattr("commonrail.report.paper.make_plates", lambda *read: plates)
+    monkeypatch.setattr("commonrail.plugins.paper.page.make_plates", lambda *read: plates)
     assert draw_plates(run) == ""
     assert len(list((run / "figures").iterdir())) == 6
     assert "figures/fig6.pdf" in write_report(run).read_text(encoding="utf-8")
@@ -90,7 +89,7 @@ import importlib, pkgutil, sys
 sys.modules["matplotlib"] = None
 import commonrail
 for module in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
-    if module.name not in {"commonrail.report.plates", "commonrail.engine.cuda_kernel"}:
+    if module.name not in {"commonrail.report.draw.print", "commonrail.engine.cuda"}:
         importlib.import_module(module.name)
 for name in commonrail.__all__:
     getattr(commonrail, name)

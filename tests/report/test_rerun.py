@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from commonrail.report.rerun import rerun_lines
+from commonrail.report.fit.record import rerun_lines
 from tests.report.samples import map_record, rate_record
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.display.shown import Shown
-from commonrail.errors import InputError
+from commonrail.base.display import Shown
+from commonrail.base.errors import InputError
 from commonrail.report.result_kind import kind_of
 from tests.cli.conftest import run_command
 from tests.distribution import distribution

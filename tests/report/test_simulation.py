@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
 from commonrail.report.simulation import course_figure, simulation_figure
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from commonrail.display.table import LARGE, MEDIUM, SMALL, Table
-from commonrail.report.tables import tables_of
+from commonrail.base.table import LARGE, MEDIUM, SMALL, Table
+from commonrail.report.fit.tables import tables_of
 from tests.report.samples import map_record, rate_record
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from commonrail.report.verdict import verdict
+from commonrail.report.fit.verdict import verdict
 from tests.report.samples import map_record, rate_record
 
 

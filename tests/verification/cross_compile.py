@@ -9,21 +9,21 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from commonrail import targets
-from commonrail.choices import Precision
-from commonrail.compile_target import own_processor
+from commonrail.base.choices import Precision
+from commonrail.compiler import lower
+from commonrail.compiler.numba import exact_processor
+from commonrail.compiler.target import own_processor
 from commonrail.engine.entry import make_entry
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.machine_code import symbol_of
-from commonrail.exact import exact_processor
-from commonrail.injector.variants import Variant
+from commonrail.physics.variants import Variant
 
 
 def assembly(precision: Precision, same_bits: bool = False) -> str:
     """Return the text of the regulated variant's kernel."""
     variant, vector = Variant(), VECTORS[precision]
     processor = exact_processor() if same_bits else own_processor()
-    return targets.assembly(make_entry(variant, vector), symbol_of(variant, precision), processor, vector.real)
+    return lower.assembly(make_entry(variant, vector), symbol_of(variant, precision), processor, vector.real)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from commonrail.analysis import closed_forms
-from commonrail.analysis.closed_forms import Check, check
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
+from commonrail.plugins.verification import closed_forms
+from commonrail.plugins.verification.closed_forms import Check, check
 
 
 @pytest.mark.parametrize("form", closed_forms.ALL, ids=lambda form: form.__name__)

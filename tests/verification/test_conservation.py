@@ -6,9 +6,9 @@ import pytest
 
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
-from commonrail.fuel import kernel as fuel
-from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.physics import fuel_kernel as fuel
+from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from tests.tracing import traced
 
 # a few thousand bookings of 1e-16 of the mass in the pipe, which is 100 times what is injected

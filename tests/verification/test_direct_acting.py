@@ -9,18 +9,18 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from commonrail.choices import Actuation, Boundary, Drive
+from commonrail.base.choices import Actuation, Boundary, Drive
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
-from commonrail.errors import ConfigurationError
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector
-from commonrail.injector.direct_step import volumes_of
-from commonrail.injector.variants import Variant
-from commonrail.parts.plunger_needle import Motion
+from commonrail.physics.components.plunger_needle import Motion
+from commonrail.physics.direct.step import volumes_of
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import Variant
+from commonrail.readers.injector.file import load_injector
 
 # Peak and hold: up to 11 A in 280 us, down to 2.5 A, off at 600 us.
 CURRENT = Trace((0.0, 280e-6, 400e-6, 600e-6, 640e-6), (0.0, 11.0, 2.5, 2.5, 0.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.tracing import traced
 
 SEALED = {"plunger_needle.plunger_gap": 0.0, "plunger_needle.needle_gap": 0.0}

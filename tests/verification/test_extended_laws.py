@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from commonrail.choices import Laws
+from commonrail.base.choices import Laws
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector
-from commonrail.injector.variants import EXTENDING
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import EXTENDING
+from commonrail.readers.injector.file import load_injector
 
 SHAPE = {f"nozzle.shape_{i}": value for i, value in enumerate((-0.28, 0.07, -0.14, -0.2, -0.08), start=1)}
 LAWS = {

@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import pytest
 
-from commonrail.choices import Precision
-from commonrail.compile_target import LEVEL_3, may_compile, own_processor
+from commonrail.base.choices import Precision
+from commonrail.compiler.target import LEVEL_3, may_compile, own_processor
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.machine_code import object_of
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.verification.disassembly import MISSING, disassembled
 
 ROOT = Path(__file__).resolve().parents[2]

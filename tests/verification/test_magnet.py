@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.tracing import traced
 
 MU0 = 4e-7 * math.pi

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.tracing import sampled, traced
 
 STEPS = np.array([2.0, 1.0, 0.5, 0.25])  # [us]

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from commonrail.choices import Drive
+from commonrail.base.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.population import admissible
+from commonrail.engine.plan import admissible
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import OK
-from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import Injector, parameter_paths
+from commonrail.physics.injector import Injector, parameter_paths
+from commonrail.readers.injector.file import load_injector
 
 Floats = NDArray[np.float64]
 

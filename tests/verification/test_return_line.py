@@ -7,7 +7,7 @@ import pytest
 
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 from tests.tracing import traced
 
 LOW, DT, STEPS = 0.5e6, 1e-6, 700  # steps of a round trip

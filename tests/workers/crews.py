@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from commonrail.errors import ConfigurationError
-from commonrail.workers.limits import USUAL, Limits
-from commonrail.workers.pool import ProcessPool
+from commonrail.base.errors import ConfigurationError
+from commonrail.workers.pool import USUAL, Limits, ProcessPool
 from commonrail.workers.task import Answer, Outcome, Package, Task
 from commonrail.workers.workers import Workers
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from commonrail.workers.process import shielded
+from commonrail.workers.pool import shielded
 
 METHOD = "forkserver"
 IMPORTED = ["tests.workers.imported"]

@@ -9,8 +9,8 @@ from numba.core.registry import cpu_target
 import commonrail.calibration.run
 import commonrail.calibration.spread
 import commonrail.engine.simulate
-import commonrail.fleet.task
-import commonrail.workers.process  # noqa: F401
+import commonrail.plugins.fleet.member
+import commonrail.workers.pool  # noqa: F401
 
 with contextlib.suppress(ImportError):
     import distributed  # noqa: F401

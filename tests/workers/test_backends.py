@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.errors import ConfigurationError, StudyError
-from commonrail.workers.limits import Limits
+from commonrail.base.errors import ConfigurationError, StudyError
+from commonrail.workers.pool import Limits
 from commonrail.workers.task import Lost, Package, Task, pack
 from commonrail.workers.workers import Workers
 from tests.waiting import wait_until

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.errors import InputError, StudyError
+from commonrail.base.errors import InputError, StudyError
 from commonrail.workers import cluster as cluster_module
-from commonrail.workers import link as link_module
-from commonrail.workers.limits import Limits
+from commonrail.workers import cluster as link_module
+from commonrail.workers.pool import Limits
 from commonrail.workers.task import pack
 from commonrail.workers.workers import Workers
 from tests.workers.crews import NO_DASK, Deed, Deeds, cluster, expected, sines, tasks

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.errors import ConfigurationError, StudyError
-from commonrail.workers import limits as limits_module
+from commonrail.base.errors import ConfigurationError, StudyError
+from commonrail.workers import pool as limits_module
 from commonrail.workers import pool as pool_module
 from commonrail.workers.pool import how_it_ended
 from commonrail.workers.task import pack

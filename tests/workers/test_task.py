@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.errors import StudyError
+from commonrail.base.errors import StudyError
 from commonrail.workers.task import failure, pack, unpack
 from tests.workers.crews import Deed, Deeds, with_other
 

@@ -15,7 +15,7 @@ USE = """
 import os
 import sys
 
-from commonrail.jit import kernel
+from commonrail.compiler.numba import kernel
 
 def poly(x):
     return 2.0 * x * x + 3.0 * x - 7.0

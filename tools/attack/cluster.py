@@ -19,10 +19,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from commonrail.base.errors import CommonrailError
 from commonrail.calibration import spread
-from commonrail.errors import CommonrailError
-from commonrail.files.study_file import load_study
-from commonrail.store.run import calibrate_into
+from commonrail.calibration.study_file.file import load_study
+from commonrail.runs.fit import calibrate_into
 from commonrail.workers.cluster import Cluster
 from commonrail.workers.workers import Workers
 from tools.attack.base import attack, command

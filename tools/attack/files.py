@@ -6,12 +6,12 @@ import os
 from pathlib import Path
 
 import commonrail as cr
-from commonrail.files.study_file import load_study
-from commonrail.fleet.fleet_file import load_fleet
-from commonrail.fleet.run import run_fleet
-from commonrail.reading.csv_file import CsvFile
-from commonrail.reading.sheet import Column
-from commonrail.store.run import calibrate_into
+from commonrail.calibration.study_file.file import load_study
+from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.study import load_fleet
+from commonrail.readers.columns import Column
+from commonrail.readers.csv import CsvFile
+from commonrail.runs.fit import calibrate_into
 from tools.attack.base import attack, command, python
 from tools.attack.samples import LINK, contents, edited, refusal, rows, small_fleet, small_run, small_study
 
@@ -23,11 +23,11 @@ PIPES = """
 import os, signal, sys
 from pathlib import Path
 import commonrail as cr
-from commonrail.errors import CommonrailError
-from commonrail.files.run_folder import read_run
-from commonrail.fleet.fleet_file import load_fleet
-from commonrail.fleet.run import run_fleet
-from commonrail.fleet.table import read_table
+from commonrail.base.errors import CommonrailError
+from commonrail.runs.folder import read_run
+from commonrail.plugins.fleet.study import load_fleet
+from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.study import read_table
 
 class Hung(BaseException):
     pass
@@ -104,8 +104,8 @@ def pipe_as_injector(folder: Path, times: int) -> str:
 TABLE = """
 import resource, sys
 from pathlib import Path
-from commonrail.errors import InputError
-from commonrail.fleet.table import read_table
+from commonrail.base.errors import InputError
+from commonrail.plugins.fleet.study import read_table
 try:
     print(len(read_table(Path(sys.argv[1])).groups([0])))
 except InputError as error:

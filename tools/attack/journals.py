@@ -14,16 +14,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from commonrail.base.errors import CommonrailError, StudyError
 from commonrail.calibration.search import Progress
-from commonrail.errors import CommonrailError, StudyError
-from commonrail.files.injector_file import load_injector
-from commonrail.files.injector_writer import injector_text
-from commonrail.files.run_folder import read_run
-from commonrail.files.scaffold import write_new
-from commonrail.files.study_file import load_study
-from commonrail.fleet import journal as fleet_journal
-from commonrail.store.journal import JOURNAL, Journal, read_about
-from commonrail.store.run import Listener, calibrate_into, resume
+from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file.from_data import write_new
+from commonrail.plugins.fleet import journal as fleet_journal
+from commonrail.readers.injector.file import injector_text, load_injector
+from commonrail.runs.fit import Listener, calibrate_into, resume
+from commonrail.runs.folder import read_run
+from commonrail.runs.journal import JOURNAL, Journal, read_about
 from tools.attack.base import attack, command, flipped
 
 SMALL = {"members = 24": "members = 8", "generations = 30": "generations = 8"}

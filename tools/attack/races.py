@@ -12,12 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import commonrail as cr
-from commonrail.errors import StudyError
-from commonrail.files.study_file import load_study
-from commonrail.fleet.fleet_file import load_fleet
-from commonrail.fleet.run import run_fleet
-from commonrail.store.journal import LOCK, Journal
-from commonrail.store.run import calibrate_into
+from commonrail.base.errors import StudyError
+from commonrail.calibration.study_file.file import load_study
+from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.study import load_fleet
+from commonrail.runs.fit import calibrate_into
+from commonrail.runs.journal import LOCK, Journal
 from tools.attack.base import HANGS, attack, python
 from tools.attack.samples import after_steps, contents, edited, refusal, rows, small_fleet, small_run, small_study
 
@@ -67,7 +67,7 @@ def folder_renamed(folder: Path, times: int) -> str:
 HOLDER = """
 import sys, time
 from pathlib import Path
-from commonrail.store.journal import Journal
+from commonrail.runs.journal import Journal
 with Journal(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

@@ -7,10 +7,10 @@ import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
-from commonrail.errors import CommonrailError
-from commonrail.files.scaffold import write_new
-from commonrail.files.study_file import load_study
-from commonrail.store.run import Listener, calibrate_into
+from commonrail.base.errors import CommonrailError
+from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file.from_data import write_new
+from commonrail.runs.fit import Listener, calibrate_into
 from tools.make_fleet import make_fleet
 
 LINK = '=HYPERLINK("http://127.0.0.1/","open")'

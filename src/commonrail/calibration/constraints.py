@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.arrays import Bools, Floats
-from commonrail.elementary import product
-from commonrail.errors import ConfigurationError
-
-__all__ = ["LinearConstraints", "Polytope", "conflicting_rows", "deepest_point"]
-
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.errors import ConfigurationError, InputError, nearest
+from commonrail.physics.elementary import product
 
 # Rounding forgiven in a row, and what a strict row (<) asks beyond equality; both relative to the
 # largest magnitude the row's terms take within the bounds. The margin is the larger by far, so a
@@ -180,3 +180,310 @@ def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: Ar
         if not roomy(fewer):
             kept = fewer
     return tuple(kept)
+
+
+# Constraints as a person writes them, such as ``"k7 < k2 < k3"``, read into rows.
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+    r"|(?P<name>[A-Za-z_]\w*(?:\.\w+)*)"
+    r"|(?P<relation><=|>=|<|>)"
+    r"|(?P<sign>[+-])"
+    r"|(?P<times>\*))"
+)
+
+
+class _Token(NamedTuple):
+    kind: str
+    text: str
+
+
+class _Side(NamedTuple):
+    """One side of a relation: coefficients (d,) and a constant."""
+
+    coefficients: Floats
+    constant: float
+
+    @property
+    def single(self) -> int | None:
+        """Column of the parameter if the side is one bare parameter, else None."""
+        columns = np.flatnonzero(self.coefficients)
+        bare = len(columns) == 1 and self.constant == 0.0 and self.coefficients[columns[0]] == 1.0
+        return int(columns[0]) if bare else None
+
+
+def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConstraints:
+    """Read constraints such as ``"k7 < k2 < k3"`` or ``"2*a + 3*b <= 5"`` (Eq. (14), (15)).
+
+    Each line is a chain of sums joined by ``<``, ``<=``, ``>`` or ``>=``; each term is a plain
+    number, a parameter, or ``number*parameter``. Numbers are SI. A chain of n sums gives n - 1
+    rows, so the ordering of n_p parameters gives the paper's n_p - 1 rows.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The constraints, one text each.
+    names : sequence of str
+        The free parameters, in the order of the columns.
+
+    Returns
+    -------
+    LinearConstraints
+
+    Raises
+    ------
+    InputError
+        If a text cannot be read or names an unknown parameter; the nearest name is offered.
+    """
+    rows: list[Floats] = []
+    lower: list[float] = []
+    strict: list[bool] = []
+    labels: list[str] = []
+    chains: list[tuple[int, ...]] = []
+    for line in lines:
+        sides, relations = _read_line(line, names)
+        for (low, high), relation in zip(pairwise(sides), relations, strict=True):
+            small, large = (low, high) if relation.startswith("<") else (high, low)
+            rows.append(large.coefficients - small.coefficients)
+            lower.append(small.constant - large.constant)
+            strict.append("=" not in relation)
+            labels.append(line.strip())
+        chains.extend(_chain(sides, relations))
+    matrix = np.array(rows).reshape(len(rows), len(names))
+    return LinearConstraints(matrix, np.array(lower), np.array(strict, bool), labels, chains)
+
+
+def _chain(sides: list[_Side], relations: list[str]) -> Iterator[tuple[int, ...]]:
+    """The line as an ascending ordering of bare parameters, if it is one."""
+    columns = [side.single for side in sides]
+    if None not in columns and len({relation[0] for relation in relations}) == 1:
+        ascending = columns if relations[0].startswith("<") else columns[::-1]
+        yield tuple(column for column in ascending if column is not None)
+
+
+def _read_line(line: str, names: Sequence[str]) -> tuple[list[_Side], list[str]]:
+    """Sums and the relations between them."""
+    sums: list[list[_Token]] = [[]]
+    relations: list[str] = []
+    for token in _tokens(line):
+        if token.kind == "relation":
+            relations.append(token.text)
+            sums.append([])
+        else:
+            sums[-1].append(token)
+    if not relations:
+        raise _unreadable(line, 'has no "<", "<=", ">" or ">="')
+    return [_read_sum(line, tokens, names) for tokens in sums], relations
+
+
+def _tokens(line: str) -> Iterator[_Token]:
+    """Split a constraint into tokens."""
+    text = line.rstrip()
+    position = 0
+    while position < len(text):
+        match = _TOKEN.match(text, position)
+        if match is None:
+            rest = text[position:].lstrip()
+            raise _unreadable(line, f'cannot be read from "{rest[:12]}" on')
+        position = match.end()
+        yield _Token(str(match.lastgroup), str(match[str(match.lastgroup)]))
+
+
+def _read_sum(line: str, tokens: list[_Token], names: Sequence[str]) -> _Side:
+    """Add up the terms of one side."""
+    coefficients = np.zeros(len(names))
+    constant = 0.0
+    for sign, factors in _terms(line, tokens):
+        column, value = _read_term(line, factors, names)
+        if column is None:
+            constant += sign * value
+        else:
+            coefficients[column] += sign * value
+    return _Side(coefficients, constant)
+
+
+def _terms(line: str, tokens: list[_Token]) -> Iterator[tuple[float, list[_Token]]]:
+    """Signed terms of a sum, each as its factors and the ``*`` between them."""
+    sign, factors = 1.0, list[_Token]()
+    for index, token in enumerate(tokens):
+        if token.kind != "sign":
+            factors.append(token)
+            continue
+        if index > 0:
+            yield sign, factors
+        sign, factors = (-1.0 if token.text == "-" else 1.0), []
+    yield sign, factors
+
+
+def _read_term(line: str, factors: list[_Token], names: Sequence[str]) -> tuple[int | None, float]:
+    """Column (None for a constant) and value of one term."""
+    kinds = [factor.kind for factor in factors]
+    if kinds == ["number"]:
+        return None, _number(line, factors[0].text)
+    if kinds == ["name"]:
+        return _column(line, factors[0].text, names), 1.0
+    if kinds == ["number", "times", "name"]:
+        return _column(line, factors[2].text, names), _number(line, factors[0].text)
+    written = " ".join(factor.text for factor in factors)
+    found = f'"{written}"' if written else "nothing"
+    raise _unreadable(line, f"has {found} where a term is expected")
+
+
+def _number(line: str, text: str) -> float:
+    value = float(text)
+    if not np.isfinite(value):
+        raise _unreadable(line, f"has the number {text}, which is too large")
+    return value
+
+
+def _column(line: str, name: str, names: Sequence[str]) -> int:
+    if name not in names:
+        raise InputError(
+            f'constraint "{line.strip()}" names "{name}", which is not a free parameter'
+            f"{nearest(name, names)}: use one of the parameters to be calibrated"
+        )
+    return list(names).index(name)
+
+
+def _unreadable(line: str, what: str) -> InputError:
+    return InputError(
+        f'constraint "{line.strip()}" {what}: write sums of number, parameter or number*parameter '
+        'joined by <, <=, > or >=, such as "2*a + 3*b <= 5" or "a < b < c"'
+    )
+
+
+# Constraints between products of parameters, such as a preload that holds a valve shut against the pressure.
+
+_RELATION = re.compile(r"<=|>=|<|>")
+_FACTOR = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_]\w*(?:\.\w+)*))"
+    r"\s*(?:\^\s*(?P<power>-?\d+(?:\.\d+)?))?\s*$"
+)
+
+
+class ProductConstraint(NamedTuple):
+    """Constraint factor · Π x_j^exponent_j >= 1.
+
+    Attributes
+    ----------
+    label : str
+        The text that a person wrote.
+    factor : float
+        Numbers and values that do not vary.
+    exponents : (d,)
+        One for each free parameter.
+    strict : bool
+        The product must exceed 1 by `STRICT_MARGIN`.
+    """
+
+    label: str
+    factor: float
+    exponents: Floats
+    strict: bool
+
+
+class Products:
+    """Constraints between products of parameters.
+
+    Parameters
+    ----------
+    constraints : sequence of ProductConstraint
+    """
+
+    def __init__(self, constraints: Sequence[ProductConstraint] = ()) -> None:
+        self.constraints = tuple(constraints)
+
+    def __len__(self) -> int:
+        return len(self.constraints)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The texts that a person wrote."""
+        return tuple(constraint.label for constraint in self.constraints)
+
+    def shortfall(self, x: Floats) -> Floats:
+        """Share (..., m) by which each product at points (..., d) lies below 1; 0 where the constraint holds."""
+        found = np.zeros((*x.shape[:-1], len(self)))
+        for column, c in enumerate(self.constraints):
+            used = np.flatnonzero(c.exponents)
+            with np.errstate(all="ignore"):
+                ratio = c.factor * np.prod(x[..., used] ** c.exponents[used], axis=-1)
+            needed = 1.0 + STRICT_MARGIN if c.strict else 1.0
+            short = np.maximum(0.0, 1.0 - ratio / needed)
+            found[..., column] = np.where(np.isnan(short), 1.0, short)
+        return found
+
+
+NONE = Products()
+
+
+def parse_products(lines: Sequence[str], names: Sequence[str], known: Mapping[str, float]) -> Products:
+    """Read constraints such as ``"valve.spring_preload >= 1.2 * pi / 4 * valve.seat_diameter^2 * rail_pressure_max"``.
+
+    Each side is a product or quotient of numbers (SI), parameters and powers of them. ``pi`` is known.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        One relation each.
+    names : sequence of str
+        The free parameters, in the order of the columns.
+    known : mapping of str to float
+        Values [SI] of names that do not vary.
+
+    Raises
+    ------
+    InputError
+        If a text cannot be read, names something unknown or holds no free parameter.
+    """
+    return Products([_read(line.strip(), names, {"pi": math.pi, **known}) for line in lines])
+
+
+def _read(line: str, names: Sequence[str], known: Mapping[str, float]) -> ProductConstraint:
+    sides, relations = _RELATION.split(line), _RELATION.findall(line)
+    if len(relations) != 1:
+        raise _unreadable_product(line, 'needs exactly one of "<", "<=", ">" and ">="')
+    (left, right), relation = sides, relations[0]
+    small, large = (left, right) if relation.startswith("<") else (right, left)
+    factors, exponents = zip(*(_product(line, side, names, known) for side in (large, small)), strict=True)
+    total = exponents[0] - exponents[1]
+    if not total.any():
+        raise _unreadable_product(line, "depends on no free parameter")
+    if not (0.0 < factors[0] < math.inf and 0.0 < factors[1] < math.inf):
+        raise _unreadable_product(line, "has a factor that is not greater than zero, or too large")
+    return ProductConstraint(line, factors[0] / factors[1], total, "=" not in relation)
+
+
+def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, float]) -> tuple[float, Floats]:
+    """Factor and exponents of one side."""
+    factor, exponents = 1.0, np.zeros(len(names))
+    pieces = ["*", *re.split(r"([*/])", side)]
+    for sign, text in zip(pieces[::2], pieces[1::2], strict=True):
+        match = _FACTOR.match(text)
+        if match is None:
+            found = f'"{text.strip()}"' if text.strip() else "nothing"
+            raise _unreadable_product(line, f"has {found} where a number, a parameter or a power of one is expected")
+        power = float(match["power"] or 1.0) * (1.0 if sign == "*" else -1.0)
+        if match["number"]:
+            factor *= _power(float(match["number"]), power)
+        elif match["name"] in names:
+            exponents[list(names).index(match["name"])] += power
+        elif match["name"] in known:
+            factor *= _power(known[match["name"]], power)
+        else:
+            close = nearest(match["name"], [*names, *known])
+            raise InputError(f'constraint "{line}" names "{match["name"]}", which is no parameter{close}')
+    return factor, exponents
+
+
+def _power(value: float, power: float) -> float:
+    """Power of a number; NaN of one that is not greater than zero, infinite if it is too large."""
+    with np.errstate(over="ignore", under="ignore"):
+        return float(np.float64(value) ** power) if value > 0.0 else math.nan
+
+
+def _unreadable_product(line: str, what: str) -> InputError:
+    return InputError(
+        f'constraint "{line}" {what}: write one relation between products, such as '
+        '"valve.spring_preload >= 1.2 * pi / 4 * valve.seat_diameter^2 * rail_pressure_max"'
+    )

@@ -7,11 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.arrays import Floats
-from commonrail.calibration.conditions import Condition
-from commonrail.calibration.prior import Priors
-
-__all__ = ["PLAIN", "Goal", "Loss"]
+from commonrail.base.arrays import Floats
+from commonrail.calibration.parameter import Condition, Priors
 
 
 class Loss(StrEnum):

@@ -7,13 +7,10 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import NamedTuple
 
-from commonrail.arguments import instances, plain_text, settle
-from commonrail.calibration.parameter import Mark
-from commonrail.calibration.prior import Prior
-from commonrail.errors import ConfigurationError, nearest
-from commonrail.injector.definition import Injector, Source, parameter_quantities
-
-__all__ = ["FixedValue", "InjectorType", "TypeParameter", "TypePart"]
+from commonrail.base.arguments import instances, plain_text, settle
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.calibration.parameter import Mark, Prior
+from commonrail.physics.injector import Injector, Source, parameter_quantities
 
 ROUNDING = 1e-9  # relative, by which a spread may lie below its part
 

@@ -11,16 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonrail.calibration.optimisers import Best
+from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.scoring import Scores, score_all
 from commonrail.calibration.study import Study
-from commonrail.injector.definition import Injector
-from commonrail.kinds import DataSet, QuantityData, Role, Score, of_role
-from commonrail.kinds.maps.data import QuantityScore
-from commonrail.kinds.records import MEAN
-from commonrail.observation.quantities import is_of_meter
-
-__all__ = ["CLOSE", "WORST", "equal_ends", "fitted_values", "injector_of", "mean_of", "mean_scores", "members_of"]
+from commonrail.data.base import DataSet, Role, Score
+from commonrail.data.kinds import of_role
+from commonrail.data.quantities.data import QuantityData, QuantityScore
+from commonrail.data.records import MEAN
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.meter import is_of_meter
 
 # Objective of a member relative to the best: its misfit is then 1.4 times as large. The mean needs several members; on
 # the maps of the cases it predicts better than the best of them more often than not (cases/family/README.md).

@@ -9,20 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.arrays import Bools, Floats
-from commonrail.calibration.conditions import broken, distances_past
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.choices import Precision
 from commonrail.calibration.goal import PLAIN, Goal, Loss
-from commonrail.choices import Precision
+from commonrail.calibration.parameter import broken, distances_past
+from commonrail.data.base import DataSet, Term
+from commonrail.data.kinds import KINDS, in_order
+from commonrail.data.metering import meters_of
+from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
-from commonrail.injector.definition import Injector
-from commonrail.kinds import KINDS, DataSet, in_order
-from commonrail.kinds.base import Term
-from commonrail.kinds.metering import meters_of
-from commonrail.kinds.simulator import Candidates, Simulator
-from commonrail.observation.signal import given_values
-
-__all__ = ["Objective", "Scores"]
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.signal import given_values
 
 
 class Scores(NamedTuple):

@@ -2,16 +2,206 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
+from enum import StrEnum
 from math import isfinite
-from typing import Literal
+from typing import Any, Literal
 
-from commonrail.arguments import COUNTS
-from commonrail.calibration.prior import Prior
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import parameter_quantities
+import numpy as np
 
-__all__ = ["Mark", "Parameter", "Scale", "percent_bounds"]
+from commonrail.base.arguments import COUNTS, chosen, instance, number, plain_text, settle
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.base import past_stops
+from commonrail.data.simulator import Simulator
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import OK
+from commonrail.physics.injector import parameter_quantities
+
+# Conditions that a candidate must meet at operating points besides its fit to the data.
+
+NOTHING = 1e-12  # volume per stroke [m³] up to which nothing is injected: far below what a bench resolves
+
+
+class Wanted(StrEnum):
+    """Behaviour that is wanted of the injector at an operating point."""
+
+    SUCCEEDS = "succeeds"
+    """The simulation succeeds: the needle closes again, and no number runs away."""
+
+    SHUT = "stays shut"
+    """It succeeds and nothing is injected."""
+
+    INJECTS = "injects"
+    """It succeeds and something is injected."""
+
+    NEEDLE_AT_STOP = "needle reaches its stop"
+    """It succeeds and the plunger touches its upper stop."""
+
+    NEEDLE_OFF_STOP = "needle stays off its stop"
+    """It succeeds and the plunger does not touch its upper stop."""
+
+    VALVE_AT_STOP = "valve reaches its stop"
+    """It succeeds and the valve touches its stop."""
+
+    VALVE_OFF_STOP = "valve stays off its stop"
+    """It succeeds and the valve does not touch its stop."""
+
+
+_AT = {Wanted.NEEDLE_AT_STOP, Wanted.VALVE_AT_STOP}
+_OFF = {Wanted.NEEDLE_OFF_STOP, Wanted.VALVE_OFF_STOP}
+_NEEDLE = {Wanted.NEEDLE_AT_STOP, Wanted.NEEDLE_OFF_STOP}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Behaviour that is wanted at an operating point; a candidate without it loses.
+
+    Parameters
+    ----------
+    wanted : Wanted
+    point : OperatingPoint
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind.
+    """
+
+    wanted: Wanted
+    point: OperatingPoint
+
+    def __post_init__(self) -> None:
+        settle(self, wanted=chosen(self.wanted, Wanted, "wanted"))
+        instance(self.point, OperatingPoint, "point of a condition")
+
+
+def broken(conditions: Sequence[Condition], batch: Batch, past: Floats | None = None) -> Bools:
+    """Mask (candidates, conditions) of the conditions that candidates do not meet.
+
+    Parameters
+    ----------
+    conditions : sequence of Condition
+    batch : Batch
+        Candidates at the points of the conditions, in order.
+    past : (candidates, conditions), optional
+        Of `distances_past`; needed where a condition is about a stop.
+    """
+    failed = batch.status != OK
+    injects = batch.injected_mass / batch.reference_density > NOTHING
+    shut = np.array([condition.wanted is Wanted.SHUT for condition in conditions])
+    open_ = np.array([condition.wanted is Wanted.INJECTS for condition in conditions])
+    found = np.asarray(failed | (injects & shut) | (~injects & open_))
+    if past is None:
+        return found
+    at = np.array([condition.wanted in _AT for condition in conditions])
+    off = np.array([condition.wanted in _OFF for condition in conditions])
+    touches = past > 0.0  # False where the simulation failed, which breaks the condition anyway
+    return np.asarray(found | (~touches & at) | (touches & off))
+
+
+def distances_past(conditions: Sequence[Condition], simulator: Simulator, values: Floats) -> Floats | None:
+    """Distances beyond the stop that each condition names, (candidates, conditions) [m]; None if none names a stop.
+
+    NaN for conditions that name none, and for failed simulations. Each condition that does costs one more simulation,
+    in f64.
+
+    Parameters
+    ----------
+    conditions : sequence of Condition
+    simulator : Simulator
+    values : (candidates, names)
+        [SI].
+    """
+    if not any(condition.wanted in _AT | _OFF for condition in conditions):
+        return None
+    found = np.full((len(values), len(conditions)), np.nan)
+    for i, condition in enumerate(conditions):
+        if condition.wanted in _AT | _OFF:
+            past = past_stops(simulator, condition.point, values)
+            found[:, i] = past.needle if condition.wanted in _NEEDLE else past.valve
+    return found
+
+
+# Prior knowledge of a parameter: a value, its standard deviation and its source.
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Normal distribution that a parameter has before the data are seen.
+
+    Parameters
+    ----------
+    value : float
+        Mean, SI.
+    sigma : float
+        Standard deviation, SI, greater than zero.
+    source : str
+        Source of both.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number is not finite, or sigma is not greater than zero.
+    """
+
+    value: float
+    sigma: float
+    source: str = "no source stated"
+
+    def __post_init__(self) -> None:
+        plain_text(self.source, "source of a prior")
+        settle(
+            self, value=number(self.value, "1", "value of a prior"), sigma=number(self.sigma, "1", "sigma of a prior")
+        )
+        if not self.sigma > 0.0:
+            raise ConfigurationError(
+                f"A prior needs a value and a sigma greater than zero, not {self.value:g} and {self.sigma:g}."
+            )
+
+    def pull(self, value: float) -> float:
+        """Distance of a value from the prior's in standard deviations: (x - value)/sigma."""
+        return (value - self.value) / self.sigma
+
+
+class Priors:
+    """Priors of the parameters of a space, as residuals (x - value)/sigma.
+
+    Parameters
+    ----------
+    priors : sequence of Prior or None
+        One for each parameter, in order; None where there is no prior.
+    """
+
+    def __init__(self, priors: Sequence[Prior | None] = ()) -> None:
+        known = [(column, prior) for column, prior in enumerate(priors) if prior is not None]
+        self.columns = np.array([column for column, _ in known], dtype=np.intp)
+        self._value = np.array([prior.value for _, prior in known])
+        self._sigma = np.array([prior.sigma for _, prior in known])
+
+    @classmethod
+    def of(cls, parameters: Sequence[Any]) -> Priors:
+        """Priors of parameters that have the attribute `prior`."""
+        return cls([parameter.prior for parameter in parameters])
+
+    def __len__(self) -> int:
+        return len(self.columns)
+
+    @property
+    def sigmas(self) -> Floats:
+        """Standard deviations (priors,), SI."""
+        return self._sigma
+
+    def residuals(self, x: Floats) -> Floats:
+        """Residuals (n, priors) of points (n, d), SI."""
+        return np.asarray((x[:, self.columns] - self._value) / self._sigma)
+
+    def costs(self, x: Floats) -> Floats:
+        """Sum (n,) of the squares of the residuals of points (n, d), SI."""
+        return np.asarray(np.sum(self.residuals(x) ** 2, axis=1))
+
 
 Mark = Literal["M", "C", "F", "E"]
 Scale = Literal["linear", "log"]

@@ -6,23 +6,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from commonrail.arguments import instance, instances, thread_count
+from commonrail.base.arguments import instance, instances, thread_count
+from commonrail.base.text import number
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.parameter import Parameter
-from commonrail.calibration.plausibility import Finding
-from commonrail.calibration.run import Calibration, score_all
+from commonrail.calibration.plausibility.finding import Finding
+from commonrail.calibration.run import Calibration
+from commonrail.calibration.scoring import score_all
 from commonrail.calibration.study import Method, Study
-from commonrail.compile_target import describe, package_versions
-from commonrail.display.text import number
-from commonrail.injector.definition import Injector
-from commonrail.kinds import DataSet, Role, Score, of_role
-from commonrail.kinds.metering import meter_records, with_meters
-from commonrail.kinds.records import JUDGED, LABELS
-from commonrail.observation.meter import Meter
-from commonrail.observation.quantities import known_quantity
-
-__all__ = ["CERTAINTY", "CLOCK", "SCHEMA", "data_records", "result_record", "validate", "warning_records"]
+from commonrail.compiler.target import describe, package_versions
+from commonrail.data.base import DataSet, Role, Score
+from commonrail.data.kinds import of_role
+from commonrail.data.metering import meter_records, with_meters
+from commonrail.data.records import JUDGED, LABELS
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.meter import Meter, known_quantity
 
 SCHEMA = 1
 CERTAINTY = "certainty"  # likelihood, intervals, profiles and verdicts; written again by a later look at the same fit
@@ -37,7 +36,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
     calibration : Calibration
     identified : mapping
         Per parameter what the data say of it ("effect", "pinned", "standard_error", "verdict"), from
-        `commonrail.analysis.identifiability`.
+        `commonrail.calibration.identifiability`.
     """
     study = calibration.study
     return {

@@ -8,28 +8,34 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from commonrail.arguments import flag, function, instance, thread_count
-from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
-from commonrail.calibration.live_progress import live_progress
+from commonrail.base.arguments import flag, function, instance, thread_count
+from commonrail.base.display import Shown
+from commonrail.base.errors import SimulationError, StudyError
 from commonrail.calibration.members import injector_of, mean_scores
-from commonrail.calibration.optimisers import Best, Counts
-from commonrail.calibration.optimisers.verdict import Convergence
-from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
+from commonrail.calibration.optimisers.base import Best, Convergence, Counts
+from commonrail.calibration.plausibility.check import after_fit, of_settings, of_start
+from commonrail.calibration.plausibility.finding import Finding
+from commonrail.calibration.plausibility.fit import Fit
 from commonrail.calibration.scoring import Scores, score_all, scores_of
-from commonrail.calibration.search import Listeners, Progress, Search, objective_of
+from commonrail.calibration.search import (
+    Checkpoint,
+    Generation,
+    Listeners,
+    Progress,
+    Recorder,
+    Search,
+    live_progress,
+    objective_of,
+)
 from commonrail.calibration.study import Study
-from commonrail.display.shown import Shown
+from commonrail.data.base import DataSet, Score
+from commonrail.data.metering import with_meters
+from commonrail.data.records import JUDGED
 from commonrail.engine.status import Status
-from commonrail.errors import SimulationError, StudyError
-from commonrail.injector.definition import Injector, Source
-from commonrail.kinds import DataSet, Score
-from commonrail.kinds.metering import with_meters
-from commonrail.kinds.records import JUDGED
-from commonrail.observation.meter import Meter
+from commonrail.physics.injector import Injector, Source
+from commonrail.physics.meters.meter import Meter
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
-
-__all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,7 +75,7 @@ class Calibration(Shown):
         Of the optima whose mean is scored, the calibrated injector first; empty where there is none.
     """
 
-    presenter = "commonrail.report.faces:CALIBRATION"
+    presenter = "commonrail.report.notebook:CALIBRATION"
 
     study: Study
     injector: Injector

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from commonrail.base.choices import Body
 from commonrail.calibration.study import Study
-from commonrail.choices import Body
-from commonrail.injector.definition import Injector
-from commonrail.kinds import DataSet, Score
-from commonrail.kinds.metering import with_meters
-from commonrail.kinds.simulator import Simulator
-
-__all__ = ["Scores", "score_all", "scores_of"]
+from commonrail.data.base import DataSet, Score
+from commonrail.data.metering import with_meters
+from commonrail.data.simulator import Simulator
+from commonrail.physics.injector import Injector
 
 Scores = tuple[Score, ...]
 

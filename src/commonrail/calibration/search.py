@@ -5,40 +5,209 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from commonrail.calibration.checkpoint import (
-    NOT_SIMULATED,
-    Checkpoint,
-    CheckpointError,
-    Generation,
-    Recorder,
-    Stage,
-    Step,
-)
-from commonrail.calibration.convergence import judge_population, judge_restarts, noise_in
-from commonrail.calibration.goal import Goal
+from commonrail.base.arrays import Floats
+from commonrail.base.display import Live, in_notebook
+from commonrail.base.errors import ConfigurationError, StudyError
+from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
-from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
+from commonrail.calibration.optimisers.base import (
+    AGREEING,
+    ALIKE,
+    SMALL_GAIN,
+    Best,
+    Convergence,
+    Counts,
+    Optimiser,
+    Trials,
+    Wanted,
+    noise_of,
+)
+from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.registry import registered
-from commonrail.calibration.optimisers.verdict import Convergence
-from commonrail.calibration.prior import Priors
+from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.spread import SpreadObjective
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import longest_for_all
+from commonrail.data.base import DataSet, Role
+from commonrail.data.kinds import of_role
 from commonrail.engine.time_step import nice_step
-from commonrail.errors import ConfigurationError, StudyError
-from commonrail.kinds import Role, of_role
 from commonrail.workers.interrupt import Wish
 from commonrail.workers.workers import Workers
 
-__all__ = ["Listeners", "Progress", "Search", "Searched", "goal_of", "objective_of", "steps"]
+# Steps of a search as they are told, so that they can be kept, and the state from which it goes on.
+
+NOT_SIMULATED = -1  # in place of a status
+
+
+class CheckpointError(StudyError):
+    """A checkpoint is damaged, or another search's."""
+
+
+class Step(NamedTuple):
+    """One step of an optimiser: the trials whose costs it was told, and what became of them.
+
+    Attributes
+    ----------
+    x : (n, d)
+        The trials, SI.
+    costs : (n,)
+        +inf where a simulation failed or there was none.
+    statuses : (n,) int8
+        Values of `Status`; -1 for a trial that was not simulated.
+    simulations : int
+        Single injections that the step took.
+    """
+
+    x: Floats
+    costs: Floats
+    statuses: NDArray[np.int8]
+    simulations: int
+
+
+class Generation(NamedTuple):
+    """Objective after a step: best so far, and mean of the population's finite ones."""
+
+    generation: int
+    best: float
+    mean: float
+
+    @classmethod
+    def of(cls, generation: int, optimiser: Optimiser) -> Generation:
+        """Of a search as it stands."""
+        costs = optimiser.costs
+        finite = costs[np.isfinite(costs)]
+        return cls(generation, optimiser.best.cost, float(finite.mean()) if len(finite) else float("inf"))
+
+
+class Stage(NamedTuple):
+    """A search after the latest step of one of its optimisers.
+
+    Attributes
+    ----------
+    state : mapping
+        `Optimiser.state`.
+    simulations : int
+        Single injections so far.
+    failures : mapping of str to int
+        Failed candidates of the first optimiser by the name of their status.
+    seconds : float
+        Time spent so far [s].
+    """
+
+    state: Mapping[str, Any]
+    simulations: int
+    failures: Mapping[str, int]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A search between two steps: all it needs to go on to the same bits.
+
+    Attributes
+    ----------
+    stages : tuple of Stage
+        One for each optimiser that has begun, in the order in which they run.
+    history : tuple of Generation
+        Of the first one.
+    """
+
+    stages: tuple[Stage, ...]
+    history: tuple[Generation, ...]
+
+
+class Recorder(Protocol):
+    """Keeps a search step by step; what it raises ends the search."""
+
+    def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
+        """Take one step of the last of the checkpoint's stages.
+
+        Parameters
+        ----------
+        step : Step
+        reached : Generation
+            Objective after it.
+        after : Checkpoint
+        """
+        ...
+
+
+# Verdict on the convergence of a search that does not judge itself: restarts that agree, or a collapsed population.
+
+ONE_POINT = "the search ended with one point and compared it with no other; refinements (polish = 3) would"
+LATEST = 20  # generations over which the gain of one is the mean
+
+
+def noise_in(cost: float, residuals: int, parameters: int, goal: tuple[Loss, Sequence[DataSet]]) -> float:
+    """Change of a study's objective that changes 2 ln L by 1, by the objective's own residual noise (`noise_of`).
+
+    Parameters
+    ----------
+    cost : float
+        Objective of the best.
+    residuals, parameters : int
+        Numbers of residuals, those of priors included, and of free parameters.
+    goal : (Loss, sequence of DataSet)
+        Loss and fitted data: J of a curve is a sum of absolute errors.
+    """
+    loss, data = goal
+    absolute = loss is Loss.KINDS and any(one.bounds is not None for one in data)
+    return noise_of(cost, residuals, parameters, 2.0 if absolute else 1.0)
+
+
+def judge_population(costs: Floats, history: Sequence[Generation], noise: float) -> Convergence:
+    """Verdict on an evolution: converged if its population has collapsed and its best no longer gains.
+
+    Parameters
+    ----------
+    costs : (n,)
+        Objective of the members.
+    history : sequence of Generation
+    noise : float
+        Change of the objective that changes 2 ln L by 1.
+    """
+    finite = costs[np.isfinite(costs)]
+    if len(finite) < 2:
+        why = ONE_POINT if len(costs) == 1 else "fewer than two members could be simulated"
+        return Convergence.of(False, why, {"members": len(finite)})
+    spread = float(finite.max() - finite.min()) / noise
+    past = history[max(len(history) - 1 - LATEST, 0)]
+    done = max(history[-1].generation - past.generation, 1)
+    gain = (past.best - history[-1].best) / noise / done
+    known = len(history) > LATEST and bool(np.isfinite(gain))
+    converged = spread <= ALIKE and known and gain <= SMALL_GAIN
+    figures = {"members": len(finite), "spread": spread, "gain_per_generation": gain if np.isfinite(gain) else None}
+    sentence = (
+        f"the members differ by {spread:.2g} of 2 ln L, and the last {done} generations gained {gain:.2g} each; "
+        f"{ALIKE} and {SMALL_GAIN} over {LATEST} generations are asked for"
+    )
+    return Convergence.of(converged, sentence, figures)
+
+
+def judge_restarts(costs: Floats, noise: float) -> Convergence:
+    """Verdict on refinements: converged if enough of them end within `ALIKE` of the best 2 ln L.
+
+    Parameters
+    ----------
+    costs : (n,)
+        Objective of the ends.
+    noise : float
+        Change of the objective that changes 2 ln L by 1.
+    """
+    finite = costs[np.isfinite(costs)]
+    agreeing = int((finite <= finite.min(initial=np.inf) + ALIKE * noise).sum())
+    converged = agreeing >= AGREEING
+    sentence = f"{agreeing} of {len(costs)} refinements end within {ALIKE} of the best 2 ln L; {AGREEING} are asked for"
+    return Convergence.of(converged, sentence, {"starts": len(costs), "agreeing": agreeing})
 
 
 _Begin = Callable[[Optimiser | None], Optimiser]  # begins an optimiser, given the one before it in the row
@@ -326,3 +495,18 @@ def _row(method: Method, space: Space, seed: int) -> list[_Begin]:
         settings = RefinementSettings(method.polish, method.polish_iterations)
         stages.append(lambda before: Refinement(space, seed, settings, before))  # type: ignore[arg-type]
     return stages
+
+
+# Bar of a calibration in a notebook.
+
+
+def live_progress() -> Callable[[Progress], None] | None:
+    """Listener that draws a bar in a notebook's output; None elsewhere."""
+    if not in_notebook():
+        return None
+    live = Live()
+
+    def show(p: Progress) -> None:
+        live.show(f"{p.phase}: best {p.best:.4g}, mean {p.mean:.4g}, {p.seconds:.0f} s", p.generation, p.generations)
+
+    return show

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.arrays import Floats
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Precision
+from commonrail.base.errors import StudyError
 from commonrail.calibration.objective import Objective, Scores
-from commonrail.choices import Precision
 from commonrail.engine.lanes import VECTORS
-from commonrail.errors import StudyError
-from commonrail.observation.quantities import known_quantity
+from commonrail.physics.meters.meter import known_quantity
 from commonrail.workers.task import Answer, Lost, Task, pack
 from commonrail.workers.workers import Workers
 

@@ -2,27 +2,87 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
+from typing import Any, cast
 
-from commonrail.arguments import Limits, amount, chosen, flag, instance, instances, plain_text, settle, whole
-from commonrail.calibration.conditions import Condition
+from commonrail.base.arguments import (
+    Limits,
+    amount,
+    chosen,
+    flag,
+    instance,
+    instances,
+    mapping,
+    number,
+    plain_text,
+    settle,
+    whole,
+)
+from commonrail.base.choices import Precision
+from commonrail.base.display import Shown
+from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.calibration.goal import Loss
-from commonrail.calibration.judgement import NO_JUDGEMENT, Judgement
-from commonrail.calibration.optimisers import EvolutionSettings, Settings
+from commonrail.calibration.optimisers.base import Settings
+from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
+from commonrail.calibration.parameter import Condition, Mark, Parameter, percent_bounds
 from commonrail.calibration.space import Space
-from commonrail.choices import Precision
-from commonrail.display.shown import Shown
+from commonrail.calibration.time_step import step_for_all
+from commonrail.data.base import DataSet, Role
+from commonrail.data.kinds import ANY_KIND, of_role
+from commonrail.data.metering import check_meters, meters_of
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.folds import levels
 from commonrail.engine.time_step import check_step
-from commonrail.errors import ConfigurationError, nearest
-from commonrail.injector.definition import Injector
-from commonrail.kinds import ANY_KIND, DataSet, QuantityData, Role, of_role
-from commonrail.kinds.maps.folds import levels
-from commonrail.kinds.metering import check_meters, meters_of
-from commonrail.observation.meter import Meter
-from commonrail.observation.quantities import QUANTITIES
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.meter import QUANTITIES, Meter
+from commonrail.readers.fields import UNSTATED
+
+# Further searches by which a study's fit is judged.
+
+
+class LeaveOut(StrEnum):
+    """Quantity whose values are left out of the fit in turn."""
+
+    RAIL_PRESSURE = "rail_pressure"
+    ENERGISING_TIME = "energising_time"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Searches besides the one that gives the result.
+
+    Parameters
+    ----------
+    seeds : int
+        Searches with the next seeds, to see the spread of what they find.
+    leave_out : tuple of LeaveOut
+        For each value that the fitted maps have of these, a search without the rows at it, which are then predicted.
+
+    Raises
+    ------
+    ConfigurationError
+        If `seeds` is negative or has a fraction, or something else is to be left out.
+    """
+
+    seeds: int = 0
+    leave_out: tuple[LeaveOut, ...] = ()
+
+    def __post_init__(self) -> None:
+        leave_out = tuple(dict.fromkeys(chosen(by, LeaveOut, "leave_out") for by in self.leave_out))
+        settle(self, seeds=whole(self.seeds, "seeds of the judgement"), leave_out=leave_out)
+
+    @property
+    def wanted(self) -> bool:
+        """True if there is any further search."""
+        return bool(self.seeds or self.leave_out)
+
+
+NO_JUDGEMENT = Judgement()
+
 
 SCALES = Limits(1e-6, 1e6)  # of the residual from which soft L1 grows in proportion
 
@@ -110,7 +170,7 @@ class Study(Shown):
         leaves the fuel's range of temperature or has a free quantity that no data set sees.
     """
 
-    presenter = "commonrail.report.faces:STUDY"
+    presenter = "commonrail.report.notebook:STUDY"
 
     title: str
     injector: Injector
@@ -186,3 +246,76 @@ class Study(Shown):
         if self.injector.synthetic:
             parts.insert(0, self.injector.synthetic)
         return " ".join(dict.fromkeys(parts))
+
+
+# Study in one call: an injector, measured data and the bounds of the free parameters.
+
+EXAMPLE = '{"valve.spring_preload": ("60 N", "95 N"), "nozzle.discharge_maximum": "10 %"}'
+POLISH = 3  # refinements: as many as must agree before a search is called converged
+
+
+def study(
+    injector: Injector,
+    data: DataSet | Sequence[DataSet],
+    *,
+    free: Mapping[str, Any],
+    constraints: Sequence[str] = (),
+    method: Method | None = None,
+    seed: int = 1,
+    title: str = "",
+) -> Study:
+    """Study of an injector and measured data, ready for `calibrate`.
+
+    Parameters
+    ----------
+    injector : Injector
+        Start values.
+    data : DataSet or sequence of DataSet
+        At least one with role fit.
+    free : mapping of str to bounds
+        By dotted name: lower and upper bound, SI or texts with units, or a share of the injector's value on either
+        side, such as "10 %".
+    constraints : sequence of str
+        Such as "control_chamber.z_hole_diameter < control_chamber.a_hole_diameter".
+    method : Method, optional
+        By default differential evolution and three least-squares refinements, ended when it has converged.
+    seed : int
+    title : str
+        By default the injector's name.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, a parameter is unknown, or bounds are crossed.
+    """
+    instance(injector, Injector, "injector")
+    found = instances([data] if isinstance(data, ANY_KIND) else data, ANY_KIND, "data")
+    space = Space([_free(injector, *item) for item in mapping(free, "free", EXAMPLE).items()], tuple(constraints))
+    usual = Method(EvolutionSettings(), POLISH, stop_when_converged=True)
+    return Study(
+        title or injector.name,
+        injector,
+        found,
+        space,
+        usual if method is None else method,
+        seed,
+        step_for_all(injector, space),
+    )
+
+
+def _free(injector: Injector, name: str, bounds: Any) -> Parameter:
+    if name not in injector.values:
+        raise ConfigurationError(
+            f"{injector.name} has no parameter {name}{nearest(name, injector.values)}; free is, for example, {EXAMPLE}."
+        )
+    unit, reference = injector.quantities[name].unit, injector.values[name]
+    origin = injector.sources.get(name, UNSTATED)
+    if isinstance(bounds, str) and bounds.strip().endswith("%"):
+        share = number(bounds.strip().removesuffix("%"), "1", f"bounds of {name}")
+        lower, upper = percent_bounds(reference, share, share, name)
+    elif isinstance(bounds, Sequence) and not isinstance(bounds, str) and len(bounds) == 2:
+        lower, upper = (number(value, unit, f"bound of {name}") for value in bounds)
+    else:
+        wanted = f'(lower, upper) or a share such as "10 %", not {bounds!r}'
+        raise ConfigurationError(f"The bounds of {name} must be {wanted}.")
+    return Parameter(name, reference, lower, upper, unit, mark=cast(Mark, origin.mark), source=origin.text)

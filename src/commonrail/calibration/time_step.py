@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
+from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.space import Space
-from commonrail.engine.stability import longest, medium_of, stiffest_corner
-from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS, nice_step
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
-from commonrail.observation.quantities import is_of_meter
-
-__all__ = ["longest_for_all", "step_for_all"]
+from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS, longest, medium_of, nice_step, stiffest_corner
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.meter import is_of_meter
 
 
 def longest_for_all(injector: Injector, space: Space) -> float:

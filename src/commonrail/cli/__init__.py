@@ -1,1 +1,1 @@
-"""The command `commonrail`: one file per verb, imported when the verb is called."""
+"""The command `commonrail`."""

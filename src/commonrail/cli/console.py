@@ -7,32 +7,66 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from contextlib import AbstractContextManager, contextmanager, suppress
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from commonrail.cli.grid import plain_pairs, plain_rows
-from commonrail.notice import duration
+from commonrail.base.hooks import duration, tell_of_compiling
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from commonrail.display.table import Table
+    from commonrail.base.table import Table
 
-__all__ = [
-    "COMPILING",
-    "SIMULATING",
-    "compiling",
-    "compiling_words",
-    "print_json",
-    "print_pairs",
-    "print_rows",
-    "print_table",
-    "say",
-    "say_of_ending",
-    "stderr_console",
-]
+# Tables as plain text, where every cell fits into its line: rich, which folds the others, takes long to import.
+
+# Characters of one column: Latin and Greek letters, signs of punctuation and mathematics.
+_NARROW = re.compile(
+    "[ -~\u00a0-\u00ac\u00ae-\u02ff\u0370-\u0377\u0384-\u03ff\u2010-\u2027\u2030-\u205e\u2070-\u20cf\u2100-\u22ff]*"
+)
+
+
+def plain_rows(rows: Sequence[Sequence[str]], title: str, texts: int, width: int) -> list[str] | None:
+    """Lines of a table as rich draws it with `box.SIMPLE_HEAD`; None if a line has to be folded.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of str
+        The heads, and the rows below them.
+    title : str
+        Line above the heads, if any.
+    texts : int
+        Number of leading columns with text; those after them are numbers, at the right.
+    width : int
+        Columns of a line.
+    """
+    sizes = _sizes(rows)
+    within = sum(size + 3 for size in sizes or []) - 1
+    if sizes is None or within + 2 > width or len(title) > within + 2 or not _NARROW.fullmatch(title):
+        return None
+    aligned = [
+        "   ".join(c.ljust(n) if i < texts else c.rjust(n) for i, (c, n) in enumerate(zip(row, sizes, strict=True)))
+        for row in rows
+    ]
+    lines = ["", f"  {aligned[0]}", f" {'─' * within}", *(f"  {line}" for line in aligned[1:]), ""]
+    return [line.rstrip() for line in ([title] if title else []) + lines]
+
+
+def plain_pairs(rows: Sequence[Sequence[str]], width: int) -> list[str] | None:
+    """Lines of names and values; None if one has to be folded."""
+    sizes = _sizes(rows)
+    if sizes is None or sum(sizes) + 3 > width:
+        return None
+    return [f"{name.ljust(sizes[0])}   {value}".rstrip() for name, value in rows]
+
+
+def _sizes(rows: Sequence[Sequence[str]]) -> list[int] | None:
+    """Width of each column; None if there is none, or a character whose width is not one column."""
+    if not rows or not rows[0] or not all(_NARROW.fullmatch(cell) for row in rows for cell in row):
+        return None
+    return [max(map(len, column)) for column in zip(*rows, strict=True)]
+
 
 SIMULATING = "simulating ..."
 COMPILING = "compiling the simulation for this machine, once"
@@ -173,3 +207,88 @@ def _console(stream: Any) -> Console:
     # No markup: "[mm3/ms]" is a unit here. A file or pipe must not be folded at 80 columns.
     width = None if stream.isatty() else WIDTH_OF_A_FILE
     return Console(file=stream, width=width, markup=False, highlight=False, emoji=False)
+
+
+# Progress of long work on stderr: a bar in a terminal, lines in a file.
+
+STARTING = "starting"
+
+
+class Stage(NamedTuple):
+    """Progress of the work: phase, steps done, steps in all, and figures as text."""
+
+    phase: str
+    done: int
+    total: int
+    figures: str
+
+
+class Bar(AbstractContextManager["Bar"]):
+    """Progress of one piece of work.
+
+    Parameters
+    ----------
+    title : str
+        Said at the start.
+    """
+
+    def __init__(self, title: str) -> None:
+        console = stderr_console()
+        self.console = console if console is not None and console.is_terminal else None
+        self.title = title
+        self._said = (-1, "")
+
+    def __enter__(self) -> Bar:
+        say(self.title)
+        if self.console is not None:
+            self.bar = _rich_bar(self.console)
+            self.bar.start()
+            self.task = self.bar.add_task(STARTING, total=None, figures="")
+        self._before = tell_of_compiling(self._compiling)
+        return self
+
+    @contextmanager
+    def _compiling(self) -> Iterator[None]:
+        if self.console is not None:
+            self.bar.update(self.task, description=compiling_words(), refresh=True)
+            yield
+            self.bar.update(self.task, description=STARTING)
+        else:
+            say(compiling_words())
+            yield
+
+    def __exit__(self, *_: object) -> None:
+        tell_of_compiling(self._before)
+        if self.console is not None:
+            self.bar.stop()
+
+    def note(self, text: str) -> None:
+        """Say a sentence without disturbing the bar."""
+        if self.console is not None:
+            self.console.print(text, highlight=False)
+        else:
+            say(text)
+
+    def show(self, s: Stage) -> None:
+        """Show a stage; in a file at its first step and at every tenth part of it."""
+        if self.console is not None:
+            self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
+            return
+        part = (10 * s.done // max(s.total, 1), s.phase)
+        if s.done > 0 and part != self._said:
+            self._said = part
+            say(f"{s.phase} {s.done}/{s.total}: {s.figures}")
+
+
+def _rich_bar(console: Any) -> Any:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[figures]}"),
+        Remaining(),
+        console=console,
+    )

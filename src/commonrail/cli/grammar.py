@@ -1,6 +1,6 @@
 """Grammar of the command: its verbs, each imported when it is called, and their options from annotated signatures.
 
-A verb is a click command that is registered in the group "verbs" of `commonrail.registry`. Those of the package are
+A verb is a click command that is registered in the group "verbs" of `commonrail.base.registry`. Those of the package are
 functions under the decorator `verb`; an installed package may declare its own in this way or with click alone.
 """
 
@@ -15,10 +15,10 @@ from typing import Any, get_args, get_origin
 
 import click
 
+from commonrail.base.errors import PluginError, nearest
+from commonrail.base.registry import entries, find
 from commonrail.cli.console import say
 from commonrail.cli.guard import check_paths, guarded, raise_interrupts
-from commonrail.errors import PluginError, nearest
-from commonrail.registry import entries, find
 
 
 class Option:

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from commonrail.errors import CommonrailError, InputError, OutputError
+from commonrail.base.errors import CommonrailError, InputError, OutputError
 
 INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
 UNEXPECTED = 1
@@ -86,7 +86,7 @@ def guarded() -> Iterator[None]:
 
 def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
     """Sentence and exit status for a package that cannot be imported: some are loaded only where they are used."""
-    from commonrail.engine.library import COMPILERS, INSTALL  # late: most commands end otherwise
+    from commonrail.engine.machine_code import COMPILERS, INSTALL  # late: most commands end otherwise
 
     package = (error.name or "").partition(".")[0]
     if package in COMPILERS:

@@ -2,33 +2,206 @@
 
 from __future__ import annotations
 
+import re
+import tempfile
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError, nearest
+from commonrail.base.output import check_target, writing
+from commonrail.base.units import compatible, parse, parse_difference
 from commonrail.cli.grammar import Argument, Option
-from commonrail.errors import InputError, nearest
-from commonrail.units import parse
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
-    from commonrail.injector.definition import Injector
+    from commonrail.physics.injector import Injector
     from commonrail.workers.workers import Workers
 
-__all__ = [
-    "ClusterAddress",
-    "Json",
-    "OutFile",
-    "PlotFile",
-    "StudyFile",
-    "Threads",
-    "WorkerCount",
-    "check_workers",
-    "open_workers",
-    "read_energisings",
-    "with_overrides",
-]
+# Places to write to: refused before the work rather than after it.
+
+
+def check_file(path: Path | None, option: str) -> None:
+    """Refuse a file that could not be written later.
+
+    Raises
+    ------
+    InputError
+        If it is a folder, its folder is missing, or it is a file that a run has written or copied.
+    OutputError
+        If it is a symbolic link or a device, or its folder is not writable.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise InputError(f"{option}: {path} is a folder; name a file in it.")
+    if not path.parent.is_dir():
+        raise InputError(f"{option}: there is no folder {path.parent}; make it or name another.")
+    check_target(path)
+    if path.exists():
+        from commonrail.runs.copies import refuse_file_of_run  # slow to import
+
+        refuse_file_of_run(path, option)
+    with writing(path, option):
+        if path.exists():
+            path.open("ab").close()
+        tempfile.TemporaryFile(dir=path.parent).close()
+
+
+def check_distinct(*paths: Path | None) -> None:
+    """Refuse outputs of one command that would take each other's place.
+
+    Raises
+    ------
+    InputError
+        If two are one file.
+    """
+    seen: dict[Path, Path] = {}
+    for path in paths:
+        if path is None:
+            continue
+        place = path.absolute().parent.resolve() / path.name
+        if place in seen:
+            raise InputError(f"{path}: two outputs of one command are to be written there; name a file for each.")
+        seen[place] = path
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a folder that could not be made or written to later, without making it.
+
+    Raises
+    ------
+    InputError
+        If it is a file.
+    OutputError
+        If the nearest folder above it is not writable.
+    """
+    above = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not above.is_dir():
+        raise InputError(f"{path}: {above} is a file; name a folder.")
+    with writing(path):
+        tempfile.TemporaryFile(dir=above).close()
+
+
+def free_run_folder(stem: str, under: Path = Path("runs")) -> Path:
+    """First folder ``runs/<stem>-<n>`` that does not exist yet."""
+    number = 1
+    while (folder := under / f"{stem}-{number}").exists():
+        number += 1
+    return folder
+
+
+def stem_of(source: Path) -> str:
+    """Name for runs of a file: one that is called study or family says less than its folder."""
+    return source.absolute().parent.name if source.stem in ("study", "family") else source.stem
+
+
+# Axes on the command line: lists and ranges of values with their unit.
+
+MOST_VALUES = 200
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+
+
+def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) -> Floats:
+    """Values (n,) of an axis in `unit`.
+
+    Parameters
+    ----------
+    text : str
+        ``"20,40,80MPa"``, ``"20MPa, 400bar"`` or a range ``"20:180:10MPa"`` of first value, last value and step. A unit
+        at the end holds for the values before it that have none.
+    unit : str
+        SI unit of the result.
+    option : str
+        For messages.
+    increasing : bool
+        Refuse values that do not increase strictly.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be read, there are none or too many, or they have to increase and do not.
+    """
+    if ":" in text:
+        return _range(text, unit, option)
+    texts = _with_units(text.split(","), option)
+    values = np.array([parse(one, unit, option) for one in texts])
+    if len(values) > MOST_VALUES:
+        raise InputError(f"{option}: there are {len(values)} values, and at most {MOST_VALUES} are taken.")
+    falls = np.flatnonzero(np.diff(values) <= 0.0).tolist() if increasing else []
+    if falls:
+        before, after = texts[falls[0] : falls[0] + 2]
+        raise InputError(
+            f"{option}: the values must increase strictly, but {after} follows {before}; sort them and remove repeated "
+            "ones."
+        )
+    return values
+
+
+def _range(text: str, unit: str, option: str) -> Floats:
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise InputError(f'{option} "{text}": a range is FIRST:LAST:STEP, such as 20:180:10MPa.')
+    texts = _with_units(parts, option)
+    first, last = (parse(one, unit, option) for one in texts[:2])
+    step = parse_difference(texts[2], unit, option)  # of a temperature: 20 degC between two values, not 293 K
+    if not (step > 0.0 and last >= first):
+        raise InputError(
+            f'{option} "{text}": the step of a range must be greater than zero, the last value not smaller.'
+        )
+    count = int(np.floor((last - first) / step * (1.0 + 1e-9) + 1e-9)) + 1
+    if count > MOST_VALUES:
+        raise InputError(f'{option} "{text}": the range has {count} values, and at most {MOST_VALUES} are taken.')
+    return np.array([float(f"{first + step * i:.12g}") for i in range(count)])
+
+
+def _with_units(parts: list[str], option: str) -> list[str]:
+    """Texts with a unit each, taken from the next one that has one."""
+    found: list[str] = []
+    unit = ""
+    for part in reversed(parts):
+        match = _NUMBER.fullmatch(part)
+        if match is None:
+            raise InputError(
+                f'{option}: "{part.strip()}" is not a number with a unit; write a list such as 20,40,80MPa.'
+            )
+        unit = match[2] or unit
+        found.append(f"{match[1]} {unit}")
+    return found[::-1]
+
+
+def read_quantities(text: str, density: float, option: str) -> Floats:
+    """Quantities (n,) by volume [m³], which increase strictly; masses are divided by the reference density.
+
+    Parameters
+    ----------
+    text : str
+        As `read_axis` takes it.
+    density : float
+        [kg/m³].
+    option : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        As `read_axis`.
+    """
+    unit = _NUMBER.fullmatch(re.split("[,:]", text)[-1])
+    if unit is not None and unit[2] and _is_mass(unit[2]):
+        return read_axis(text, "kg", option, increasing=True) / density
+    return read_axis(text, "m3", option, increasing=True)
+
+
+def _is_mass(unit: str) -> bool:
+    try:
+        return compatible(unit, "kg")
+    except InputError:
+        return False
 
 
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
@@ -101,7 +274,7 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     ConfigurationError
         If a value lies outside its domain.
     """
-    from commonrail.injector.reads import reader_of, unread_parameters
+    from commonrail.physics.reads import reader_of, unread_parameters
 
     if not settings:
         return injector
@@ -119,8 +292,8 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
 
 
 def _setting(text: str) -> tuple[str, float]:
-    from commonrail.arguments import not_whole
-    from commonrail.injector.definition import parameter_quantities
+    from commonrail.base.arguments import not_whole
+    from commonrail.physics.injector import parameter_quantities
 
     path, equals, value = (part.strip() for part in text.partition("="))
     known = parameter_quantities()

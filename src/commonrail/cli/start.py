@@ -9,8 +9,6 @@ import warnings
 
 from commonrail.cli.guard import end_process
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Run the command."""
@@ -19,9 +17,9 @@ def main() -> None:
         signal.signal(signal.SIGINT, end_process)
     open_standard_streams()
     leave_out_warnings()
+    from commonrail.base.hooks import tell_notes, tell_of_compiling
     from commonrail.cli.console import compiling, say, say_of_ending
     from commonrail.cli.grammar import cli
-    from commonrail.notice import tell_notes, tell_of_compiling
     from commonrail.workers.interrupt import end_at_second
 
     tell_of_compiling(compiling)

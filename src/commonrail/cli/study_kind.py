@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail import registry
-from commonrail.errors import InputError
+from commonrail.base import registry
+from commonrail.base.errors import InputError
 
 _FORMAT = re.compile(r"commonrail-(?P<name>.+)/\d+")
 
@@ -61,7 +61,7 @@ class StudyKind(NamedTuple):
 
 def kind_of_study(path: Path) -> StudyKind | None:
     """Kind of the study in a file; None for that of an injector, and for what is no study."""
-    from commonrail.reading.toml_file import read_toml
+    from commonrail.readers.toml import read_toml
 
     try:
         found = _FORMAT.fullmatch(str(read_toml(path)[0].get("format", "")))
@@ -73,7 +73,7 @@ def kind_of_study(path: Path) -> StudyKind | None:
 
 def kind_of_run(folder: Path) -> StudyKind | None:
     """Kind of the study whose run a folder holds; None for that of an injector."""
-    from commonrail.store.journal import JOURNAL
+    from commonrail.runs.journal import JOURNAL
 
     if not (folder / JOURNAL).is_file():
         return None

@@ -1,0 +1,1 @@
+"""How an injector is simulated: operating points, lanes, reference engines, stepper, solutions, status."""

@@ -13,21 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.compile import physics
-from commonrail.engine.feed import (
-    Inlets,
-    arrived,
-    fill_rings,
-    make_clocks,
-    make_wave_transport,
-)
-from commonrail.engine.job import Vector
-from commonrail.engine.notes import (
+from commonrail.engine.feed import Inlets, arrived, fill_rings, make_clocks, make_wave_transport
+from commonrail.engine.job import Shape, Vector
+from commonrail.engine.recorder import (
     FIGURE,
     Sample,
     StopRule,
+    at,
     check,
     crossed,
+    make_rows,
     next_horizon,
     record,
     record_crossing,
@@ -36,12 +31,11 @@ from commonrail.engine.notes import (
     set_horizons,
     take_sample,
 )
-from commonrail.engine.rows import at, make_rows
-from commonrail.engine.table import Shape
-from commonrail.fuel.kernel import FuelCoefficients
-from commonrail.injector.layout import layout_of
-from commonrail.injector.model import Inputs, Setting, Waves
-from commonrail.injector.variants import Variant, wiring
+from commonrail.physics.fuel_kernel import FuelCoefficients
+from commonrail.physics.law import physics
+from commonrail.physics.layout import layout_of
+from commonrail.physics.model import Inputs, Setting, Waves
+from commonrail.physics.variants import Variant, wiring
 
 Law = Callable[..., Any]
 
@@ -274,8 +268,8 @@ def make_blocks(variant: Variant, vector: Vector) -> Law:
     variant : Variant
     vector : Vector
     """
+    from commonrail.compiler.numba import widest_vectors
     from commonrail.engine.registers import clock_reader, row_copier, row_gatherer
-    from commonrail.jit import widest_vectors
 
     rows, lanes = make_rows(variant, vector.lanes), vector.lanes
     clocks = partial(make_clocks, read=clock_reader(lanes))

@@ -12,14 +12,13 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
-from commonrail.compile import FLUSH_TINY, KEEP_ALL, KEEP_NONE
+from commonrail.compiler.numba import exchange_rounding, widest_vectors
 from commonrail.engine.block import make_blocks, shape_of
 from commonrail.engine.feed import ClockedMemory
-from commonrail.engine.job import Vector
-from commonrail.engine.notes import Outcome
-from commonrail.engine.table import GIVEN, Array
-from commonrail.injector.variants import Variant
-from commonrail.jit import exchange_rounding, widest_vectors
+from commonrail.engine.job import GIVEN, Array, Vector
+from commonrail.engine.recorder import Outcome
+from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE
+from commonrail.physics.variants import Variant
 
 REFUSED = 1
 

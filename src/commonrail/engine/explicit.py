@@ -15,18 +15,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.arrays import Floats, Ints
-from commonrail.choices import Drive
-from commonrail.compile import physics
-from commonrail.engine.instant import AT, past_limit
+from commonrail.base.arrays import Floats, Ints
+from commonrail.base.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.rates import make_air_gap, make_rates, make_sac_rate
-from commonrail.engine.timetable import courses, knots, segments, value_at
-from commonrail.engine.vector import core_of, make_frame
-from commonrail.injector.joints import CLEAR_LIFT, REOPENED
-from commonrail.injector.model import Coefficients
-from commonrail.injector.variants import Variant, wiring
-from commonrail.parts.drive import turned
+from commonrail.engine.schedule import courses, knots, segments, value_at
+from commonrail.physics.algebraic import AT, past_limit
+from commonrail.physics.components.drive import turned
+from commonrail.physics.connections import CLEAR_LIFT, REOPENED
+from commonrail.physics.equations import make_air_gap, make_rates, make_sac_rate
+from commonrail.physics.law import physics
+from commonrail.physics.model import Coefficients
+from commonrail.physics.state_vector import core_of, make_frame
+from commonrail.physics.variants import Variant, wiring
 
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
@@ -143,7 +143,7 @@ def _plan(problem: Problem, time: Floats) -> _Plan:
 @functools.cache
 def compiled_march(variant: Variant) -> Callable[..., bool]:
     """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded)."""
-    from commonrail.jit import kernel
+    from commonrail.compiler.numba import kernel
 
     return kernel(_make_march(variant), f"march: {variant.label}")  # type: ignore[no-any-return]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from commonrail.compile import physics
-from commonrail.engine.rows import at
+from commonrail.engine.recorder import at
+from commonrail.physics.law import physics
 
 Law = Callable[..., Any]
 

@@ -1,7 +1,7 @@
 """The fast engine: candidates side by side in SIMD lanes, blocks of lanes on threads.
 
 Each lane of a block holds one candidate at one operating point. They live behind one pointer, rows × lanes; the loop
-over lanes calls the step of `commonrail.injector.step` on NamedTuples and is vectorised by the compiler. Travelling
+over lanes calls the step of `commonrail.physics.step` on NamedTuples and is vectorised by the compiler. Travelling
 waves wait in ring buffers behind the other rows. Samples and their misfit are taken inside the loop, so a population
 leaves no traces in memory. A lane depends on nothing but its own candidate and point: results are the same bits for any
 neighbours and any number of threads.
@@ -15,17 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.arrays import Floats, Ints
-from commonrail.choices import Precision
+from commonrail.base.arrays import Floats, Ints
+from commonrail.base.choices import Precision
+from commonrail.base.errors import SimulationError
 from commonrail.engine.block import shape_of
-from commonrail.engine.job import Job, Samples, Vector
+from commonrail.engine.job import Given, Job, Samples, Vector, address, fill, scratch_for
 from commonrail.engine.machine_code import MachineCode, machine_code
-from commonrail.engine.notes import Outcome
-from commonrail.engine.table import Given, address, fill, scratch_for
+from commonrail.engine.recorder import Outcome
 from commonrail.engine.threads import side_by_side
-from commonrail.errors import SimulationError
-from commonrail.injector.model import Waves
-from commonrail.injector.variants import Variant, wiring
+from commonrail.physics.model import Waves
+from commonrail.physics.variants import Variant, wiring
 
 # One register of 512 bits: docs/decisions/0011-the-widest-registers.md.
 VECTORS = {
@@ -103,7 +102,7 @@ def compiled(variant: Variant, precision: Precision, same_bits: bool) -> Machine
     variant : Variant
     precision : Precision
     same_bits : bool
-        Exact, so that its bits are those of any processor: see `commonrail.exact`.
+        Exact, so that its bits are those of any processor: see `commonrail.compiler.numba`.
 
     Raises
     ------

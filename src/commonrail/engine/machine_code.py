@@ -5,18 +5,144 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
+import json
+import os
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from commonrail.choices import Precision
-from commonrail.compile_target import Processor, lane_settings, may_compile, own_processor
-from commonrail.engine import library
+from commonrail.base.choices import Precision
+from commonrail.base.errors import ConfigurationError
+from commonrail.compiler.cache import ENDING, kept_or_made, sources_stamp
+from commonrail.compiler.numba import exact_processor
+from commonrail.compiler.target import (
+    LEVEL_3,
+    LEVEL_4,
+    SWITCH,
+    Processor,
+    is_x86,
+    kernels_switch,
+    lane_settings,
+    may_compile,
+    own_processor,
+    package_version,
+)
 from commonrail.engine.job import Vector
-from commonrail.errors import ConfigurationError
-from commonrail.exact import exact_processor
-from commonrail.injector.variants import Variant
-from commonrail.kernel_cache import ENDING, kept_or_made
+from commonrail.physics.variants import Variant
+
+# Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
+#
+# A library is used if it was made from the sources that are here, for a level that this processor has, and is whole: a
+# cut one would end the process. A file beside the libraries, `STAMP`, tells from which sources and by which compiler
+# they were made, and their digests.
+
+FOLDER = Path(__file__).resolve().parents[1] / "kernels"
+STAMP = "stamp.json"
+COMPILERS = ("numba", "llvmlite")
+INSTALL = "pip install 'commonrail[jit]'"  # installs them in the versions of the libraries
+
+
+class Shared(NamedTuple):
+    """Address of a function, processor that it was compiled for, and library that holds it."""
+
+    address: int
+    processor: str
+    holder: Any
+
+
+def file_of(processor: str) -> Path:
+    """Library of a level."""
+    return FOLDER / f"lanes-{processor.rpartition('-')[2]}.so"
+
+
+def digest(path: Path) -> str:
+    """Digest of a library, as the stamp keeps it."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def find(symbol: str) -> Shared | None:
+    """Function of a library by its name; None where there is none that may be used.
+
+    Raises
+    ------
+    ConfigurationError
+        If ``COMMONRAIL_KERNELS`` is none of its values.
+    """
+    level = None if objection() else _level()
+    if level is None:
+        return None
+    holder = _opened(file_of(level))
+    try:
+        function = getattr(holder, symbol)
+    except AttributeError:
+        return None
+    return Shared(int(ctypes.cast(function, ctypes.c_void_p).value or 0), level, holder)
+
+
+@functools.cache
+def objection() -> str:
+    """Reason why no library is used; "" where they are."""
+    if kernels_switch() == "off":
+        return f"{SWITCH}=off"
+    named = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
+    if named:
+        return f"{named[0]} names another processor"
+    stamp = made_by()
+    if stamp is None:
+        return "none came with this package"
+    if stamp.get("sources") != sources_stamp():
+        return "the sources were changed since they were built"
+    for package in COMPILERS:  # the installed ones are named in results, and may round differently
+        own = package_version(package)
+        if own and own != stamp.get(package):
+            return f"they were compiled by {package} {stamp.get(package)}, and {own} is installed"
+    if not is_x86():
+        return "they are for x86-64 processors"
+    try:
+        level = _level()
+    except OSError as error:
+        return f"they cannot be loaded: {error}"
+    return "" if level else "none is for this processor"
+
+
+@functools.cache
+def made_by() -> dict[str, Any] | None:
+    """Stamp of the libraries: sources, versions of compilers, digests; None where there are no libraries."""
+    try:
+        found = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+@functools.cache
+def _level() -> str | None:
+    """Level whose library is used and opened here: the highest that this processor has, unless `SWITCH` names one.
+
+    Raises
+    ------
+    OSError
+        If a library cannot be loaded.
+    """
+    lowest = file_of(LEVEL_3.name)
+    if not lowest.exists():
+        return None
+    has = int(_opened(lowest).cr_level())
+    wanted = 3 if kernels_switch() == "v3" else 4
+    level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, wanted))
+    if level is None or not file_of(level.name).exists():
+        return None
+    _opened(file_of(level.name))
+    return level.name
+
+
+@functools.cache
+def _opened(path: Path) -> Any:
+    digests = (made_by() or {}).get("libraries")
+    if not path.is_file() or not isinstance(digests, dict) or digests.get(path.name) != digest(path):
+        raise OSError(f"{path} is not the one that was built; build it again, or delete {path.parent}")
+    return ctypes.CDLL(str(path))
 
 
 class MachineCode(NamedTuple):
@@ -62,7 +188,7 @@ def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCo
     variant : Variant
     vector : Vector
     same_bits : bool
-        Exact, so that its bits are those of any processor: see `commonrail.exact`.
+        Exact, so that its bits are those of any processor: see `commonrail.compiler.numba`.
 
     Raises
     ------
@@ -70,7 +196,7 @@ def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCo
         If no bits are promised on this machine, or it may not compile.
     """
     symbol = symbol_of(variant, vector.precision, same_bits)
-    shared = library.find(symbol)
+    shared = find(symbol)
     if shared is not None:
         return MachineCode(_callable(shared.address), "library", shared.processor, shared.holder)
     processor = exact_processor() if same_bits else own_processor()
@@ -101,8 +227,8 @@ def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[b
                 "The fast engine needs its compiler, which NUMBA_DISABLE_JIT switches off; unset it, or use the engine "
                 '"reference".'
             )
+        from commonrail.compiler.lower import compile_object
         from commonrail.engine.entry import make_entry
-        from commonrail.targets import compile_object
 
         made.append(True)
         return compile_object(make_entry(variant, vector), symbol, processor, vector.real)

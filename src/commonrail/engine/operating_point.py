@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.arguments import Limits, Quantity, amount, array, instance, number, sequence, settle, shown
-from commonrail.arrays import Floats
-from commonrail.errors import ConfigurationError
+from commonrail.base.arguments import Limits, Quantity, amount, array, instance, number, sequence, settle, shown
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
 
 # Limits that no injector comes near, and that numbers meant in another unit pass: 160 (MPa) and 1600 (bar) lie below
 # the pressures, 700 (us) and 0.7 (ms) above the durations.

@@ -7,21 +7,140 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from commonrail.arrays import Floats, Ints
-from commonrail.choices import Precision
-from commonrail.engine.courses import MAXIMUM_STEPS as MAXIMUM_STEPS
-from commonrail.engine.courses import courses_of
+from commonrail.base.arguments import array, sequence
+from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
+from commonrail.base.choices import Actuation, Precision
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine.block import FUEL
 from commonrail.engine.job import Courses, Job
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
-from commonrail.engine.population import candidate_matrix, columns
-from commonrail.engine.stability import Medium, medium_of
-from commonrail.engine.validity import check_point, note_limits, note_narrow_pipe
-from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.model import Setting
-from commonrail.injector.variants import wiring
+from commonrail.engine.recorder import Outcome
+from commonrail.engine.schedule import MAXIMUM_STEPS as MAXIMUM_STEPS
+from commonrail.engine.schedule import courses_of
+from commonrail.engine.status import OK, STILL_INJECTING, Status, check_point, note_limits, note_narrow_pipe
+from commonrail.engine.time_step import Medium, medium_of, too_long
+from commonrail.physics.fuel import Fuel
+from commonrail.physics.fuel_kernel import coefficient_rows, fuel_coefficients
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
+from commonrail.physics.model import Setting
+from commonrail.physics.parameters import Domain
+from commonrail.physics.variants import wiring
+
+# From the values that a user gives for many candidates to their full parameter vectors.
+
+
+def read_candidates(names: Sequence[str], values: ArrayLike | None) -> Floats:
+    """Values (candidates, names) as SI numbers; text is read in the unit of its own column."""
+    if values is None:
+        candidates = np.empty((1, 0))
+    elif isinstance(values, np.ndarray) and values.dtype.kind in "iuf":
+        candidates = np.atleast_2d(np.asarray(values, float))
+    else:
+        candidates = _read_rows(names, values)
+    if candidates.ndim != 2 or candidates.shape[1] != len(names):
+        raise ConfigurationError(
+            f"{len(names)} names but {candidates.shape[-1]} values a candidate were given: the values must have a row "
+            "for each candidate and in it one value for each name, such as [[1e-3], [2e-3]] for one name."
+        )
+    if not len(candidates):
+        raise ConfigurationError("At least one candidate is needed among the values.")
+    return candidates
+
+
+def _read_rows(names: Sequence[str], values: Any) -> Floats:
+    rows = sequence(values, "values", "[[1e-3], [2e-3]], a row for each candidate")
+    if not any(isinstance(row, Sequence | np.ndarray) and not isinstance(row, str) for row in rows):
+        rows = [rows]
+    known = parameter_quantities()
+    read = []
+    for i, row in enumerate(rows, start=1):
+        what = f"values of candidate {i}"
+        items = sequence(row, what, "[1e-3]")
+        if len(items) != len(names):
+            raise ConfigurationError(f"{len(names)} names but {len(items)} {what} were given; give one for each name.")
+        read.append(
+            [
+                float(array(item, known[name].unit, f"{what}, {name}", 0, finite=False))
+                for item, name in zip(items, names, strict=True)
+            ]
+        )
+    return np.reshape(read, (len(read), len(names))).astype(float)
+
+
+def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, row: Floats | None = None) -> Floats:
+    """Full parameter vectors of candidates: (candidates, parameters + fuel coefficients).
+
+    Parameters
+    ----------
+    injector : Injector
+        Gives the values that do not vary.
+    names : sequence of str
+        Dotted names of the values that vary; "fuel.temperature" may be among them.
+    values : (candidates, names)
+        SI values.
+    row : (parameters + fuel coefficients,), optional
+        The injector's own full vector, known already.
+    """
+    if row is not None and FUEL_TEMPERATURE not in names:
+        theta = np.empty((len(values), len(row)))
+        theta[:] = row
+        theta[:, columns(tuple(names), injector.variant.actuation)] = values
+        return theta
+    paths = parameter_paths(injector.variant.actuation)
+    theta = np.empty((len(values), len(paths) + len(FUEL.paths)))
+    theta[:, : len(paths)] = [injector.values[path] for path in paths]
+    temperature = np.full(len(values), injector.values[FUEL_TEMPERATURE])
+    for column, name in enumerate(names):
+        if name == FUEL_TEMPERATURE:
+            temperature = values[:, column]
+        else:
+            theta[:, paths.index(name)] = values[:, column]
+    distinct, which = np.unique(temperature, return_inverse=True)
+    fuels = coefficient_rows(injector.fuel, tuple(distinct.tolist()))
+    theta[:, len(paths) :] = fuels[which]
+    return theta
+
+
+@functools.lru_cache(maxsize=64)
+def columns(names: tuple[str, ...], actuation: Actuation = Actuation.SERVO) -> IndexArray:
+    """Positions of parameters in a full vector of an actuation."""
+    paths = parameter_paths(actuation)
+    return np.array([paths.index(name) for name in names], np.intp)
+
+
+def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> Bools:
+    """True for candidates in the domain of their parameters, and in the fuel's range of temperature: (candidates,).
+
+    Parameters
+    ----------
+    names, values
+        As in `candidate_matrix`.
+    fuel : Fuel, optional
+        Its range of temperature is not asked where it is left out.
+    """
+    inside = np.isfinite(values)
+    if fuel is not None and FUEL_TEMPERATURE in names:
+        column = list(names).index(FUEL_TEMPERATURE)
+        inside[:, column] &= fuel.defined_at(values[:, column])
+    for domain, where in _domains(tuple(names)):
+        inside[:, where] &= domain.admits(values[:, where])
+    return np.asarray(inside.all(axis=1))
+
+
+@functools.lru_cache(maxsize=64)
+def _domains(names: tuple[str, ...]) -> list[tuple[Domain, list[int] | slice]]:
+    """Domains of parameters, and the places of those that lie in each."""
+    known = parameter_quantities()
+    found: dict[Domain, list[int]] = {}
+    for column, name in enumerate(names):
+        found.setdefault(known[name].domain, []).append(column)
+    if len(found) == 1:
+        return [(domain, slice(None)) for domain in found]
+    return list(found.items())
+
 
 CHECK_INTERVAL = 20e-6  # between checks of health and rest [s]
 RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
@@ -237,3 +356,57 @@ def _ring(injector: Injector, theta: Floats, dt: float, steps: int) -> int:
     way = max(_WAYS[name] * theta[:, i].max() for name, i in zip(names, at, strict=True))
     longest = min(way / SLOWEST_WAVE / dt, float(steps)) + 4.0
     return 1 << int(np.ceil(np.log2(longest)))
+
+
+# Statuses of simulations, from what the compiled loop has recorded.
+
+BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty
+
+
+def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome: Outcome) -> Ints:
+    """Status of each candidate at each operating point: (candidates, points).
+
+    Parameters
+    ----------
+    names : sequence of str
+        Parameters in which the candidates differ.
+    theta : (candidates, parameters)
+        Flat parameter vectors.
+    prepared : Prepared
+        Injector, operating points and step.
+    outcome : Outcome
+        Figures of the run.
+    """
+    status = np.full((len(theta), len(prepared.points)), OK)
+    status[outcome.closed_at_end == 0.0] = STILL_INJECTING
+    bad = outcome.sound == 0.0
+    if bad.any():
+        finite = np.isfinite(outcome.injected)
+        status[bad] = np.where(finite[bad], Status.RAN_AWAY, Status.NOT_FINITE)
+    status[outcome.injected < -BACKFLOW] = Status.NOT_FINITE
+    # whatever came out: beyond the limit, at the greatest lift that was reached, a plausible figure may be far off
+    status[_step_too_long(names, theta, prepared, np.nan_to_num(outcome.greatest_lift))] = Status.STEP_UNSTABLE
+    status[outcome.closed_at_start == 0.0] = Status.NOT_CLOSED_AT_START
+    return status
+
+
+def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lifts: Floats) -> Bools:
+    """True for (candidates, points) whose step is too long at the point's own rail pressure and largest lift.
+
+    Parameters
+    ----------
+    names, theta, prepared
+        As in `statuses_of`.
+    lifts : (candidates, points)
+        [m].
+    """
+    injector, dt, points = prepared.injector, prepared.dt, lifts.shape[1]
+    # fuel is stiffest at the largest pressure: what bears the step there, at its largest lift, bears it at every point
+    found = np.repeat(too_long(injector, names, theta, prepared.medium, dt, lifts.max(axis=1))[:, None], points, axis=1)
+    asked = np.flatnonzero(found[:, 0])
+    if points > 1 and len(asked):
+        modulus, speed, at_return = medium_of(injector, prepared.highest)
+        medium = Medium(np.tile(modulus, len(asked)), np.tile(speed, len(asked)), at_return)
+        rows = np.repeat(theta[asked], points, axis=0)
+        found[asked] = too_long(injector, names, rows, medium, dt, lifts[asked].ravel()).reshape(-1, points)
+    return found

@@ -7,34 +7,60 @@ segment. Pipes are resolved by `cells` finite volumes. On request the explicit m
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from commonrail.arrays import Floats
-from commonrail.choices import Actuation, Boundary, Drive
-from commonrail.engine.balance import relative_to_injected
-from commonrail.engine.channels import all_channels
-from commonrail.engine.crossings import Crossings, instants
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Actuation, Boundary, Drive
+from commonrail.base.errors import ConfigurationError
 from commonrail.engine.explicit import Fixed, Instants, Problem, march
-from commonrail.engine.instant import AT, Inlet, feed, inlet_law, past_limit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at, reference_density
-from commonrail.engine.rates import make_air_gap, make_hydraulics, make_rates
-from commonrail.engine.solution import Solution
-from commonrail.engine.status import Status
-from commonrail.engine.timetable import courses, segments, value_at
-from commonrail.engine.validity import check_point, note_limits
-from commonrail.engine.vector import core_of, make_frame, start_vector, typical_sizes, vector_states
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
-from commonrail.injector.joints import CLEAR_LIFT
-from commonrail.injector.model import Setting
-from commonrail.injector.variants import Variant, wiring
-from commonrail.parts import drive
-from commonrail.parts.contents import contents
+from commonrail.engine.schedule import courses, segments, value_at
+from commonrail.engine.solution import Solution, all_channels, relative_to_injected
+from commonrail.engine.status import Status, check_point, note_limits
+from commonrail.physics.algebraic import AT, Inlet, feed, inlet_law, past_limit
+from commonrail.physics.components import drive
+from commonrail.physics.connections import CLEAR_LIFT, REOPENED
+from commonrail.physics.equations import make_air_gap, make_hydraulics, make_rates
+from commonrail.physics.flow.volume import contents
+from commonrail.physics.injector import Injector
+from commonrail.physics.model import Setting
+from commonrail.physics.state_vector import core_of, make_frame, start_vector, typical_sizes, vector_states
+from commonrail.physics.variants import Variant, wiring
+
+# Crossings of the needle's seat that a reference engine has recorded, and the instants that follow from them.
+
+
+class Crossings(NamedTuple):
+    """Times [s] at which the tip rises above `CLEAR_LIFT`, meets its seat, leaves it, each with the mass injected."""
+
+    clears: list[tuple[float, float]]
+    meets: list[tuple[float, float]]
+    lifts: list[tuple[float, float]]
+
+
+def instants(crossings: Crossings) -> Instants:
+    """Opening, last and first closing, as `Solution` defines them."""
+    clears = [t for t, _ in crossings.clears]
+    if not clears:
+        return Instants()
+    left, is_open, closings = 0.0, True, []
+    events = [(*at, kind) for kind, row in crossings._asdict().items() for at in row if at[0] >= clears[0]]
+    for t, injected, kind in sorted(events):
+        if kind == "lifts":
+            left, is_open = injected, False
+        elif kind == "clears":
+            is_open = True
+        elif is_open or injected - left > REOPENED * injected:
+            closings.append(t)
+            is_open = False
+    last = [t for t in closings if t > clears[-1]]
+    return Instants(clears[0], last[-1] if last else math.nan, closings[0] if closings else math.nan)
 
 
 class Resolution(NamedTuple):
@@ -58,7 +84,7 @@ CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no furth
 @functools.cache
 def _compiled_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
-    from commonrail.jit import kernel
+    from commonrail.compiler.numba import kernel
 
     return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
 

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from commonrail.arrays import Floats
+from commonrail.base.arrays import Floats
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.population import candidate_matrix
+from commonrail.engine.plan import candidate_matrix, statuses_of
 from commonrail.engine.simulate import usable_threads
 from commonrail.engine.status import which_failed
-from commonrail.engine.statuses import statuses_of
-from commonrail.injector.definition import Injector
+from commonrail.physics.injector import Injector
 
 
 def sampled_rates(

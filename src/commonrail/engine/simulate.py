@@ -12,27 +12,21 @@ from typing import NamedTuple, ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.arguments import Quantity, chosen, flag, instance, instances, known_names, number, thread_count
-from commonrail.arrays import Floats
-from commonrail.choices import Engine, Precision
+from commonrail.base.arguments import Quantity, chosen, flag, instance, instances, known_names, number, thread_count
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Engine, Precision
+from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.units import to_text
 from commonrail.engine import lanes, plan
-from commonrail.engine.balance import relative_balance
-from commonrail.engine.channels import read_channels
 from commonrail.engine.lanes import VECTORS, Misfit
-from commonrail.engine.notes import Outcome
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import Prepared
-from commonrail.engine.population import admissible, candidate_matrix, read_candidates
-from commonrail.engine.solution import Batch, Solution
-from commonrail.engine.stability import longest_step
-from commonrail.engine.status import Status, which_failed
-from commonrail.engine.statuses import statuses_of
-from commonrail.engine.time_step import DEFAULT_STEP, check_step
-from commonrail.engine.validity import check_inputs
-from commonrail.errors import ConfigurationError, SimulationError
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.variants import Variant
-from commonrail.units import to_text
+from commonrail.engine.plan import Prepared, admissible, candidate_matrix, read_candidates, statuses_of
+from commonrail.engine.recorder import Outcome
+from commonrail.engine.solution import Batch, Solution, read_channels, relative_balance
+from commonrail.engine.status import Status, check_inputs, which_failed
+from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.variants import Variant
 
 ROUNDING = 1e-6  # relative difference from a whole number of steps that counts as rounding
 

@@ -3,13 +3,133 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from commonrail.arrays import Bools, Floats, Ints
+from commonrail.base.arrays import Bools, Floats, Ints
+from commonrail.base.choices import Actuation, Boundary
+from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.plan import coefficients_at
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import step_advice
+from commonrail.physics.components import feed_pipe, solenoid
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import Variant, wiring
+
+# Mass balance of a whole simulation, from the traced state.
+
+SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing to be relative to
+
+_VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
+
+
+def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[str, Floats], dt: float) -> float:
+    """Balance of `relative_to_injected`.
+
+    In: drawn from the rail. Out: injected, returned. Stored: the volumes that the injector has and the feed pipe.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    states : mapping of str to (steps + 1,)
+        State after every step, by the names of `lanes.trace_paths`.
+    dt : float
+        Time step [s].
+    """
+    c = coefficients_at(injector, point, dt)
+    stored = sum(float(states[name][-1] - states[name][0]) for name in _VOLUMES if name in states)
+    stored += _pipe(states["waves.down"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
+    stored += _pipe(states["waves.up"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
+    inlet, end = states["feed_pipe.inlet_flow"][-1], states["feed_pipe.end_flow"][-1]
+    # the ends' friction of the last step, taken off when a wave leaves and when it arrives, is still on its way
+    late = feed_pipe.end_loss(c.feed_pipe, float(inlet)) - feed_pipe.end_loss(c.feed_pipe, float(end))
+    stored += dt * c.feed_pipe.admittance / 2 * late
+    injected = float(states["nozzle.injected"][-1])
+    put_in = float(states["cumulative_flows.supplied"][-1])
+    taken_out = injected + float(states["cumulative_flows.returned"][-1])
+    left = put_in - taken_out - stored
+    return relative_to_injected(left, injected)
+
+
+def relative_to_injected(left: float, injected: float) -> float:
+    """Mass that the books miss [kg] relative to what was injected, and to `SMALL` where less was [1]."""
+    return float(left / max(injected, SMALL))
+
+
+def _pipe(wave: Floats, delay: float, share: float) -> float:
+    """Gain in fuel under way [kg]: the waves that have left but not arrived, less those at the start."""
+    whole = int(min(max(delay, 1.0), len(wave)))  # a wave under way longer than the simulation has not left yet
+    part = max(delay, 1.0) - whole
+    weights = np.concatenate((np.ones(whole), [part]))
+    recent = wave[::-1][: whole + 1]
+    return float(share * np.sum(weights[: len(recent)] * (recent - wave[0])))
+
+
+# Channels of a solution, read off the states of an engine.
+
+States = Mapping[str, Floats]
+
+_PRESSURES = {  # names of the states, those that an injector has
+    "control_pressure": "control_chamber.fuel.pressure",
+    "accumulation_pressure": "accumulation.fuel.pressure",
+    "sac_pressure": "sac.pressure",
+    "rail_pressure": "rail.pressure",
+    "return_pressure": "return_line.pressure",
+}
+
+
+def read_channels(injector: Injector, point: OperatingPoint, time: Floats, states: States) -> dict[str, Floats]:
+    """Channels of a `Solution` of the fast engines.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    time : (samples,)
+        [s].
+    states : mapping of str to (samples,)
+        State at those times, by the names of `lanes.trace_paths`.
+    """
+    held = dict(states)
+    if isinstance(point.rail_pressure, Trace) and injector.variant.boundary is not Boundary.VOLUME:
+        held["rail.pressure"] = point.rail_pressure.at(time)
+    elif "rail.pressure" not in held:
+        held["rail.pressure"] = np.full(len(time), point.rail_pressure)
+    pressures = {name: held[path] for name, path in _PRESSURES.items() if path in held}
+    return all_channels(coefficients_at(injector, point, 1e-6), injector.wired(), states, pressures)
+
+
+def all_channels(c: Any, variant: Variant, states: States, pressures: States) -> dict[str, Floats]:
+    """Lifts, the given pressures, and what follows from flux and lift reached, as any engine names them.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of the variant's actuation.
+    variant : Variant
+    states, pressures : mapping of str to (samples,)
+    """
+    wired = wiring(variant)
+    body, discharge = wired.body, wired.laws.discharge
+    moved = states[f"body.{body.TOP}"]
+    if variant.actuation is Actuation.DIRECT:
+        lifts, gap = {"armature_lift": moved}, c.armature.travel - moved
+    else:
+        lifts = {"plunger_lift": moved, "valve_lift": states["valve.lift"]}
+        gap = c.valve.lift - states["valve.lift"]
+    magnet = solenoid.circuit(c.solenoid, states["solenoid.flux"], gap)  # type: ignore[arg-type]
+    return {
+        "needle_lift": states[f"body.{body.TIP}"],
+        **lifts,
+        **pressures,
+        "coil_current": np.asarray(magnet.current),
+        "magnetic_force": np.asarray(solenoid.magnetic_force(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
+        "discharge_coefficient": np.array([discharge(c.nozzle, z) for z in states["nozzle.lift_reached"]]),
+    }
 
 
 @dataclass(frozen=True)

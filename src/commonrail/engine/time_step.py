@@ -2,9 +2,304 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
-from commonrail.arguments import Limits, Quantity, amount
+import numpy as np
+
+from commonrail.base.arguments import Limits, Quantity, amount
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.choices import Actuation, Body, Boundary
+from commonrail.engine import direct_stability
+from commonrail.physics.components.chain import Seven, around
+from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.fuel import Fuel
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
+from commonrail.physics.variants import Variant
+
+# Longest time step of the fast engines for an injector: stability of what moves, travel times of the waves.
+#
+# Leapfrog with dampers at the extrapolated velocity (3 v_{n−1/2} − v_{n−3/2})/2 is stable for M z̈ + C ż + K z = 0 as
+# long as 4 M − dt² K − 4 dt C is positive definite: there the fastest mode, of period 2 dt, begins to grow. The needle
+# chain is judged in contact with seat and stop and pressed on by the fuel enclosed in its chambers, whose stiffness is
+# K_f A²/V each. The matrix has three diagonals: its pivots decide. A volume that is drawn on before its own pressure
+# answers must hold more than a wave draws from it in a step.
+
+Values = Mapping[str, Any]
+
+# Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The
+# contact's damping counts at this speed of impact [m/s].
+RESOLVED, IMPACT = 0.35, 1.0
+RIGID = 0.7  # largest ω dt of one rigid mass on its seat and stop: of second order, and all its energy in that mode
+# Share of the accumulation volume that a wave may draw through the seat's bore in a step: with a SAC as large as the
+# volume itself the flow through the seat begins to alternate at about one.
+DRAWN = 0.5
+STOP = "plunger_needle.stop_lift"  # ends what a risen plunger takes from the control chamber
+_DIGITS = 60  # halvings of the interval in which the longest step is sought
+
+# Parameters that shorten the longest step as they grow, and as they shrink.
+SHORTENS = (
+    *(f"plunger_needle.k{i}" for i in range(1, 8)),
+    "plunger_needle.joint_stiffness",
+    "plunger_needle.stop_stiffness",
+    "plunger_needle.damping_ratio",
+    "plunger_needle.plunger_diameter",
+    "plunger_needle.guide_diameter",
+    "plunger_needle.stem_diameter",
+    "needle_seat.contact_stiffness",
+    "needle_seat.diameter",
+    "feed_pipe.diameter",
+    "valve.contact_stiffness",
+    "valve.contact_damping",
+)
+LENGTHENS = (
+    *(f"plunger_needle.m{i}" for i in range(1, 8)),
+    "control_chamber.volume",
+    "accumulation.volume",
+    "sac.volume",
+    "valve.mass",
+    "feed_pipe.length",
+    "return_line.length",
+    "rail.volume",
+)
+
+
+_EITHER = (  # of either actuation: which of them an injector has is a matter of its values
+    {*SHORTENS, *direct_stability.SHORTENS},
+    {*LENGTHENS, *direct_stability.LENGTHENS},
+)
+
+
+class Medium(NamedTuple):
+    """Fuel at the largest rail pressure: bulk modulus [Pa], sound speed there and in the return line [m/s]."""
+
+    modulus: Any
+    speed: Any
+    return_speed: float
+
+
+def medium_of(injector: Injector, rail_pressure: Floats | float, return_pressure: float = 0.5e6) -> Medium:
+    """Fuel of an injector at its own temperature.
+
+    Parameters
+    ----------
+    injector : Injector
+    rail_pressure : float or array
+        [Pa]; modulus and speed have its shape.
+    return_pressure : float
+        [Pa].
+    """
+    fuel, temperature = injector.fuel, injector.values[FUEL_TEMPERATURE]
+    if np.ndim(rail_pressure):
+        modulus, speed = fuel.bulk_modulus(rail_pressure, temperature), fuel.sound_speed(rail_pressure, temperature)
+        return Medium(modulus, speed, float(fuel.sound_speed(return_pressure, temperature)))
+    return _medium_at(fuel, temperature, float(rail_pressure), return_pressure)
+
+
+@functools.lru_cache(maxsize=64)
+def _medium_at(fuel: Fuel, temperature: float, rail_pressure: float, return_pressure: float) -> Medium:
+    """`medium_of` at one pressure."""
+    return Medium(
+        float(fuel.bulk_modulus(rail_pressure, temperature)),
+        float(fuel.sound_speed(rail_pressure, temperature)),
+        float(fuel.sound_speed(return_pressure, temperature)),
+    )
+
+
+def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
+    """True where a step is short enough.
+
+    Parameters
+    ----------
+    variant : Variant
+    values : mapping of str to float or (n,)
+        SI values of `limiting` by dotted name.
+    medium : Medium
+    dt : float
+        Step [s].
+
+    Returns
+    -------
+    bool or (n,) bool
+        NaN anywhere counts as too long.
+    """
+    if variant.actuation is Actuation.DIRECT:
+        return direct_stability.bears(values, medium.modulus, medium.speed, dt)
+    moves = _chain_bears if variant.body is Body.FLEXIBLE else _rigid_bears
+    fluid = _waves_bear(values, medium, dt) & _volumes_bear(variant.boundary, values, medium, dt)
+    return moves(values, medium, dt) & _valve_bears(values, dt) & fluid
+
+
+def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
+    k, m = ([values[f"plunger_needle.{name}{i}"] for i in range(1, 8)] for name in "km")
+    ratio = values["plunger_needle.damping_ratio"]
+    links = [
+        dt * (dt * stiffness + 8.0 * ratio * (stiffness * mass) ** 0.5) for stiffness, mass in zip(k, m, strict=True)
+    ]
+    links.insert(5, dt * dt * values["plunger_needle.joint_stiffness"])
+    top, shoulder, tip = _pressed(values, medium)
+    held = {
+        0: values["plunger_needle.stop_stiffness"] + top,
+        7: shoulder,
+        8: values["needle_seat.contact_stiffness"] + tip,
+    }
+    pivot, before = None, 0.0
+    stable: Any = True
+    for i, node in enumerate(around(Seven(*m))):
+        after = links[i] if i < 8 else 0.0
+        diagonal = 2.0 * node - before - after - dt * dt * held.get(i, 0.0)
+        pivot = diagonal if pivot is None else diagonal - before * before / pivot
+        stable = stable & (pivot > 0.0)
+        pivot = abs(pivot) + 1e-300  # what is unstable already stays so; no division by zero
+        before = after
+    return stable
+
+
+def _rigid_bears(values: Values, medium: Medium, dt: float) -> Any:
+    mass = sum(values[f"plunger_needle.m{i}"] for i in range(1, 8))
+    contact = values["plunger_needle.stop_stiffness"] + values["needle_seat.contact_stiffness"]
+    return dt * dt * (contact + sum(_pressed(values, medium))) < RIGID * RIGID * mass
+
+
+def _pressed(values: Values, medium: Medium) -> tuple[Any, Any, Any]:
+    """Stiffness [N/m] of the enclosed fuel on the plunger's top, the needle's shoulder and its tip.
+
+    Shoulder and tip share the accumulation volume: twice each one's own stiffness bounds the two together.
+    """
+    top = pipe_area(values["plunger_needle.plunger_diameter"])
+    guide, stem = (pipe_area(values[f"plunger_needle.{name}_diameter"]) for name in ("guide", "stem"))
+    seat = pipe_area(values["needle_seat.diameter"])
+    around = 2.0 * medium.modulus / values["accumulation.volume"]
+    return (
+        medium.modulus * top * top / values["control_chamber.volume"],
+        around * guide * guide,
+        around * stem * stem + medium.modulus * seat * seat / values["sac.volume"],
+    )
+
+
+def _valve_bears(values: Values, dt: float) -> Any:
+    frequency = (values["valve.contact_stiffness"] / values["valve.mass"]) ** 0.5
+    damped = values["valve.contact_damping"] * IMPACT
+    return (dt * frequency <= RESOLVED) & (dt * frequency * damped <= 2.0 * RESOLVED)
+
+
+def _waves_bear(values: Values, medium: Medium, dt: float) -> Any:
+    feed, line = values["feed_pipe.length"], values["return_line.length"]
+    return (feed >= medium.speed * dt) & ((line == 0.0) | (2.0 * line >= medium.return_speed * dt))
+
+
+def _volumes_bear(boundary: Boundary, values: Values, medium: Medium, dt: float) -> Any:
+    way = medium.speed * dt
+    seat = way * pipe_area(values["needle_seat.diameter"]) <= DRAWN * values["accumulation.volume"]
+    if boundary is not Boundary.VOLUME:
+        return seat
+    return seat & (way * pipe_area(values["feed_pipe.diameter"]) <= values["rail.volume"])
+
+
+def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Parameters that shorten the longest step as they grow, and those that do as they shrink."""
+    if actuation is Actuation.DIRECT:
+        return direct_stability.SHORTENS, direct_stability.LENGTHENS
+    return SHORTENS, LENGTHENS
+
+
+@functools.cache
+def _columns(actuation: Actuation) -> dict[str, int]:
+    """Places in a flat parameter vector of what the longest step depends on."""
+    paths = parameter_paths(actuation)
+    stop = () if actuation is Actuation.DIRECT else (STOP,)
+    return {name: paths.index(name) for group in (*limiting(actuation), stop) for name in group}
+
+
+def _risen(actuation: Actuation, values: Values, lift: Any) -> Values:
+    """Volumes that a risen plunger has changed; none of a direct-acting injector."""
+    return {} if actuation is Actuation.DIRECT else {"control_chamber.volume": room_left(values, lift)}
+
+
+def room_left(values: Values, lift: Any) -> Any:
+    """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
+    risen = np.clip(lift, 0.0, values[STOP])
+    with np.errstate(all="ignore"):  # an area beyond all numbers leaves NaN, which no step bears
+        taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
+        return np.maximum(values["control_chamber.volume"] - taken, 1e-30)
+
+
+def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float = 0.0) -> float:
+    """Longest step [s] that a candidate bears, 0 if none does.
+
+    Parameters
+    ----------
+    injector : Injector
+    theta : (parameters, …)
+        Flat parameter vector of one candidate.
+    medium : Medium
+    lift : float
+        As in `too_long`.
+    """
+    acts = injector.variant.actuation
+    values = dict(zip(parameter_paths(acts), theta.tolist(), strict=False))
+    risen = {name: float(value) for name, value in _risen(acts, values, lift).items()}
+    return longest(injector.variant, values | risen, medium)
+
+
+def longest(variant: Variant, values: Values, medium: Medium) -> float:
+    """Longest step [s] for an injector's values by dotted name, 0 if none is short enough."""
+    with np.errstate(all="ignore"):
+        try:
+            if not bears(variant, values, medium, 1e-15):
+                return 0.0
+        except (OverflowError, ZeroDivisionError):
+            return 0.0
+        low, high = 1e-15, 1.0
+        for _ in range(_DIGITS):
+            middle = (low * high) ** 0.5
+            low, high = (middle, high) if bears(variant, values, medium, middle) else (low, middle)
+    return low
+
+
+def too_long(
+    injector: Injector, names: Sequence[str], theta: Floats, medium: Medium, dt: float, lift: Floats | float = 0.0
+) -> Bools:
+    """Candidates (n,) for which a step is too long.
+
+    Parameters
+    ----------
+    injector : Injector
+    names : sequence of str
+        Parameters in which the candidates differ.
+    theta : (n, parameters, …)
+        Flat parameter vectors.
+    medium : Medium
+        The same for all candidates, or its modulus and speed (n,).
+    dt : float
+        [s].
+    lift : float or (n,)
+        Greatest lift of the needle [m]: the plunger takes as much from the control chamber, and a chamber that is
+        nearly gone is a stiff spring.
+    """
+    acts = injector.variant.actuation
+    columns, shortens = _columns(acts), (*limiting(acts)[0], STOP)
+    values: dict[str, Any] = {name: theta[0, column] for name, column in columns.items()}
+    varied = {name: theta[:, columns[name]] for name in names if name in columns}
+    # if the stiffest combination of what varies bears the step, so does every candidate
+    corner = values | {name: own.max() if name in shortens else own.min() for name, own in varied.items()}
+    with np.errstate(all="ignore"):
+        if np.all(bears(injector.variant, {**corner, **_risen(acts, corner, np.max(lift))}, medium, dt)):
+            return np.zeros(len(theta), bool)
+        each = values | varied
+        return ~np.broadcast_to(bears(injector.variant, {**each, **_risen(acts, each, lift)}, medium, dt), len(theta))
+
+
+def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upper: Mapping[str, float]) -> Values:
+    """Values with which an injector needs the shortest step of all within bounds, the rest being as they are."""
+    return {
+        **values,
+        **{name: upper[name] for name in upper if name in _EITHER[0]},
+        **{name: lower[name] for name in lower if name in _EITHER[1]},
+    }
+
 
 TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`

@@ -1,1 +1,1 @@
-"""The report of a run folder: figure data and tables first, drawing last."""
+"""Tables, charts, pages and notebook display of results."""

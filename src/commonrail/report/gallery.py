@@ -6,21 +6,19 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from commonrail.choices import Actuation, Drive
-from commonrail.display.chart import Figure
-from commonrail.display.table import Table, tabulated
-from commonrail.display.text import fixed, quantity
+from commonrail.base.chart import Figure
+from commonrail.base.choices import Actuation, Drive
+from commonrail.base.table import Table, tabulated
+from commonrail.base.text import fixed, quantity
+from commonrail.base.units import to_text
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
-from commonrail.injector.definition import Injector
-from commonrail.report.draw import figure_html
+from commonrail.physics.injector import Injector
+from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.tables import MARKS
 from commonrail.report.html import render
-from commonrail.report.parameters import MARKS
 from commonrail.report.simulation import course_figure
-from commonrail.units import to_text
-
-__all__ = ["Exhibit", "exhibit", "gallery_html"]
 
 MICRO = 1e6
 # Operating points of the figures: an everyday main injection at the pressures that each kind of injector is built for.

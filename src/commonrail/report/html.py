@@ -9,10 +9,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
-from commonrail.display.table import Table
-from commonrail.display.text import MISSING
-
-__all__ = ["breakable", "is_long", "print_size", "render", "unbroken"]
+from commonrail.base.table import Table
+from commonrail.base.text import MISSING
 
 # Letters of a table beside one another: on a telephone 390 px wide, and times the size [pt] on A4 between its margins.
 TELEPHONE, PAPER = 50.0, 930.0

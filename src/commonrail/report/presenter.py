@@ -1,6 +1,6 @@
 """Content that a notebook shows of a kind of result: sentences, tables, figures, and named arrays in common units.
 
-A result names its presenter, as ``module:object``, in the class attribute `presenter`; see `commonrail.display.shown`.
+A result names its presenter, as ``module:object``, in the class attribute `presenter`; see `commonrail.base.display`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail import registry
-from commonrail.display.chart import Figure
-from commonrail.display.heat_map import HeatMap
-from commonrail.display.table import Table
-from commonrail.units import convert
+from commonrail.base import registry
+from commonrail.base.chart import Figure, HeatMap
+from commonrail.base.table import Table
+from commonrail.base.units import convert
 
 # Unit of the field for the values of an SI unit.
 _COMMON = {"Pa": "MPa", "s": "us", "m3": "mm3", "kg": "mg", "m": "um", "K": "degC", "m3/s": "mm3/ms"}

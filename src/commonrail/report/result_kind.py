@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 from jinja2 import UndefinedError
 
-from commonrail import registry
-from commonrail.errors import InputError
-from commonrail.files.record_file import read_record
-from commonrail.files.run_folder import RESULT
-from commonrail.kinds.records import Record
+from commonrail.base import registry
+from commonrail.base.errors import InputError
+from commonrail.data.records import Record
+from commonrail.runs.folder import RESULT, read_record
 
 SCHEMA = 1  # of all records
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)

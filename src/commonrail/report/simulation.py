@@ -7,17 +7,14 @@ from types import MappingProxyType
 
 from numpy.typing import ArrayLike
 
-from commonrail.arguments import array, instance, mapping, plain_text
-from commonrail.arrays import Floats
-from commonrail.display.chart import Figure, Panel, Series, points
+from commonrail.base.arguments import array, instance, mapping, plain_text
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import Figure, Panel, Series, points
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.curves.page import RATE
 from commonrail.engine.solution import Solution
-from commonrail.errors import ConfigurationError
-from commonrail.kinds.curves.view import RATE
-from commonrail.report.draw import figure_html
+from commonrail.report.draw.figure import figure_html
 from commonrail.report.html import render
-
-__all__ = ["course_figure", "simulation_figure"]
-
 
 MICRO = 1e6
 MPA = 1e-6

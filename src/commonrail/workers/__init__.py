@@ -1,1 +1,1 @@
-"""Work for other processes and machines: tasks in, answers out; what the work is, the caller alone knows."""
+"""Tasks in other processes, of this machine or of a Dask cluster."""

@@ -2,17 +2,168 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
-from multiprocessing import get_context
-from multiprocessing.connection import wait
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection, wait
 from multiprocessing.util import Finalize
+from typing import Any, NamedTuple
 
-from commonrail.errors import StudyError
-from commonrail.workers.limits import SLICE, Limits, check_count, waited
-from commonrail.workers.process import Refused, Reply, Up, serve, shielded
-from commonrail.workers.task import Lost, Outcome, Package, Task
+from commonrail.base.arguments import LARGEST_WHOLE, whole
+from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
+from commonrail.engine.simulate import usable_threads
+from commonrail.workers.interrupt import STOP_SIGNALS
+from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure, perform, unpack
+
+# Limits of workers: how many there may be, how long one may take, how often a task may be lost.
+
+CROWD = 8  # workers for each processor; more would only take memory
+SLICE = 0.5  # how long to wait at a time [s]
+
+
+def waited(start: float) -> float:
+    """Time since `start`, on the clock of `time.monotonic`, that counts as waiting [s].
+
+    It is not what the clock says: where this process was halted too (Ctrl-Z, a lid), nobody was late.
+    """
+    return min(time.monotonic() - start, 2.0 * SLICE)
+
+
+class Limits(NamedTuple):
+    """Limits of workers.
+
+    Attributes
+    ----------
+    failures : int
+        Times that a task may be lost, or that workers may fail to start in a row.
+    patience : float
+        A worker hangs if a task of known length takes this many times as long …
+    least : float
+        … and longer than this [s].
+    start : float
+        Time that a worker may take to start, or to load the work [s]; where no kernel can be kept on disk, each
+        worker compiles its own in this time.
+    """
+
+    failures: int = 3
+    patience: float = 20.0
+    least: float = 60.0
+    start: float = 300.0
+
+
+USUAL = Limits()
+
+
+def check_count(count: int) -> None:
+    """Refuse a number of workers that makes no sense.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not between 1 and eight for each processor.
+    """
+    processors = usable_threads()
+    count = whole(count, "number of workers", -LARGEST_WHOLE)
+    if not 1 <= count <= CROWD * processors:
+        raise ConfigurationError(
+            f"The number of workers must lie between 1 and {CROWD * processors}, {CROWD} for each processor of this "
+            f"machine, not {count}; as many as processors, {processors}, are the fastest."
+        )
+
+
+# Body of a worker process: it serves the process that started it, and ends with it.
+
+SINGLE_THREADED = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class Refused(NamedTuple):
+    """A task that would have been refused in the calling process too, and the error."""
+
+    error: CommonrailError
+
+
+class Up(NamedTuple):
+    """Word of a worker process that has begun, or has loaded the work."""
+
+
+Reply = Answer | Lost | Refused | Up
+
+
+def serve(pipe: Connection) -> None:
+    """Take packages and arguments until the calling process has gone or kills this one.
+
+    A stop signal goes to the whole group of processes; the calling process alone decides what becomes of it.
+    """
+    for number in STOP_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with_caller, daemon=True).start()
+    with suppress(EOFError, BrokenPipeError):
+        pipe.send(Up())
+        package: Any = None
+        while True:
+            message = pipe.recv()
+            if isinstance(message, Package):
+                package = message
+                with suppress(Exception):  # met again, and told, when the work is to be done
+                    unpack(package)
+                    pipe.send(Up())
+            else:
+                (argument,) = message
+                pipe.send(reply(package, argument))
+
+
+def _end_with_caller() -> None:
+    # a killed caller must leave nothing running, not even a task that hangs
+    caller = parent_process()
+    if caller is not None:
+        caller.join()
+        os._exit(1)
+
+
+def reply(package: Package, argument: Any) -> Answer | Lost | Refused:
+    """Answer of a task or the error that it met, as a value."""
+    try:
+        return perform(package, argument)
+    except CommonrailError as error:
+        return Refused(error)
+    except (Exception, KeyboardInterrupt) as error:  # told in a sentence after some attempts
+        return failure(error)
+
+
+@contextmanager
+def shielded() -> Iterator[None]:
+    """Processes started inside do arithmetic on one thread, and stop signals never reach them."""
+    before = {name: os.environ.get(name) for name in SINGLE_THREADED}
+    os.environ.update(dict.fromkeys(SINGLE_THREADED, "1"))
+    try:
+        with blocked_signals():
+            yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+@contextmanager
+def blocked_signals() -> Iterator[None]:
+    """Hold back stop signals; threads and processes started inside never get them, from their first instruction on."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    with suppress(ImportError):  # it would unblock them when it starts its own process
+        from multiprocessing.resource_tracker import ensure_running
+
+        ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Worker:

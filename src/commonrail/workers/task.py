@@ -10,8 +10,8 @@ import time
 from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple, Protocol
 
-from commonrail.compile_target import describe, differences
-from commonrail.errors import StudyError
+from commonrail.base.errors import StudyError
+from commonrail.compiler.target import describe, differences
 
 
 class Work(Protocol):

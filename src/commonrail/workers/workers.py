@@ -7,11 +7,8 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Protocol
 
 from commonrail.engine.simulate import usable_threads
-from commonrail.workers.limits import USUAL, Limits
-from commonrail.workers.pool import ProcessPool
+from commonrail.workers.pool import USUAL, Limits, ProcessPool
 from commonrail.workers.task import Lost, Outcome, Task
-
-__all__ = ["Backend", "Workers"]
 
 
 class Backend(Protocol):

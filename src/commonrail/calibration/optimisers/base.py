@@ -11,12 +11,69 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.arrays import Bools, Floats
-from commonrail.calibration.optimisers.verdict import Convergence
+from commonrail.base.arrays import Bools, Floats, IndexArray
+from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration.space import Space
-from commonrail.errors import ConfigurationError, StudyError
 
-__all__ = ["MOST_GENERATIONS", "Best", "Counts", "Optimiser", "Settings", "Trials", "Wanted"]
+# Verdict of a search on itself: converged or not, by which rule, and with which figures.
+
+# Restarts agree if at least so many of them end within so much of the best 2 ln L, and the search has arrived if a full
+# step from there is predicted to gain less than SMALL_GAIN of it.
+AGREEING, ALIKE, SMALL_GAIN = 3, 0.5, 0.01
+
+
+class Convergence(NamedTuple):
+    """Verdict on convergence.
+
+    Attributes
+    ----------
+    converged : bool
+    sentence : str
+        Rule and figures for the user, without its full stop.
+    figures : dict
+        JSON-able numbers that the rule was applied to.
+    """
+
+    converged: bool
+    sentence: str
+    figures: dict[str, Any]
+
+    @classmethod
+    def of(cls, converged: bool, sentence: str, figures: dict[str, Any]) -> Convergence:
+        """Convergence whose sentence opens with the result.
+
+        Parameters
+        ----------
+        converged : bool
+        sentence : str
+            Rule and figures.
+        figures : dict
+        """
+        return cls(converged, f"{'' if converged else 'not '}converged: {sentence}", figures)
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form."""
+        return {"converged": self.converged, "sentence": self.sentence, **self.figures}
+
+
+def noise_of(cost: float, residuals: int, parameters: int, units: float) -> float:
+    """Change of an objective that changes 2 ln L by 1, by the objective's own residual noise.
+
+    The objective is read as the likelihood of errors whose size is what it leaves: Gaussian for sums of squares,
+    Laplacian for sums of absolute errors. Then 2 ln L changes by `units` (N − d) times its relative change.
+
+    Parameters
+    ----------
+    cost : float
+        Objective of the best.
+    residuals : int
+        Number N of residuals.
+    parameters : int
+        Number d of free parameters.
+    units : float
+        1 for squares, 2 for absolute errors.
+    """
+    return max(cost, 1e-300) / (units * max(residuals - parameters, 1))
 
 
 MOST_GENERATIONS = 1_000_000  # far above what anybody calibrates; below what would fill the memory
@@ -133,7 +190,7 @@ class Optimiser(ABC):
 
     @property
     def verdict(self) -> Convergence | None:
-        """Own verdict on convergence; None of a search that does not judge itself, see `calibration/convergence.py`."""
+        """Own verdict on convergence; None of a search that does not judge itself, see `calibration/search.py`."""
         return None
 
     @property
@@ -271,3 +328,93 @@ def _checked(answers: ArrayLike, trials: Trials) -> Floats:
     if residuals:
         return told
     return np.where(trials.simulate & np.isfinite(told), told, np.inf)
+
+
+# Members of a population with their costs: the best of them, and their part of a state.
+
+MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
+
+
+class Members(NamedTuple):
+    """Points (n, d) in unit coordinates and their costs (n,), +inf where a simulation failed."""
+
+    unit: Floats
+    costs: Floats
+
+    @classmethod
+    def none(cls, dimension: int) -> Members:
+        """No members."""
+        return cls(np.empty((0, dimension)), np.empty(0))
+
+    def best(self, space: Space) -> Best:
+        """The cheapest member; the centre of the space, at +inf, where none has succeeded."""
+        if not np.isfinite(self.costs).any():
+            return Best(space.centre.copy(), np.inf)
+        winner = int(np.argmin(self.costs))
+        return Best(space.from_unit(self.unit[winner]), float(self.costs[winner]))
+
+    def sorted(self) -> Members:
+        """The same members by rising cost."""
+        order = np.argsort(self.costs, kind="stable")
+        return Members(self.unit[order], self.costs[order])
+
+    def kept(self) -> dict[str, Any]:
+        """Part of a state."""
+        return {"unit": self.unit.copy(), "costs": self.costs.copy()}
+
+    @classmethod
+    def of(cls, state: Mapping[str, Any], dimension: int) -> Members:
+        """Members from their part of a state.
+
+        Raises
+        ------
+        ConfigurationError
+            If they are not whole, lie outside the bounds or have costs that are no numbers.
+        """
+        unit, costs = (np.array(state[name], dtype=float) for name in ("unit", "costs"))
+        if unit.shape != (len(costs), dimension):
+            raise ConfigurationError("state: its population is not whole; take a whole state")
+        inside = np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9)  # to unit coordinates and back rounds
+        if not inside or np.isnan(costs).any():
+            raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
+        return cls(unit, costs)
+
+
+def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
+    """Choose members of low cost that lie far apart, the best one first.
+
+    From the better half of the members with a finite cost (at least `n` of them), each further
+    choice is the one farthest from those chosen already.
+
+    Parameters
+    ----------
+    unit : (k, d) array
+        Members in unit coordinates (`Space.to_unit`).
+    costs : (k,) array
+        Their costs.
+    n : int
+        How many to choose; fewer come back if fewer distinct ones have a finite cost.
+
+    Returns
+    -------
+    (<= n,) array of int
+        Rows of the chosen members.
+    """
+    points, cost = np.asarray(unit, dtype=float), np.asarray(costs, dtype=float)
+    order = np.argsort(cost, kind="stable")
+    order = order[np.isfinite(cost[order])]
+    pool = order[: max(n, (len(order) + 1) // 2)]
+    return np.asarray(pool[farthest(points[pool], min(n, len(pool)))])
+
+
+def farthest(points: Floats, n: int) -> IndexArray:
+    """Rows of up to n distinct ones of the points (k, d), the first one first, each farthest from those before."""
+    chosen: list[int] = []
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < n:
+        row = int(np.argmax(distance))
+        if distance[row] == 0.0:
+            break
+        chosen.append(row)
+        distance = np.minimum(distance, np.linalg.norm(points - points[row], axis=1))
+    return np.array(chosen, dtype=np.intp)

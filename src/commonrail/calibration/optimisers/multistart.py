@@ -8,17 +8,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from commonrail.arguments import number, settle, whole
-from commonrail.arrays import Floats
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted
-from commonrail.calibration.optimisers.least_squares import Descents, Rules, advance, inside
-from commonrail.calibration.optimisers.losses import DescentLoss, LossSum, recognised
-from commonrail.calibration.optimisers.members import MOST_MEMBERS, diverse_members
+from commonrail.base.arguments import number, settle, whole
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.optimisers.base import (
+    AGREEING,
+    ALIKE,
+    MOST_GENERATIONS,
+    MOST_MEMBERS,
+    SMALL_GAIN,
+    Best,
+    Convergence,
+    Wanted,
+    diverse_members,
+    noise_of,
+)
+from commonrail.calibration.optimisers.least_squares import DescentLoss, LossSum, recognised
+from commonrail.calibration.optimisers.polish import Descents, Rules, advance, inside
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
-from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Convergence, noise_of
-from commonrail.calibration.sampling import sample_priors
-from commonrail.calibration.space import Space
-from commonrail.errors import ConfigurationError
+from commonrail.calibration.space import Space, sample_priors
 
 MOST_STARTS = 1000
 POOL = 10  # candidates, for each start, whose better half starts are chosen from

@@ -6,17 +6,18 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from commonrail.calibration.optimisers.covariance import CovarianceSettings, CovarianceStrategy
-from commonrail.calibration.optimisers.differential_evolution import DifferentialEvolution
-from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, check_initial
+from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings, check_initial
+from commonrail.calibration.optimisers.library import (
+    CovarianceSettings,
+    CovarianceStrategy,
+    NelderMead,
+    NelderMeadSettings,
+    SuccessHistoryEvolution,
+    SuccessHistorySettings,
+)
 from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
-from commonrail.calibration.optimisers.simplex import NelderMead, NelderMeadSettings
-from commonrail.calibration.optimisers.staged import StagedLeastSquares
-from commonrail.calibration.optimisers.staged_settings import StagedSettings
-from commonrail.calibration.optimisers.success_history import SuccessHistoryEvolution, SuccessHistorySettings
+from commonrail.calibration.optimisers.staged import StagedLeastSquares, StagedSettings
 from commonrail.calibration.space import Space
-
-__all__ = ["REGISTERED", "Registered", "registered", "size_in_words"]
 
 
 class Registered(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.arrays import Floats
+from commonrail.base.arrays import Floats
 from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Settings, Trials, Wanted
 from commonrail.calibration.space import Space
 

@@ -7,15 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.calibration.plausibility import limits
+from commonrail.calibration.plausibility import finding
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.study import Study
-from commonrail.elementary import exp, log
+from commonrail.data.base import DataSet, Role, Score
 from commonrail.engine.plan import reference_density
-from commonrail.injector.definition import Injector
-from commonrail.kinds import DataSet, Role, Score
-
-__all__ = ["Fit", "best_gain", "best_shift", "fit_findings", "model_findings"]
+from commonrail.physics.elementary import exp, log
+from commonrail.physics.injector import Injector
 
 
 class Fit(NamedTuple):
@@ -38,7 +36,7 @@ class Change(NamedTuple):
     @property
     def halves(self) -> bool:
         """True if it brings J below half."""
-        return self.after < limits.HALF * self.before
+        return self.after < finding.HALF * self.before
 
 
 def fit_findings(fit: Fit) -> Iterator[Finding]:
@@ -59,12 +57,12 @@ def model_findings(data: DataSet, score: Score, injector: Injector) -> Iterator[
         The model.
     """
     error = data.relative_error(score)
-    if error > limits.LARGE_MISFIT:
+    if error > finding.LARGE_MISFIT:
         yield found(
             "misfit",
             data.name,
             f"the error of the model is {100.0 * error:.0f} % of the data beyond their noise, and less than "
-            f"{100.0 * limits.LARGE_MISFIT:.0f} % is expected of a fit; check operating point and units, then which "
+            f"{100.0 * finding.LARGE_MISFIT:.0f} % is expected of a fit; check operating point and units, then which "
             "parameters are free.",
         )
     shift, gain = best_shift(data, score), best_gain(data, score)
@@ -83,27 +81,27 @@ def best_shift(data: DataSet, score: Score) -> Change | None:
     def j(shift: float) -> float:
         return float(data.misfit(np.interp(time - shift, time, score.values)))
 
-    steps = round(limits.LONGEST_SHIFT / limits.SHIFT_STEP)
-    coarse = limits.SHIFT_STEP * np.arange(-steps, steps + 1)
+    steps = round(finding.LONGEST_SHIFT / finding.SHIFT_STEP)
+    coarse = finding.SHIFT_STEP * np.arange(-steps, steps + 1)
     near = min(coarse, key=j)
-    best = min(near + limits.SHIFT_STEP * np.linspace(-1.0, 1.0, 11), key=j)
+    best = min(near + finding.SHIFT_STEP * np.linspace(-1.0, 1.0, 11), key=j)
     before = float(data.misfit(score.values))
-    return Change(float(best), before, j(best) if abs(best) >= limits.LEAST_SHIFT else before)
+    return Change(float(best), before, j(best) if abs(best) >= finding.LEAST_SHIFT else before)
 
 
 def best_gain(data: DataSet, score: Score) -> Change:
     """Factor on the simulated values that makes J least; above 1: the data lie higher."""
-    low, high = log(limits.GAINS)
-    gains = exp(np.linspace(low, high, round((high - low) / limits.GAIN_STEP) + 1))
+    low, high = log(finding.GAINS)
+    gains = exp(np.linspace(low, high, round((high - low) / finding.GAIN_STEP) + 1))
     gain = data.best_gain(score, gains)
     before, after = map(float, data.misfit(data.scaled(score.values, np.array([1.0, gain]))))
-    return Change(gain, before, after if abs(gain - 1.0) >= limits.LEAST_GAIN else before)
+    return Change(gain, before, after if abs(gain - 1.0) >= finding.LEAST_GAIN else before)
 
 
 def _moved(fit: Fit) -> Iterator[Finding]:
     pairs = zip(fit.study.data, fit.scores, strict=True)
-    good = all(d.relative_error(s) <= limits.GOOD_FIT for d, s in pairs if d.role is Role.FIT)
-    if good or not fit.cost >= (1.0 - limits.BARELY) * fit.start_cost:
+    good = all(d.relative_error(s) <= finding.GOOD_FIT for d, s in pairs if d.role is Role.FIT)
+    if good or not fit.cost >= (1.0 - finding.BARELY) * fit.start_cost:
         return
     yield found(
         "moved",
@@ -117,13 +115,13 @@ def _fall(fit: Fit) -> str:
     start, end = f"{fit.start_cost:.4g}", f"{fit.cost:.4g}"
     if start == end:
         return f"J is {start} at the start and at the end"
-    return f"J fell only from {start} to {end}, by less than {100.0 * limits.BARELY:g} %"
+    return f"J fell only from {start} to {end}, by less than {100.0 * finding.BARELY:g} %"
 
 
 def _at_bounds(fit: Fit) -> Iterator[Finding]:
     parameters = fit.study.space.parameters
     names = [p.name for p in parameters if p.is_at_bound(fit.best[p.name])]
-    if len(names) > limits.AT_BOUNDS * len(parameters):
+    if len(names) > finding.AT_BOUNDS * len(parameters):
         yield found(
             "bounds",
             fit.study.title,
@@ -156,6 +154,6 @@ def _gain(data: DataSet, gain: Change, injector: Injector) -> Iterator[Finding]:
 def _density_slip(gain: float, density: float) -> str:
     """The mistake between mass and volume that makes such a gain; `density` in g/cm³, which is mg/mm³."""
     for factor, words in ((1.0 / density, "volumes (mm3) labelled as masses (mg)"), (density, "masses (mg) as mm3")):
-        if abs(gain / factor - 1.0) <= limits.DENSITY_MATCH:
+        if abs(gain / factor - 1.0) <= finding.DENSITY_MATCH:
             return f"{words} would do that, at the fuel's {density:.3g} mg/mm3; "
     return ""

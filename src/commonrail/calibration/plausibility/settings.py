@@ -6,27 +6,24 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from commonrail.arrays import Floats
-from commonrail.calibration.plausibility import limits
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Drive
+from commonrail.base.units import to_text
+from commonrail.calibration.plausibility import finding
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.calibration.time_step import longest_for_all
-from commonrail.choices import Drive
+from commonrail.data.base import DataSet
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.time_step import step_advice
-from commonrail.injector.definition import Injector, parameter_quantities
-from commonrail.kinds import DataSet
-from commonrail.observation.quantities import known_quantity
-from commonrail.units import to_text
-
-__all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings", "step_findings"]
-
+from commonrail.physics.injector import Injector, parameter_quantities
+from commonrail.physics.meters.meter import known_quantity
 
 _PRESSURES = (
-    ("rail_pressure", "rail pressure", limits.RAIL),
-    ("cylinder_pressure", "cylinder pressure", limits.CYLINDER),
-    ("return_pressure", "return pressure", limits.RETURN),
+    ("rail_pressure", "rail pressure", finding.RAIL),
+    ("cylinder_pressure", "cylinder pressure", finding.CYLINDER),
+    ("return_pressure", "return pressure", finding.RETURN),
 )
 
 
@@ -61,12 +58,12 @@ def bounds_findings(space: Space) -> Iterator[Finding]:
     """Bounds far outside the usual range of their parameter."""
     for p in space.parameters:
         q = known_quantity(p.name)
-        odd = [value for value in (p.lower, p.upper) if not q.is_usual(value, limits.BOUND_SLACK)]
+        odd = [value for value in (p.lower, p.upper) if not q.is_usual(value, finding.BOUND_SLACK)]
         if q.usual is not None and odd:
             yield found(
                 "parameter_bound",
                 p.name,
-                f"a bound is {to_text(odd[0], q.unit, 4)}, more than {limits.BOUND_SLACK:g} times outside the usual "
+                f"a bound is {to_text(odd[0], q.unit, 4)}, more than {finding.BOUND_SLACK:g} times outside the usual "
                 f"{_range(q.usual, q.unit)}; check its unit in the study.",
             )
 
@@ -104,11 +101,11 @@ def signal_findings(data: DataSet) -> Iterator[Finding]:
 
 def _sampling(name: str, bounds: Floats) -> Iterator[Finding]:
     interval = float(np.median(np.diff(bounds)))
-    if not limits.SAMPLING[0] <= interval <= limits.SAMPLING[1]:
+    if not finding.SAMPLING[0] <= interval <= finding.SAMPLING[1]:
         yield found(
             "sampling",
             name,
-            f"its samples are {to_text(interval, 's', 4)} apart, and {_range(limits.SAMPLING, 's')} is usual; check "
+            f"its samples are {to_text(interval, 's', 4)} apart, and {_range(finding.SAMPLING, 's')} is usual; check "
             "the unit of its times.",
         )
 
@@ -130,14 +127,14 @@ def _drive(data: DataSet, injector: Injector) -> Iterator[Finding]:
 
 
 def _energising(name: str, points: Sequence[OperatingPoint]) -> Iterator[Finding]:
-    low, high = limits.ENERGISING
+    low, high = finding.ENERGISING
     odd = [pulse.duration for point in points for pulse in point.pulses if not low <= pulse.duration <= high]
     if odd:
         yield found(
             "energising",
             name,
             f"the injector is energised for {to_text(odd[0], 's', 4)}{_others(odd)}, and "
-            f"{_range(limits.ENERGISING, 's')} is usual; check the unit of the energising time.",
+            f"{_range(finding.ENERGISING, 's')} is usual; check the unit of the energising time.",
         )
 
 

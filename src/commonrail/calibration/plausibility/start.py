@@ -6,14 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from commonrail.arrays import Bools, Floats
-from commonrail.calibration.plausibility import limits
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.units import to_text
+from commonrail.calibration.plausibility import finding
 from commonrail.calibration.plausibility.finding import Finding, found
-from commonrail.kinds import DataSet, Role, Score
-from commonrail.units import to_text
-
-__all__ = ["onset", "set_cost", "share_findings", "start_findings"]
-
+from commonrail.data.base import DataSet, Role, Score
 
 MM3 = 1e9  # of 1 m³
 
@@ -58,10 +55,10 @@ def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) ->
     if len(fitted) < 2 or not np.isfinite(total) or total <= 0.0:
         return
     shares = costs / total
-    light = min(limits.LIGHT, 0.1 / len(fitted))
-    alone = bool(shares.max() > limits.HEAVY)
+    light = min(finding.LIGHT, 0.1 / len(fitted))
+    alone = bool(shares.max() > finding.HEAVY)
     for (d, _), share in zip(fitted, shares, strict=True):
-        if share > limits.HEAVY or (share < light and not alone):
+        if share > finding.HEAVY or (share < light and not alone):
             yield found(
                 "share",
                 d.name,
@@ -80,14 +77,14 @@ def onset(rate: Floats, bounds: Floats) -> float | None:
     cumulated = np.cumsum(rate * np.diff(bounds))
     if not cumulated[-1] > 0.0:
         return None
-    before = np.flatnonzero(cumulated < limits.ONSET_SHARE * cumulated[-1])
+    before = np.flatnonzero(cumulated < finding.ONSET_SHARE * cumulated[-1])
     return float(bounds[before[-1] + 1]) if len(before) else float(bounds[0])
 
 
 def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Finding]:
     """Quantities beyond a factor of the simulated ones [m³]; nothing is said if they are negative in sum."""
     total, expected = float(np.sum(measured)), float(np.sum(simulated))
-    apart = np.abs(measured - simulated) > limits.QUANTITY_APART
+    apart = np.abs(measured - simulated) > finding.QUANTITY_APART
     odd = apart & ~_is_near(measured, simulated)
     if not odd.any() or total <= 0.0:
         return
@@ -99,13 +96,13 @@ def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Find
         "quantity",
         name,
         f"the measured quantity is {m * MM3:.4g} mm3, and the simulated one {s * MM3:.4g} mm3{where}: "
-        f"more than a factor of {limits.QUANTITY_TIMES:g} apart{_slip(m, s)}; check the unit of the data, the "
+        f"more than a factor of {finding.QUANTITY_TIMES:g} apart{_slip(m, s)}; check the unit of the data, the "
         "pressures and the holes of the nozzle.",
     )
 
 
 def _is_near(measured: Floats, simulated: Floats) -> Bools:
-    times = limits.QUANTITY_TIMES
+    times = finding.QUANTITY_TIMES
     return np.asarray((measured <= times * simulated) & (simulated <= times * measured))
 
 
@@ -124,13 +121,13 @@ def _onset(data: DataSet, measured: float | None, simulated: float | None) -> It
     at = f"the measured injection begins at {to_text(measured, 's', 4)}"
     cure = "check the energising time and the trigger's zero"
     first, last = pulses[0].start, pulses[-1].start
-    if measured < first + limits.EARLIEST:
+    if measured < first + finding.EARLIEST:
         begins = f"energising begins at {to_text(first, 's', 4)}"
         yield found("onset", data.name, f"{at}, and {begins}: no injector opens that soon; {cure}.")
-    elif measured > last + limits.LATEST:
+    elif measured > last + finding.LATEST:
         ago = to_text(measured - last, "s", 4)
         yield found("onset", data.name, f"{at}, {ago} after the last energising begins: that is too late; {cure}.")
-    elif simulated is not None and abs(measured - simulated) > limits.ONSET_APART:
+    elif simulated is not None and abs(measured - simulated) > finding.ONSET_APART:
         begins = f"the simulated one at {to_text(simulated, 's', 4)}"
-        most = to_text(limits.ONSET_APART, "s", 4)
+        most = to_text(finding.ONSET_APART, "s", 4)
         yield found("onset", data.name, f"{at}, and {begins}, more than {most} apart; {cure}.")

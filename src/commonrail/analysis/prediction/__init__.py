@@ -1,1 +1,0 @@
-"""Predictions of a fit with bands: at its data, and at operating points that were not measured."""

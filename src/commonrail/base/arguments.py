@@ -1,0 +1,467 @@
+"""Arguments of the public functions: read here, or refused with a sentence that names the argument and the cure.
+
+A number may be text with its unit wherever one is expected; NumPy's numbers and arrays count as Python's. Everything
+that cannot be used raises `ConfigurationError`, never an error from inside.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import reprlib
+from collections.abc import Collection, Mapping, Sequence
+from enum import Enum
+from numbers import Real
+from pathlib import Path
+from types import UnionType
+from typing import Any, NamedTuple, TypeVar, get_args, overload
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, InputError, nearest
+from commonrail.base.units import FAST, NAMES, parse, to_text
+
+Quantity = float | str  # an SI number, or text with its unit
+
+MOST_THREADS = 1024
+COUNTS = ("nozzle.holes", "solenoid.air_gaps")  # parameters that count pieces; a coil may have half a turn
+LARGEST_WHOLE = 2**63 - 1  # what a study file and the journal can hold
+
+_Kind = TypeVar("_Kind")
+_Choice = TypeVar("_Choice", bound=Enum)
+
+# Cure for an argument of the wrong kind, by the name of the kind that is expected.
+_CURES = {
+    "Study": "read it with commonrail.load_study({})",
+    "Injector": "read it with commonrail.load_injector({})",
+    "Truth": "read it with commonrail.load_truth({})",
+    "Fuel": "read it with commonrail.load_fuel({})",
+    "OperatingPoint": 'write commonrail.OperatingPoint("160 MPa", "700 us")',
+    "Trace": "write commonrail.Trace(times, values) with times [s] and SI values",
+    "Calibration": "take what commonrail.calibrate returns",
+    "Solution": "take what commonrail.simulate returns",
+    "Bench": "write commonrail.Bench(truth, injector, time_step)",
+    "Variant": "write commonrail.Variant(body, boundary, drive)",
+}
+_EXAMPLES = {"Study": "study.toml", "Injector": "virtual-lino-2016", "Truth": "virtual-lino-2016", "Fuel": "iso4113"}
+
+
+class Limits(NamedTuple):
+    """Smallest and largest value that is accepted, both in SI, and what a number beyond them was probably meant to be.
+
+    Attributes
+    ----------
+    low, high : float
+    likely : (float, float)
+        Range of everyday values.
+    units : sequence of str
+        Units that people say the quantity in: the first in which a number lies in the likely range is proposed.
+    """
+
+    low: float
+    high: float
+    likely: tuple[float, float] = (1.0, 0.0)
+    units: Sequence[str] = ()
+
+
+def number(value: object, unit: str, what: str) -> float:
+    """Read one finite number.
+
+    Parameters
+    ----------
+    value : object
+        SI number of Python or NumPy, or text with its unit.
+    unit : str
+        SI unit of the result.
+    what : str
+        Name of the argument in words, for messages.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no number, not finite, or of another kind of quantity.
+
+    Examples
+    --------
+    >>> number("160 MPa", "Pa", "rail pressure"), number(160e6, "Pa", "rail pressure")
+    (160000000.0, 160000000.0)
+    """
+    if isinstance(value, str):
+        try:
+            return parse(value, unit, what)
+        except InputError as error:
+            raise ConfigurationError(f"{error}") from error
+    found = _real(value)
+    if found is None:
+        raise _refused(what, _wanted(unit), value)
+    if not math.isfinite(found):
+        raise _refused(what, f"finite, {_wanted(unit)}", value)
+    return found
+
+
+def fraction(value: object, what: str) -> float:
+    """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if it is none."""
+    found = number(value, "1", what)
+    if not 0.0 < found < 1.0:
+        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
+    return found
+
+
+def amount(value: object, unit: str, what: str, limits: Limits) -> float:
+    """Read one number between two limits, both included.
+
+    Parameters
+    ----------
+    value, unit, what
+        As for `number`.
+    limits : Limits
+        [unit].
+
+    Raises
+    ------
+    ConfigurationError
+        As `number`, and beyond the limits, with what was read and in which unit it was probably meant.
+    """
+    found = number(value, unit, what)
+    if limits.low <= found <= limits.high:
+        return found
+    low, high = to_text(limits.low, unit), to_text(limits.high, unit)
+    # a number in SI units is repeated as it was written, a tiny one with a prefix
+    read = f"{found:.6g} {unit.removesuffix('1')}".rstrip() if abs(found) >= 1e-4 else to_text(found, unit)
+    raise ConfigurationError(
+        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(found, limits)}."
+    )
+
+
+def _meant(found: float, limits: Limits) -> str:
+    """Proposal of the unit in which a plain number was probably meant."""
+    low, high = limits.likely
+    unit = next((unit for unit in limits.units if low <= found * FAST[unit].factor <= high), "")
+    return f'; if {found:.6g} {unit} is meant, write "{found:.6g} {unit}"' if unit else ""
+
+
+def array(value: object, unit: str, what: str, dimensions: int | None = None, finite: bool = True) -> Floats:
+    """Read numbers of any shape.
+
+    Parameters
+    ----------
+    value : array_like
+        SI numbers or texts with their units, mixed as they come.
+    unit, what : str
+        As for `number`.
+    dimensions : int, optional
+        Number of dimensions that the array must have.
+    finite : bool
+        Refuse not-a-number and infinity.
+
+    Raises
+    ------
+    ConfigurationError
+        If an element is no number, rows are of different lengths, or the number of dimensions is another.
+    """
+    found = _numeric(value, unit, what)
+    if dimensions is not None and found.ndim != dimensions:
+        raise ConfigurationError(
+            f"The {what} must have {dimensions} dimension{'s' * (dimensions > 1)}, not the {found.ndim} of shape "
+            f"{found.shape}."
+        )
+    if finite and not np.isfinite(found).all():
+        where = int(np.flatnonzero(~np.isfinite(found.ravel()))[0]) + 1
+        raise ConfigurationError(f"The {what} must be finite, and number {where} of them is not; correct or remove it.")
+    return found
+
+
+def _numeric(value: object, unit: str, what: str) -> Floats:
+    if isinstance(value, str):
+        return np.asarray(number(value, unit, what))
+    try:
+        raw = np.asarray(value)
+        if raw.dtype.kind not in "iuf":
+            raw = np.asarray(value, dtype=object)
+    except Exception as error:  # rows of different lengths; whatever an object answers when asked for its array
+        raise ConfigurationError(f"The {what} must be numbers in rows of one length ({error}).") from error
+    if raw.dtype.kind in "iuf":
+        return np.asarray(raw, dtype=np.float64)
+    return np.reshape([_element(item, unit, what) for item in raw.ravel()], raw.shape).astype(np.float64)
+
+
+def _element(item: object, unit: str, what: str) -> float:
+    found = None if isinstance(item, str) else _real(item)
+    return number(item, unit, what) if found is None else found
+
+
+def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
+    """Read a whole number.
+
+    Parameters
+    ----------
+    value : object
+    what : str
+        Name of the argument in words.
+    low, high : int
+        Limits, both included.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no number, has a fraction, or lies beyond the limits.
+    """
+    found = _real(value)
+    if found is not None and math.isfinite(found) and found == math.floor(found):
+        exact = int(value) if isinstance(value, int) else int(found)
+        if low <= exact <= high:
+            return exact
+    if high == LARGEST_WHOLE:
+        raise _refused(what, f"a whole number, {low} or greater", value)
+    raise ConfigurationError(f"The {what} must lie between {low} and {high} as a whole number, not {shown(value)}.")
+
+
+def not_whole(name: str, value: float) -> str:
+    """Words on a value of a count that is no whole number, and on any value of nothing else: empty.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name of a parameter.
+    value : float
+    """
+    if name not in COUNTS or value % 1.0 == 0.0:
+        return ""
+    return f"{name} counts pieces and must be a whole number, not {value:g}"
+
+
+def thread_count(threads: object) -> int | None:
+    """Read a number of threads; None stands for all usable processors."""
+    return None if threads is None else whole(threads, "number of threads", 1, MOST_THREADS)
+
+
+def flag(value: object, what: str) -> bool:
+    """Read True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise _refused(what, "True or False", value)
+    return bool(value)
+
+
+def chosen(value: object, kind: type[_Choice], what: str) -> _Choice:
+    """Read a member of an enum, or its value.
+
+    Parameters
+    ----------
+    value : object
+    kind : type
+        The enum.
+    what : str
+        Name of the argument in words.
+
+    Raises
+    ------
+    ConfigurationError
+        With all values, and the nearest to a text that is none of them.
+    """
+    if isinstance(value, kind):
+        return value
+    known = {str(member.value): member for member in kind}
+    if isinstance(value, str) and value in known:
+        return known[value]
+    meant = nearest(value, known) if isinstance(value, str) else ""
+    *others, last = (f'"{name}"' for name in known)
+    raise ConfigurationError(f"The {what} must be {', '.join(others)} or {last}, not {shown(value)}{meant}.")
+
+
+def plain_text(value: object, what: str) -> str:
+    """Read a text."""
+    if not isinstance(value, str):
+        raise _refused(what, "a text", value)
+    return value
+
+
+def function(value: _Kind | None, what: str) -> _Kind | None:
+    """Refuse what is neither a function nor None."""
+    if value is not None and not callable(value):
+        raise _refused(what, "a function or None", value)
+    return value
+
+
+def file_path(value: object, what: str) -> Path:
+    """Read the path of a file or folder.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is neither a text nor a path, is empty, or no system can have it.
+    """
+    if not isinstance(value, str | os.PathLike) or isinstance(path := os.fspath(value), bytes):
+        raise _refused(what, "a path as text or as pathlib.Path", value)
+    if not path or "\0" in path:
+        raise _refused(what, "a path that is not empty and has no null character", value)
+    return Path(path)
+
+
+def source_of(value: object, what: str) -> str | Path:
+    """Read a name of the catalogue as text, or the path of a .toml file as Path."""
+    return value if isinstance(value, str) and not value.endswith(".toml") else file_path(value, what)
+
+
+@overload
+def instance(value: object, kind: type[_Kind], what: str) -> _Kind: ...
+@overload
+def instance(value: object, kind: UnionType, what: str) -> Any: ...
+def instance(value: object, kind: Any, what: str) -> Any:
+    """Refuse what is not of a kind, or of one of several, with the way to get one.
+
+    Parameters
+    ----------
+    value : object
+    kind : type or union of types
+    what : str
+        Name of the argument in words.
+
+    Raises
+    ------
+    ConfigurationError
+        With the cure, such as ``commonrail.load_study("study.toml")`` where a path was given for a study.
+    """
+    if isinstance(value, kind):
+        return value
+    names = [one.__name__ for one in get_args(kind) or (kind,)]
+    name = names[0]
+    given = f"{value}" if isinstance(value, str | os.PathLike) else _EXAMPLES.get(name, "")
+    cure = f"; {_CURES[name].format(_quoted(given))}" if name in _CURES else ""
+    article = "an" if name[0] in "AEIOU" else "a"
+    raise ConfigurationError(f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{cure}.")
+
+
+def sequence(value: object, what: str, of: str) -> Sequence[Any]:
+    """Refuse what is no list, tuple or array; a text is none.
+
+    Parameters
+    ----------
+    value : object
+    what : str
+        Name of the argument in words.
+    of : str
+        What the list holds, as it is written: ``"[point]"``.
+    """
+    if isinstance(value, np.ndarray) and value.ndim:
+        return list(value)
+    if not isinstance(value, Sequence) or isinstance(value, str | bytes):
+        raise _refused(what, f"a list, such as {of}", value)
+    return value
+
+
+@overload
+def instances(value: object, kind: type[_Kind], what: str) -> tuple[_Kind, ...]: ...
+@overload
+def instances(value: object, kind: UnionType, what: str) -> tuple[Any, ...]: ...
+def instances(value: object, kind: Any, what: str) -> tuple[Any, ...]:
+    """Read a list whose items are all of a kind.
+
+    Parameters
+    ----------
+    value : object
+    kind : type
+    what : str
+        Name of the argument in words, in the plural.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no list, or with the first item that is of another kind.
+    """
+    items = sequence(value, what, f"[{(get_args(kind) or (kind,))[0].__name__}(…), …]")
+    return tuple(instance(item, kind, f"item {i} of the {what}") for i, item in enumerate(items, start=1))
+
+
+def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
+    """Refuse what is no mapping with texts as keys.
+
+    Parameters
+    ----------
+    value : object
+    what : str
+        Name of the argument in words.
+    example : str
+        One as it is written.
+    """
+    if not isinstance(value, Mapping):
+        raise _refused(what, f"a mapping, such as {example}", value)
+    for key in value:
+        if not isinstance(key, str):
+            raise ConfigurationError(
+                f"The {what} must have texts as keys, such as {example}, and {shown(key)} is none."
+            )
+    return value
+
+
+def known_names(value: object, known: Collection[str], what: str, example: str) -> tuple[str, ...]:
+    """Read a list of names, each one known and listed once.
+
+    Parameters
+    ----------
+    value : object
+    known : collection of str
+    what : str
+        Name of the argument in words, in the plural.
+    example : str
+        A name.
+
+    Raises
+    ------
+    ConfigurationError
+        With the first name that is unknown, and the nearest that is known, or that is repeated.
+    """
+    names = sequence(value, what, f'["{example}"]')
+    for i, name in enumerate(names):
+        if not isinstance(name, str) or name not in known:
+            meant = nearest(name, known) if isinstance(name, str) else f", such as {example}"
+            raise ConfigurationError(f"The {what} must be of parameters, and {shown(name)} is none{meant}.")
+        if name in names[:i]:
+            raise ConfigurationError(f"The {what} have {name} more than once; keep one of them.")
+    return tuple(map(str, names))
+
+
+def settle(target: object, **values: object) -> None:
+    """Set attributes of a frozen dataclass to what was read from its arguments."""
+    for name, value in values.items():
+        object.__setattr__(target, name, value)
+
+
+def shown(value: object) -> str:
+    """One short line for any object."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, str):
+        return _quoted(value)
+    line = " ".join(reprlib.repr(value).split())
+    return line if len(line) <= 60 else f"{line[:57]}..."
+
+
+def _real(value: object) -> float | None:
+    """Float of a real number, None of anything else; True and False are no numbers."""
+    if type(value) is float:
+        return value
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+        return None
+    try:
+        return float(value)
+    except OverflowError:  # an integer of more than 308 digits
+        return math.inf
+
+
+def _wanted(unit: str) -> str:
+    if unit == "1":
+        return "a plain number, such as 0.8"
+    name, example = NAMES.get(unit, (f"a quantity in {unit}", f"3 {unit}"))
+    return f'{name} as a number in {unit} or as text with its unit, such as "{example}"'
+
+
+def _quoted(text: str) -> str:
+    line = " ".join(text.split())
+    return f'"{line if len(line) <= 120 else line[:117] + "..."}"'
+
+
+def _refused(what: str, wanted: str, value: object) -> ConfigurationError:
+    return ConfigurationError(f"The {what} must be {wanted}, not {shown(value)}.")

@@ -1,0 +1,154 @@
+"""Figure as plain numbers: panels of series over a common axis. `report.draw` turns it into a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+Points = tuple[float | None, ...]
+
+LINES, MARKERS, BOTH = "lines", "markers", "lines+markers"
+
+
+def points(values: Iterable[float]) -> Points:
+    """Coordinates of a series; what is not finite is a gap."""
+    return tuple(float(v) if math.isfinite(v) else None for v in values)
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line or one set of markers.
+
+    Attributes
+    ----------
+    label : str
+        Text of the legend; an empty one keeps the series out of it.
+    look : str
+        "measured", "rigid", "rigid fitted", "start", "best", "mean", "paper", "level", or a dash: "solid", "dash",
+        "dot", "dashdot".
+    x, y : tuple of float, same length
+        None leaves a gap.
+    mode : str
+        "lines", "markers" or "lines+markers".
+    family : int or None
+        Series of one family share a colour, a marker and an entry of the legend.
+    """
+
+    label: str
+    look: str
+    x: Points
+    y: Points
+    mode: str = LINES
+    family: int | None = None
+
+
+@dataclass(frozen=True)
+class Band:
+    """Area between two lines, such as quartiles; it has the colour of a series of that look, or of that family."""
+
+    look: str
+    x: Points
+    low: Points
+    high: Points
+    family: int | None = None
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Box plots side by side: minimum, first quartile, median, third quartile, maximum of each category.
+
+    `offset` moves them beside those of another set, in shares of the distance between categories.
+    """
+
+    label: str
+    look: str
+    boxes: tuple[tuple[float, float, float, float, float], ...]
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Horizontal bars, one for each row of the panel, from `start` to `end`; None leaves one out.
+
+    `low` and `high`, if given, are the ends of an interval about `end`. Bars of one `slot` lie over each other, those
+    of several side by side.
+    """
+
+    label: str
+    look: str
+    start: Points
+    end: Points
+    low: Points = ()
+    high: Points = ()
+    slot: int = 0
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A pair of axes: what the vertical one says, its series, and its share of the height.
+
+    With `scaled_by` the series of that look and the bands set the range of the vertical axis, where there are any; the
+    others are cut at the frame.
+    With `categories` the horizontal axis counts them from 0 and shows their names. With `rows` the vertical axis does,
+    from top to bottom, and `bars` lie in the rows.
+    """
+
+    y_title: str
+    series: tuple[Series, ...]
+    share: float = 1.0
+    logarithmic: bool = False
+    zero_line: bool = False
+    bands: tuple[Band, ...] = ()
+    boxes: tuple[Boxes, ...] = ()
+    categories: tuple[str, ...] = ()
+    bars: tuple[Bars, ...] = ()
+    rows: tuple[str, ...] = ()
+    scaled_by: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels above one another over a common horizontal axis."""
+
+    title: str
+    caption: str
+    x_title: str
+    panels: tuple[Panel, ...]
+
+
+# Heat map as plain numbers: cells over two axes of named places. `report.draw_map` turns it into a picture.
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Coloured cells with their numbers.
+
+    Attributes
+    ----------
+    title, caption, x_title, y_title : str
+    x, y : tuple of str
+        Places along the axes, in equal distances whatever their values.
+    values : tuple of Points
+        A row for each place of y; None is an empty cell.
+    texts : tuple of tuple of str
+        What is written into the cells.
+    unit : str
+        Of the values, beside the scale of colours.
+    diverging : bool
+        Whether zero lies in the middle of the colours, as of a difference.
+    largest : float
+        Difference of the last colour; 0 for the largest one there is.
+    """
+
+    title: str
+    caption: str
+    x_title: str
+    y_title: str
+    x: tuple[str, ...]
+    y: tuple[str, ...]
+    values: tuple[Points, ...]
+    texts: tuple[tuple[str, ...], ...]
+    unit: str
+    diverging: bool = False
+    largest: float = 0.0

@@ -1,0 +1,152 @@
+"""Results as notebooks show them: a short line, tables, figures, named arrays; `report` makes them on demand."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from html import escape
+from importlib import import_module
+from typing import Any, ClassVar
+
+from commonrail.base.hooks import duration, tell_of_compiling
+
+# Progress in a notebook: a bar that is drawn anew in its place, and a line while a kernel is compiled.
+
+COMPILING = "compiling the simulation, once on this machine"
+
+
+def in_notebook() -> bool:
+    """True inside the kernel of a notebook; not in a terminal, in a test or in a worker."""
+    interactive = sys.modules.get("IPython")
+    shell = interactive.get_ipython() if interactive is not None else None
+    return shell is not None and hasattr(shell, "kernel")
+
+
+class Live:
+    """Line of a notebook's output that is replaced as work goes on."""
+
+    def __init__(self) -> None:
+        from IPython.display import display
+
+        self._shown: Any = display(_Text(""), display_id=True)
+
+    def show(self, text: str, done: int = 0, total: int = 0) -> None:
+        """Replace the line.
+
+        Parameters
+        ----------
+        text : str
+        done, total : int
+            Steps; without a total there is no bar.
+        """
+        bar = f'<progress value="{done}" max="{total}"></progress> {done}/{total} ' if total else ""
+        if self._shown is not None:
+            self._shown.update(_Text(text, bar))
+
+
+class _Text:
+    """Line of output, with a bar where HTML is shown."""
+
+    def __init__(self, text: str, bar: str = "") -> None:
+        self.text, self.bar = text, bar
+
+    def __repr__(self) -> str:
+        return self.text
+
+    def _repr_html_(self) -> str:
+        return f"{self.bar}<small>{escape(self.text)}</small>"
+
+
+def watch() -> None:
+    """Say in a notebook when a kernel is compiled."""
+    if in_notebook():
+        tell_of_compiling(_compiling)
+
+
+@contextmanager
+def _compiling() -> Iterator[None]:
+    line = Live()
+    line.show(f"{COMPILING} ({duration()}) …")
+    yield
+    line.show("")
+
+
+FACES = "commonrail.report.notebook"  # named, not imported: a result below knows no drawing
+
+# Results of packages whose every source line is part of the stamp of compiled kernels: they are given methods and
+# presenter when they are loaded, instead of deriving from `Shown`.
+_LENT = {
+    "commonrail.engine.solution": {
+        "Solution": "commonrail.report.notebook:SOLUTION",
+        "Batch": "commonrail.report.notebook:BATCH",
+    },
+    "commonrail.physics.injector": {"Injector": "commonrail.report.notebook:INJECTOR"},
+}
+_METHODS = ("__repr__", "_repr_html_", "plot", "to_pandas", "to_xarray")
+
+
+class Shown:
+    """Result that can be shown, drawn, and handed on as a table or as named arrays.
+
+    Attributes
+    ----------
+    presenter : str
+        ``module:object`` of the `commonrail.report.presenter.Presenter` of its class, imported when it is needed.
+    """
+
+    presenter: ClassVar[str]
+
+    def __repr__(self) -> str:
+        """One line on the result."""
+        return str(_faces().line_of(self))
+
+    def _repr_html_(self) -> str:
+        """Tables of the report, for a notebook."""
+        return str(_faces().html_of(self))
+
+    def plot(self) -> Any:
+        """Figures of the report; a notebook shows them, `save` writes them as a page.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is nothing to draw.
+        """
+        return _faces().plot_of(self)
+
+    def to_pandas(self) -> Any:
+        """Values as a pandas.DataFrame, with the unit behind each name; needs pandas.
+
+        Raises
+        ------
+        ConfigurationError
+            If pandas is missing, or the result has no table of values.
+        """
+        return _faces().frame_of(self)
+
+    def to_xarray(self) -> Any:
+        """Values as an xarray.Dataset with named axes and the attribute `units`; needs xarray.
+
+        Raises
+        ------
+        ConfigurationError
+            If xarray is missing, or the result has no arrays.
+        """
+        return _faces().dataset_of(self)
+
+
+def _faces() -> Any:
+    return import_module(FACES)
+
+
+def lend() -> None:
+    """Give the methods of `Shown` to the results of the physics rooms that are loaded."""
+    for home, presenters in _LENT.items():
+        module = sys.modules.get(home)
+        for name, presenter in presenters.items():
+            own: Any = getattr(module, name, None)
+            if own is not None and not hasattr(own, "_repr_html_"):
+                own.presenter = presenter
+                for method in _METHODS:
+                    setattr(own, method, vars(Shown)[method])

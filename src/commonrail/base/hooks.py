@@ -1,0 +1,73 @@
+"""Listeners to what happens far below: a simulation that is compiled, which takes its time once, and notes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any
+
+Listener = Callable[[], AbstractContextManager[Any]]
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+_listener: Listener = nullcontext
+_note: Callable[[str], None] = _warn
+_duration = "ten seconds on an idle machine, up to a minute on a busy one"
+ALL_ENTRIES = "about a minute, more on a busy machine"  # of an export, which has more to compile than one kernel
+
+
+def tell_of_compiling(listener: Listener) -> Listener:
+    """Have a context entered while a kernel is compiled that is in no cache; returns the listener before."""
+    global _listener
+    before, _listener = _listener, listener
+    return before
+
+
+def compiling() -> AbstractContextManager[Any]:
+    """The context to compile in."""
+    return _listener()
+
+
+@contextmanager
+def lasting(words: str) -> Iterator[None]:
+    """State inside the block, or in the decorated function, that compilations take longer than one kernel does.
+
+    `words` are such as `ALL_ENTRIES`.
+    """
+    global _duration
+    before, _duration = _duration, words
+    try:
+        yield
+    finally:
+        _duration = before
+
+
+def duration() -> str:
+    """Words for the time that a compilation takes."""
+    return _duration
+
+
+def tell_notes(listener: Callable[[str], None]) -> None:
+    """Have notes given to a function instead of raised as warnings."""
+    global _note
+    _note = listener
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Leave notes untold inside the block: they have been told before."""
+    before = _note
+    tell_notes(lambda _: None)
+    try:
+        yield
+    finally:
+        tell_notes(before)
+
+
+def note(text: str) -> None:
+    """Say one sentence that changes no result but should be known."""
+    _note(text)

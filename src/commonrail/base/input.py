@@ -1,0 +1,139 @@
+"""The one way in which the program opens a file that others may have made: plain, of limited size, and fingerprinted.
+
+A file may come from anywhere, so nothing about it is taken on trust. It is examined before and after it is opened, and
+opening never waits, so that neither a device is touched nor a pipe read. The bytes that are hashed are those that are
+parsed. `docs/howto/limits.md` lists the limits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from glob import escape
+from pathlib import Path
+from typing import BinaryIO
+
+from commonrail.base.errors import InputError, nearest
+
+LARGEST_FILE = 100_000_000  # [bytes]; no reader but that of Parquet takes a larger one
+UNREADABLE = "unreadable"  # in place of the SHA-256 of what is there and is no file that would be read
+
+_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a pipe"}
+
+_noted: ContextVar[dict[Path, str] | None] = ContextVar("_noted", default=None)
+
+
+@contextmanager
+def noting_files() -> Iterator[dict[Path, str]]:
+    """Absolute path and SHA-256 of every file that is read inside the block, in the order of reading."""
+    noted: dict[Path, str] = {}
+    token = _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _noted.reset(token)
+
+
+def sha256(content: bytes) -> str:
+    """SHA-256 as text."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
+    """Bytes of a file of at most `largest` bytes, as they are in it.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is not a plain file, it is larger, or it may not be read; or if it was read before
+        inside the same `noting_files` and held other bytes then.
+    """
+    with _told(path), opened(path, largest) as stream:
+        data = stream.read(largest + 1)  # a file may grow, and those of the system say that they are empty
+    if len(data) > largest:
+        raise _too_large(path, f"more than {largest / 1e6:g} MB", largest)
+    noted = _noted.get()
+    if noted is not None:
+        digest = sha256(data)
+        if noted.setdefault(Path(os.path.abspath(path)), digest) != digest:
+            raise InputError(f"{path}: the file was changed while it was read; start again.")
+    return data
+
+
+@contextmanager
+def opened(path: Path, largest: int = LARGEST_FILE) -> Iterator[BinaryIO]:
+    """Stream of a plain file, which had at most `largest` bytes when it was opened.
+
+    Raises
+    ------
+    InputError
+        As `read_plain`, but for a file that grows while it is read.
+    """
+    with _told(path):
+        check_plain(path, largest)
+        # Neither waits for the other end of a pipe, should one have taken the file's place meanwhile.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with open(handle, "rb") as stream:
+        _refuse_unless_plain(path, os.fstat(handle), largest)
+        yield stream
+
+
+def check_plain(path: Path, largest: int | None = None) -> None:
+    """Refuse what is not a plain file, without opening it: to open a device may do something, and a pipe waits.
+
+    Raises
+    ------
+    InputError
+        If it is a folder, device, pipe or socket, or a link to one, or larger than `largest` bytes.
+    OSError
+        If there is nothing, or nothing that may be examined.
+    """
+    _refuse_unless_plain(path, path.stat(), largest)
+
+
+def fingerprint(path: Path, largest: int = LARGEST_FILE) -> str:
+    """SHA-256 of a file; empty if there is none that may be read, `UNREADABLE` if it is not plain or too large."""
+    try:
+        return sha256(read_plain(path, largest))
+    except InputError as error:
+        return UNREADABLE if error.__cause__ is None else ""
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: there is no such file{similar_names(path)}.") from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: the file cannot be read ({reason}).") from error
+
+
+def _refuse_unless_plain(path: Path, found: os.stat_result, largest: int | None) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no plain file")
+        raise InputError(f"{path}: this is {kind}, and a file is expected.")
+    if largest is not None and found.st_size > largest:
+        raise _too_large(path, f"{found.st_size / 1e6:.0f} MB", largest)
+
+
+def _too_large(path: Path, size: str, largest: int) -> InputError:
+    return InputError(
+        f"{path}: the file has {size}, more than the {largest / 1e6:g} MB that are read; keep only what is needed."
+    )
+
+
+def similar_names(path: Path) -> str:
+    """Suggestion of a file near a path at which there is none, in parentheses; empty if there is none."""
+    try:
+        below = sorted(path.parent.glob(f"*/{escape(path.name)}"))
+        if below:
+            return f' (did you mean "{below[0].relative_to(path.parent).as_posix()}"?)'
+        return nearest(path.name, sorted(entry.name for entry in path.parent.iterdir()))
+    except OSError:
+        return ""

@@ -1,0 +1,256 @@
+"""Output that is there whole or not at all: written beside its place, then moved there."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import os
+import re
+import secrets
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from commonrail.base.errors import InputError, OutputError
+from commonrail.base.input import opened, read_plain
+
+# Texts in tables that a spreadsheet would compute: neutralised where tables are written, restored where they are read.
+#
+# A text that would be taken for a formula gets an apostrophe in front, which makes it a text for every spreadsheet.
+# The same text comes back: `restored(neutralised(text)) == text`, and texts that nobody would compute stay as they
+# are.
+
+MARK = "'"
+
+# Signs with which a formula begins, in full width too, behind spaces and quotes that a spreadsheet may drop.
+_FORMULA = re.compile(r"[\s'\"]*[=+\-@＝＋－＠]")
+_NUMBER = re.compile(r"[\s'\"]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+_SEPARATORS = re.compile(r"([,;\t])")
+
+
+def neutralised(text: str) -> str:
+    """Cell of a table, which no spreadsheet computes; numbers stay numbers."""
+    return MARK + text if _is_computed(text) else text
+
+
+def restored(cell: str) -> str:
+    """Text of a cell that `neutralised` gave."""
+    return cell[1:] if cell.startswith(MARK) and _is_computed(cell[1:]) else cell
+
+
+def neutralised_note(line: str) -> str:
+    """Comment line, which a spreadsheet divides into cells at each separator; it begins with a sign of its own."""
+    return _behind_separators(line, neutralised)
+
+
+def restored_note(line: str) -> str:
+    """Comment line that `neutralised_note` gave."""
+    return _behind_separators(line, restored)
+
+
+def _behind_separators(line: str, change: Callable[[str], str]) -> str:
+    first, *others = _SEPARATORS.split(line)
+    return first + "".join(part if i % 2 == 0 else change(part) for i, part in enumerate(others))
+
+
+def _is_computed(text: str) -> bool:
+    if text[:1].isalnum():  # most cells: digits and letters begin no formula
+        return False
+    return bool(_FORMULA.match(text)) and not _NUMBER.fullmatch(text)
+
+
+PART = ".part"  # end of the name of a file that is being written
+
+
+@contextmanager
+def writing(path: Path, option: str = "") -> Iterator[None]:
+    """Turn an operating system's error while writing into a sentence.
+
+    Parameters
+    ----------
+    path : Path
+    option : str
+        Option of the command line that named it.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full, there is no permission, or for any other reason.
+    """
+    try:
+        yield
+    except OSError as error:
+        place = f"{option}: {path}" if option else f"{path}"
+        reason = error.strerror or type(error).__name__
+        raise OutputError(f"{place} cannot be written ({reason}); make room there or name another place.") from error
+
+
+@contextmanager
+def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
+    """Stream to a file that takes the place of `path` at the end of the block, unless the block ends in an error.
+
+    A crash or a full disk leaves what was at `path` before; a power cut leaves that or the new file, never a part.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written, or `path` is a symbolic link, a device or a folder.
+    """
+    with writing(path):
+        check_target(path)
+        part = path.with_name(f".{path.name}.{secrets.token_hex(6)}{PART}")
+        text: dict[str, Any] = {} if mode == "wb" else {"encoding": "utf-8", "newline": ""}
+        try:
+            with open(part, mode, opener=_create, **text) as stream:
+                yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(part, path)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink()
+            raise
+        _settle(path.parent)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        As `replacing`.
+    """
+    with replacing(path) as stream:
+        stream.write(text)
+
+
+def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Write a table, whole or not at all; `OutputError` as `replacing`.
+
+    This is where tables are written: a text that a spreadsheet would compute is neutralised, and `CsvFile` with `plain`
+    reads it back as it was.
+
+    Parameters
+    ----------
+    path : Path
+    notes : iterable of str
+        Comment lines above the header.
+    header : sequence of str
+        Names of the columns with their units.
+    rows : iterable of sequences of str
+    """
+    with replacing(path) as stream:
+        stream.writelines(f"# {neutralised_note(note)}\n" for note in notes)
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(map(neutralised, header))
+        writer.writerows(map(neutralised, row) for row in rows)
+
+
+def check_target(path: Path) -> None:
+    """Refuse a place where no file should be put.
+
+    Raises
+    ------
+    OutputError
+        If it is a symbolic link, a device or a folder.
+    """
+    # a link in a folder that others can write to may point at anything
+    if path.is_symlink():
+        raise OutputError(f"{path}: this is a symbolic link, which is not followed; remove it or name another place.")
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "no plain file"
+        raise OutputError(f"{path}: this is {kind}; name a file.")
+
+
+def _create(path: str, flags: int) -> int:
+    """Open a file that is not there yet: what somebody has put in its place is not followed."""
+    return os.open(path, flags | os.O_EXCL, 0o666)
+
+
+def _settle(folder: Path) -> None:
+    """See that the move is on disk too, where the system can tell."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+# Checksums of result files, in a file ``SHA256SUMS`` beside them that ``sha256sum -c SHA256SUMS`` reads too.
+
+SUMS = "SHA256SUMS"
+_LARGEST = 100_000  # [bytes]
+_LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+)")
+
+
+@contextmanager
+def summed(folder: Path, *names: str) -> Iterator[None]:
+    """Write files of a folder in the block; their checksums follow when all are there.
+
+    While the files are replaced there are no checksums: those of the former files would call the new ones damaged.
+
+    Parameters
+    ----------
+    folder : Path
+    *names : str
+        Files to be read back; one that was not written has no checksum.
+
+    Raises
+    ------
+    OutputError
+        If the checksums cannot be written.
+    """
+    path = folder / SUMS
+    with writing(path):
+        check_target(path)
+        path.unlink(missing_ok=True)
+    yield
+    written = [name for name in names if (folder / name).is_file()]
+    write_text(path, "".join(f"{_digest(folder / name)}  {name}\n" for name in written))
+
+
+def check_sum(path: Path) -> None:
+    """Refuse a file that is not the one that was written, as far as there is a checksum beside it.
+
+    Raises
+    ------
+    InputError
+        If the checksums list the file with another digest, or cannot be read.
+    """
+    sums = path.parent / SUMS
+    if not (sums.is_file() and path.is_file()):
+        return
+    if listed(sums).get(path.name, "") not in ("", _digest(path)):
+        raise InputError(
+            f"{path}: this is not the file that was written: its SHA-256 is another than in {SUMS} beside it; take a "
+            "copy that is whole or make it again, and if it was changed on purpose, copy it to another folder."
+        )
+
+
+def listed(sums: Path) -> dict[str, str]:
+    """Digests in a file of checksums by the names of the files.
+
+    Raises
+    ------
+    InputError
+        If a line is not a digest, two spaces and a name.
+    """
+    found = {}
+    for i, line in enumerate(read_plain(sums, _LARGEST).decode("utf-8", "replace").splitlines(), 1):
+        parts = _LINE.fullmatch(line)
+        if parts is None:
+            raise InputError(
+                f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are "
+                "damaged: take a copy of the run that is whole."
+            )
+        found[parts["name"]] = parts["digest"]
+    return found
+
+
+def _digest(path: Path) -> str:
+    with opened(path, sys.maxsize) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]

@@ -1,0 +1,117 @@
+"""Parts of the package and of installed plug-ins by group and name; each is imported when it is first asked for.
+
+A package registers a part by an entry point, for example a verb in its ``pyproject.toml``::
+
+    [project.entry-points."commonrail.verbs"]
+    histogram = "my_package.verb:histogram"
+
+What ships with commonrail is registered alike, in the table of `commonrail.plugins`, so that a start does not search
+the disk. A shipped part wins over one of the same name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from commonrail.base.errors import PluginError
+
+PACKAGE = "commonrail"
+GROUPS = (
+    "verbs",
+    "data",
+    "optimisers",
+    "readers",
+    "injectors",
+    "fuels",
+    "meters",
+    "results",
+    "studies",
+    "after_fit",
+    "pages",
+    "inspectors",
+)
+
+
+def load(target: str) -> Any:
+    """Import and return the object ``module:object``."""
+    module, _, attribute = target.partition(":")
+    return getattr(import_module(module), attribute)
+
+
+class Entry(NamedTuple):
+    """Registered part.
+
+    Attributes
+    ----------
+    group : str
+        One of `GROUPS`.
+    name : str
+        Of the verb, method, kind of data, injector, fuel or meter; of "readers" and "inspectors" the ending of a file
+        without its point; of "results" the record file by which a folder tells its kind, such as "comparison.json"; of
+        "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it as "NAME.toml"; of
+        "pages" the file in a run folder; of "after_fit" any, and they are called in alphabetical order of it after
+        those that ship.
+    target : str
+        ``module:object``.
+    distribution : str
+        Name of the installed package that registers it.
+    version : str
+        Of that package; empty for what ships.
+    """
+
+    group: str
+    name: str
+    target: str
+    distribution: str = PACKAGE
+    version: str = ""
+
+    def load(self) -> Any:
+        """Import and return the object.
+
+        Raises
+        ------
+        PluginError
+            If the import of an installed plug-in fails, whatever its reason.
+        """
+        if self.distribution == PACKAGE:
+            return load(self.target)
+        try:
+            return load(self.target)
+        except Exception as error:
+            raise PluginError(
+                f'plug-in {self.distribution} {self.version}: "{self.name}" of {PACKAGE}.{self.group} cannot be loaded '
+                f"from {self.target} ({type(error).__name__}: {error}); update or uninstall {self.distribution}."
+            ) from error
+
+
+@cache
+def shipped(group: str) -> Mapping[str, Entry]:
+    """Parts that ship with the package, by name in the order of its table."""
+    table: Mapping[str, Mapping[str, str]] = import_module(f"{PACKAGE}.plugins").SHIPPED
+    return {name: Entry(group, name, target) for name, target in table.get(group, {}).items()}
+
+
+@cache
+def installed(group: str) -> Mapping[str, Entry]:
+    """Parts that other installed packages register, by name in alphabetical order."""
+    from importlib.metadata import entry_points  # slow to import
+
+    found = sorted(entry_points(group=f"{PACKAGE}.{group}"), key=lambda point: point.name)
+    return {
+        point.name: Entry(group, point.name, point.value, point.dist.name, point.dist.version)
+        for point in found
+        if point.dist is not None and point.name not in shipped(group)
+    }
+
+
+def entries(group: str) -> Mapping[str, Entry]:
+    """All parts of a group by name, those that ship first."""
+    return {**shipped(group), **installed(group)}
+
+
+def find(group: str, name: str) -> Entry | None:
+    """Part of a name, or None; installed packages are searched only where none of that name ships."""
+    return shipped(group).get(name) or installed(group).get(name)

@@ -1,0 +1,121 @@
+"""Numbers as the report writes them; a missing number is a dash."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from commonrail.base.units import to_text
+
+MISSING = "–"
+_PRETTY = {"mm3": "mm³", "cm3": "cm³", "mm2": "mm²", "m3": "m³", "m2": "m²", "ohm": "Ω"}
+_PRETTY |= {"um": "µm", "us": "µs", "N/um": "N/µm", "um/MPa": "µm/MPa", "mohm": "mΩ", "mm3/ms": "mm³/ms", "degC": "°C"}
+# Unit in which the field states all values of an SI unit, whatever their size, and its factor.
+_FIELD = {
+    "Pa": ("MPa", 1e-6),
+    "s": ("us", 1e6),
+    "m": ("um", 1e6),
+    "m3": ("mm3", 1e9),
+    "kg": ("mg", 1e6),
+    "m3/s": ("mm3/ms", 1e6),
+    "kg/s": ("mg/ms", 1e3),
+}
+
+
+class FieldUnit(NamedTuple):
+    """Unit in which the field states a quantity: its name in files, text on pages, and factor from SI."""
+
+    name: str
+    text: str
+    factor: float
+
+
+def field_unit(unit: str) -> FieldUnit:
+    """Unit in which the field states values of an SI unit; "1" has no text, and other units are left as they are."""
+    name, factor = _FIELD.get(unit, (unit, 1.0))
+    return FieldUnit(name, "" if unit == "1" else in_print(name), factor)
+
+
+def in_print(unit: str) -> str:
+    """Name of a unit as pages print it: µs for us."""
+    return _PRETTY.get(unit, unit)
+
+
+def number(value: Any) -> float | None:
+    """A finite number, or None: what a failed simulation leaves."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def fixed(value: Any, decimals: int, scale: float = 1.0) -> str:
+    """Number times `scale` with so many decimals."""
+    found = number(value)
+    return MISSING if found is None else f"{found * scale:.{decimals}f}"
+
+
+def significant(value: Any, digits: int = 4, scale: float = 1.0) -> str:
+    """Number times `scale` with so many significant digits, without an exponent from 1 to a million."""
+    found = number(value)
+    if found is None:
+        return MISSING
+    rounded = f"{found * scale:.{digits}g}"
+    return f"{float(rounded):.0f}" if "e+" in rounded and abs(float(rounded)) < 1e6 else rounded
+
+
+def signed(value: Any, decimals: int) -> str:
+    """Number with its sign, a true minus, and no sign at zero."""
+    found = number(value)
+    if found is None:
+        return MISSING
+    text = f"{abs(found):.{decimals}f}"
+    return text if not float(text) else ("+" if found > 0.0 else "−") + text
+
+
+def percent(share: Any, decimals: int = 1) -> str:
+    """Share as a percentage, without the sign %."""
+    return fixed(share, decimals, 100.0)
+
+
+def pressure(value: Any) -> str:
+    """Pressure [Pa] in MPa with its unit."""
+    return f"{megapascal(value)} MPa"
+
+
+def megapascal(value: Any) -> str:
+    """Pressure [Pa] as a number of MPa."""
+    return significant(value, 4, 1e-6)
+
+
+def quantity(value: Any, unit: str, digits: int = 4) -> str:
+    """Value of any SI unit with the prefix that suits it."""
+    found = number(value)
+    if found is None:
+        return MISSING
+    amount, _, shown = to_text(found, unit, digits).partition(" ")
+    return f"{amount} {in_print(shown)}".strip()
+
+
+def duration(seconds: Any) -> str:
+    """Time that something took."""
+    found = number(seconds)
+    if found is None:
+        return MISSING
+    if found < 60.0:
+        return f"{found:.1f} s"
+    minutes, rest = divmod(round(found), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def counted(count: int, noun: str, nouns: str = "") -> str:
+    """Number with its noun in the singular or the plural, by default with an s: 1 rail pressure, 2 rail pressures."""
+    return f"{count} {noun if count == 1 else nouns or f'{noun}s'}"
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words as a sentence lists them: a, b and c."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} and {words[-1]}"

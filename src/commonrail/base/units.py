@@ -1,0 +1,391 @@
+"""Text with a unit ("160 MPa", "700 us") to SI floats and back: the edge of the project.
+
+Inside the project every number is an SI float. This module is the only user of pint. The units
+that the field writes every day are in `unit_table`, so that an ordinary file never pays for
+building pint's registry (about 0.4 s); any other unit is handed to pint.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import reprlib
+import unicodedata
+from contextlib import suppress
+from decimal import Decimal
+from functools import lru_cache
+from numbers import Real
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
+
+from commonrail.base.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    from commonrail.base.arrays import Floats
+
+# The units that the field writes every day: their kinds, factors to SI, names and examples.
+#
+# Data only; `units` reads it. Every entry is held to pint's answer by a test.
+
+
+class Scale(NamedTuple):
+    """SI value = factor · value + offset, in the SI unit that names the kind of quantity."""
+
+    kind: str
+    factor: float
+    offset: float = 0.0
+
+
+# Kind (its SI unit) → spellings → factor to SI. Names follow pint, with powers as plain digits.
+FACTORS: dict[str, dict[str, float]] = {
+    "1": {"1": 1.0, "%": 0.01, "rad": 1.0, "deg": math.pi / 180.0},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "m2": {"m2": 1.0, "cm2": 1e-4, "mm2": 1e-6, "um2": 1e-12},
+    "m3": {"m3": 1.0, "L": 1e-3, "cm3": 1e-6, "mm3": 1e-9, "mm3/stroke": 1e-9, "mm3/inj": 1e-9},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "1/s": {"1/s": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "mm/ms": 1.0},
+    "m/s2": {"m/s2": 1.0},
+    "s/m": {"s/m": 1.0},
+    "kg": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "mg/stroke": 1e-6, "mg/inj": 1e-6},
+    "kg/s": {"kg/s": 1.0, "g/s": 1e-3, "mg/s": 1e-6, "mg/ms": 1e-3, "N s/m": 1.0},
+    "m3/s": {"m3/s": 1.0, "cm3/s": 1e-6, "mm3/s": 1e-9, "mm3/ms": 1e-6, "L/min": 1e-3 / 60.0},
+    "kg/m3": {"kg/m3": 1.0, "g/cm3": 1e3},
+    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3},
+    "N/m": {"N/m": 1.0, "N/mm": 1e3, "N/um": 1e6, "kN/mm": 1e6},
+    "Pa": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "mbar": 1e2},
+    "1/Pa": {"1/Pa": 1.0, "1/MPa": 1e-6, "1/bar": 1e-5},
+    "m/Pa": {"m/Pa": 1.0, "um/MPa": 1e-12, "um/bar": 1e-11},
+    "Pa s": {"Pa s": 1.0, "mPa s": 1e-3},
+    "m2/s": {"m2/s": 1.0, "mm2/s": 1e-6, "cSt": 1e-6},
+    "J": {"J": 1.0, "mJ": 1e-3, "kJ": 1e3, "N m": 1.0},
+    "W": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    "V": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "ohm": {"ohm": 1.0, "mohm": 1e-3, "kohm": 1e3, "V/A": 1.0},
+    "S": {"S": 1.0},
+    "H": {"H": 1.0, "mH": 1e-3, "uH": 1e-6},
+    "1/H": {"1/H": 1.0},
+    "H/m": {"H/m": 1.0},
+    "A/m": {"A/m": 1.0},
+    "Wb": {"Wb": 1.0, "mWb": 1e-3},
+    "T": {"T": 1.0, "mT": 1e-3},
+    "K": {"K": 1.0},
+    "1/K": {"1/K": 1.0},
+}
+FAST = {name: Scale(kind, factor) for kind, names in FACTORS.items() for name, factor in names.items()} | {
+    "degC": Scale("K", 1.0, 273.15)
+}
+
+# What a message calls a kind, and what it offers as an example.
+NAMES: dict[str, tuple[str, str]] = {
+    "1": ("a plain number", "0.8"),
+    "m": ("a length", "0.2 mm"),
+    "m2": ("an area", "70 mm2"),
+    "m3": ("a volume", "150 mm3"),
+    "s": ("a time", "700 us"),
+    "1/s": ("a frequency", "20 kHz"),
+    "m/s": ("a speed", "1300 m/s"),
+    "kg": ("a mass", "5 g"),
+    "kg/s": ("a mass flow or a damping", "20 mg/ms"),
+    "m3/s": ("a volume flow", "50 mm3/ms"),
+    "kg/m3": ("a density", "830 kg/m3"),
+    "N": ("a force", "72 N"),
+    "N/m": ("a stiffness", "20 N/mm"),
+    "Pa": ("a pressure", "160 MPa"),
+    "Pa s": ("a dynamic viscosity", "3 mPa s"),
+    "m2/s": ("a kinematic viscosity", "2.6 mm2/s"),
+    "J": ("an energy or a torque", "30 mJ"),
+    "W": ("a power", "50 W"),
+    "V": ("a voltage", "65 V"),
+    "A": ("a current", "18 A"),
+    "ohm": ("a resistance", "0.2 ohm"),
+    "H": ("an inductance", "0.2 mH"),
+    "Wb": ("a magnetic flux", "0.1 mWb"),
+    "T": ("a flux density", "1.5 T"),
+    "K": ("a temperature", "80 degC"),
+}
+
+# What `to_text` may choose from, largest first.
+SHOWN: dict[str, tuple[str, ...]] = {
+    "m": ("m", "mm", "um", "nm"),
+    "m2": ("mm2",),
+    "m3": ("cm3", "mm3"),
+    "s": ("s", "ms", "us", "ns"),
+    "1/s": ("1/s",),
+    "Hz": ("MHz", "kHz", "Hz"),
+    "kg": ("kg", "g", "mg"),
+    "kg/s": ("kg/s", "mg/ms"),
+    "m3/s": ("mm3/ms",),
+    "N": ("kN", "N", "mN"),
+    "N/m": ("N/um", "N/mm", "N/m"),
+    "Pa": ("GPa", "MPa", "kPa", "Pa"),
+    "m/Pa": ("um/MPa",),
+    "Pa s": ("Pa s", "mPa s"),
+    "m2/s": ("mm2/s",),
+    "J": ("kJ", "J", "mJ"),
+    "W": ("kW", "W", "mW"),
+    "V": ("V", "mV"),
+    "A": ("A", "mA"),
+    "ohm": ("ohm", "mohm"),
+    "H": ("H", "mH", "uH"),
+    "Wb": ("Wb", "mWb"),
+}
+
+
+_NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S)
+_LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "·": " ", "⋅": " "})
+
+
+def parse(text: str | float, unit: str, where: str = "") -> float:
+    """Read a number with its unit.
+
+    Parameters
+    ----------
+    text : str or float
+        ``"160 MPa"``, ``"1600bar"``, ``"-3 µm"``; without a unit only where `unit` is ``"1"``.
+    unit : str
+        Unit of the result, as a rule the SI unit.
+    where : str
+        File, line or key; opens the message of an error.
+
+    Returns
+    -------
+    float
+        Finite value in `unit`, the one nearest to the decimal text.
+
+    Raises
+    ------
+    InputError
+        Not a number, no unit, an unknown unit, a unit of another kind, or not finite.
+
+    Examples
+    --------
+    >>> parse("1600 bar", "Pa")
+    160000000.0
+    >>> parse("80 degC", "K")
+    353.15
+    """
+    target = _known(unit, where)
+    wanted = _expected(target.kind, unit)
+    number, written = _split(text, wanted, where)
+    given = _quoted(text if isinstance(text, str) else number)
+    if not written and unit != "1":
+        raise _error(where, f"{given} has no unit; {wanted}")
+    source = _known(written or "1", where, wanted)
+    if source.kind != target.kind:
+        raise _error(where, f"{given} is {_name(source.kind)}; {wanted}")
+    value = _rescaled(number, source, target)
+    if not math.isfinite(value):
+        raise _error(where, f"{given} is not finite; {wanted}")
+    return value
+
+
+def parse_difference(text: str | float, unit: str, where: str = "") -> float:
+    """Read a difference of two values with its unit, such as a tolerance: 3 degC and 3 K are the same.
+
+    Parameters
+    ----------
+    text : str or float
+    unit : str
+        Unit of the result.
+    where : str
+        As in `parse`.
+
+    Raises
+    ------
+    InputError
+        As in `parse`.
+
+    Examples
+    --------
+    >>> parse_difference("2 degC", "K")
+    2.0
+    """
+    value = parse(text, unit, where)
+    number, written = _split(text, unit, where)
+    source, target = _known(written or "1", where), _known(unit, where)
+    if source.offset == target.offset == 0.0:
+        return value
+    return _rescaled(number, source._replace(offset=0.0), target._replace(offset=0.0))
+
+
+@overload
+def convert(value: float, source_unit: str, target_unit: str, where: str = "") -> float: ...
+@overload
+def convert(value: Floats, source_unit: str, target_unit: str, where: str = "") -> Floats: ...
+def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> Any:
+    """Convert a float or an array, of any shape, from one unit to another.
+
+    Angular speed and frequency are told apart: rpm does not convert to Hz.
+
+    Parameters
+    ----------
+    value : float or array
+        Value in `source_unit`; not-a-number passes through.
+    source_unit, target_unit : str
+        Units of the same kind; an offset unit such as degC is a point on its scale.
+    where : str
+        File, line or key; opens the message of an error.
+
+    Returns
+    -------
+    float or array
+        Value in `target_unit`, same shape.
+
+    Raises
+    ------
+    InputError
+        A unit is unknown, or the two are of different kinds.
+    """
+    source, target = _known(source_unit, where), _known(target_unit, where)
+    if source.kind != target.kind:
+        raise _error(
+            where,
+            f"{_quoted(source_unit)} is a unit of {_name(source.kind)} and cannot become "
+            f"{_quoted(target_unit)}, a unit of {_name(target.kind)}",
+        )
+    if source == target:
+        return value * 1.0
+    return value * (source.factor / target.factor) + (source.offset - target.offset) / target.factor
+
+
+def compatible(a: str, b: str) -> bool:
+    """Tell whether two units measure the same kind of quantity; InputError for an unknown unit."""
+    return _known(a, "").kind == _known(b, "").kind
+
+
+def fits(unit: str, kind: str) -> bool:
+    """Tell whether a text is a unit of the same kind of quantity as another; False for an unknown unit."""
+    try:
+        return compatible(unit, kind)
+    except InputError:
+        return False
+
+
+def to_text(value: float, unit: str, digits: int = 6) -> str:
+    """Write an SI value for a person to read, with the prefix that suits its size.
+
+    Parameters
+    ----------
+    value : float
+        Value in `unit`.
+    unit : str
+        SI unit; any other unit is kept as it stands, and ``"1"`` is not written.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Text that `parse` reads back to the same `digits`.
+
+    Examples
+    --------
+    >>> to_text(160e6, "Pa"), to_text(7e-4, "s"), to_text(0.82, "1")
+    ('160 MPa', '700 us', '0.82')
+    """
+    if unit == "1":
+        return f"{value:.{digits}g}"
+    rounded = float(f"{value:.{digits}g}")
+    choices = SHOWN.get(unit, ())
+    fitting = (name for name in choices if abs(rounded) >= FAST[name].factor)
+    if rounded == 0.0 or not math.isfinite(rounded) or not choices:
+        return f"{rounded:.{digits}g} {unit}"
+    shown = next(fitting, choices[-1])
+    text = f"{value / FAST[shown].factor:.{digits}g}"
+    # Few digits of hundreds are written out: 120 ns, not 1.2e+02 ns.
+    plain = f"{float(text):.0f}" if "e+" in text and abs(float(text)) < 1e6 else text
+    return f"{plain} {shown}"
+
+
+def _rescaled(number: str, source: Scale, target: Scale) -> float:
+    """Scale in decimal, so that "215 um" is the float that 215e-6 is; may return an infinity."""
+    value = float(number)
+    # Decimal refuses exponents that a float rounds to zero or to infinity.
+    decimal = Decimal(number) if value and math.isfinite(value) else Decimal(value)
+    exact = decimal * Decimal(repr(source.factor)) + Decimal(repr(source.offset))
+    return float((exact - Decimal(repr(target.offset))) / Decimal(repr(target.factor)))
+
+
+def _split(text: object, wanted: str, where: str) -> tuple[str, str]:
+    """Number and unit as written; the number is kept as text, for exact scaling."""
+    if isinstance(text, bool) or not isinstance(text, (str, Real)):
+        raise _error(where, f"{_quoted(text)} is not a number with a unit; {wanted}")
+    if isinstance(text, Real):
+        with suppress(OverflowError):
+            return repr(float(text)), ""
+        return "inf", ""
+    if re.search(r"\d,\d", text):
+        raise _error(where, f"{_quoted(text)} has a comma; write the decimal sign as a point")
+    found = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text).replace("−", "-").strip())
+    if not found:
+        raise _error(where, f"{_quoted(text)} does not start with a number; {wanted}")
+    return found[1], found[2].strip()
+
+
+def _known(unit: str, where: str, wanted: str = "") -> Scale:
+    found = _scale(unit)
+    if found is None:
+        meant = nearest(unit, FAST) + (wanted and f"; {wanted}")
+        raise _error(where, f"{_quoted(unit)} is not a known unit{meant}")
+    return found
+
+
+@lru_cache(maxsize=512)
+def _scale(unit: str) -> Scale | None:
+    text = unicodedata.normalize("NFKC", unit).translate(_LOOKALIKES)
+    # A power is a letter followed by digits; what is left of other powers is refused below.
+    text = re.sub(r"(?<=[A-Za-z])\s*(?:\*\*|\^)\s*(?=-?\d)", "", text).replace("**", "^")
+    text = re.sub(r"\s*/\s*", "/", " ".join(text.replace("*", " ").split()))
+    text = f"1{text}" if text.startswith("/") else text
+    return FAST.get(text) or _ask_pint(text)
+
+
+def _ask_pint(text: str) -> Scale | None:
+    # Only short products of small powers: pint would spend minutes on the integer 1000**99999999.
+    if not text or len(text) > 60 or "^" in text or re.search(r"\d{3}", text):
+        return None
+    registry, kinds = _pint()
+    try:
+        found = registry.parse_units(re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", text))
+        zero, one, two = (registry.Quantity(x, found).to_base_units() for x in (0.0, 1.0, 2.0))
+        offset, factor = float(zero.magnitude), float(one.magnitude - zero.magnitude)
+        linear = math.isclose(two.magnitude - one.magnitude, factor, rel_tol=1e-9)
+    except Exception:  # pint answers malformed text with a dozen unrelated exception types
+        return None
+    if not (linear and math.isfinite(factor) and factor > 0.0):
+        return None
+    base = str(one.units)
+    return Scale(kinds.get(base, base), factor, offset)
+
+
+@lru_cache(maxsize=1)
+def _pint() -> tuple[Any, dict[str, str]]:
+    """Pint's registry, built once, and the table's kinds by pint's name of their base units."""
+    import pint
+
+    registry: Any = pint.UnitRegistry()
+    for per in ("stroke", "inj"):
+        registry.define(f"{per} = count")
+    named = {kind: re.sub(r"(?<=[A-Za-z])(\d+)", r"**\1", kind) for kind in FACTORS}
+    bases = {str(registry.Quantity(1, text).to_base_units().units): k for k, text in named.items()}
+    return registry, bases | {"radian": "1"}
+
+
+def _name(kind: str) -> str:
+    return NAMES[kind][0] if kind in NAMES else f"a quantity in {kind}"
+
+
+def _expected(kind: str, unit: str) -> str:
+    name, example = NAMES.get(kind, (f"a quantity in {unit}", f"3 {unit}"))
+    return f'{name} is expected, for example "{example}"'
+
+
+def _quoted(text: object) -> str:
+    """One short line, whatever was in the file."""
+    line = " ".join(text.split()) if isinstance(text, str) else reprlib.repr(text)
+    return f'"{line if len(line) <= 40 else line[:37] + "..."}"'
+
+
+def _error(where: str, sentence: str) -> InputError:
+    return InputError(f"{where}: {sentence}." if where else f"{sentence}.")

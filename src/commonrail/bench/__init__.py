@@ -1,1 +1,0 @@
-"""Facts of the machine for `commonrail doctor`."""

@@ -1,0 +1,214 @@
+"""Effects of free parameters near the best values, and what the plug-ins of "after_fit" add for a calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from commonrail.base import hooks, registry
+from commonrail.base.arguments import instance
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.errors import PluginError
+from commonrail.base.linear import least_squares
+from commonrail.calibration.goal import Goal, Loss
+from commonrail.calibration.influence import Influence, around, influence_of
+from commonrail.calibration.members import equal_ends, fitted_values
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.parameter import Priors
+from commonrail.calibration.run import Calibration
+from commonrail.calibration.space import Space
+from commonrail.data.base import Role
+from commonrail.data.kinds import of_role
+from commonrail.physics.elementary import norm, product
+
+NORMAL = 1.96  # standard errors of half an interval of 95 %
+LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
+
+
+class ParameterVerdict(StrEnum):
+    """Statement of the data on a parameter."""
+
+    PINNED = "pinned"
+    COMBINED = "only in combination"
+    AT_BOUND = "at a bound"
+    CONSTRAINED = "held by a constraint"
+    UNSEEN = "not seen by these data"
+    WITHDRAWN = "withdrawn"
+
+    @classmethod
+    def by_width(cls, half: float, alone: float, value: float, limit: float = LIMIT) -> ParameterVerdict:
+        """Verdict by the half widths of an interval over the value, without bounds, constraints and assumptions.
+
+        Parameters
+        ----------
+        half, alone : float
+            Half widths [SI]: with all parameters free, and with the others known.
+        value : float
+            [SI].
+        limit : float
+            Half width over value, up to which a parameter is pinned.
+        """
+        if half <= limit * abs(value):
+            return cls.PINNED
+        return cls.COMBINED if alone <= limit * abs(value) else cls.UNSEEN
+
+
+class Identified(dict[str, dict[str, Any]]):
+    """Findings of each free parameter by name.
+
+    Attributes
+    ----------
+    influence : Influence or None
+        None where the best values could not be simulated.
+    sections : dict
+        Sections of result.json on the fit as a whole, by their keys; "identifiability" is `Influence.record`.
+    bands : dict
+        Section "band" of a data set, by its name.
+    """
+
+    def __init__(self, influence: Influence | None = None) -> None:
+        super().__init__()
+        self.influence = influence
+        self.sections: dict[str, Any] = {}
+        self.bands: dict[str, dict[str, Any]] = {}
+
+
+@dataclass(frozen=True)
+class FinishedFit:
+    """Fit that functions of the group "after_fit" judge, each called with it.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    identified : Identified
+        What the function adds to or replaces: findings of parameters, sections, bands.
+    optima : (k, d)
+        Best values [SI], then other optima that explain the data as well.
+    threads : int or None
+        None: all usable processors.
+    shared : dict
+        What a function leaves to those after it, by the name of its part.
+    """
+
+    calibration: Calibration
+    identified: Identified
+    optima: Floats
+    threads: int | None
+    shared: dict[str, Any] = field(default_factory=dict)
+
+
+def identify(calibration: Calibration, threads: int | None = None) -> Identified:
+    """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
+
+    Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
+    as shipped `certify` and `judged_bands`. With `same_bits` all are those of `identify_at`, and there are no bands;
+    `commonrail certainty` and `commonrail predict` compute the others on demand.
+    """
+    study = calibration.study
+    fitted = of_role(study.data, Role.FIT)
+    goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
+    objective = Objective(
+        study.injector, study.space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
+    )
+    best = np.array([calibration.best[name] for name in study.space.names])
+    found = identify_at(study.space, objective, best)
+    if found.influence:
+        fit = FinishedFit(calibration, found, np.array([best, *_others(calibration)]), threads)
+        for part in registry.entries("after_fit").values():
+            try:
+                judge = part.load()
+            except PluginError as error:  # the others judge the fit all the same
+                hooks.note(str(error))
+            else:
+                judge(fit)
+    return found
+
+
+def _others(calibration: Calibration) -> list[Floats]:
+    """Optima [SI] of the search besides the best that explain the data as well."""
+    if calibration.study.loss is not Loss.SQUARES:
+        return []
+    return [end.x for end in equal_ends(calibration.ends, fitted_values(calibration.study.data))[1:]]
+
+
+def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
+    """Effect, standard error and verdict of each free parameter on the data of an objective, at a point.
+
+    From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
+    size s² = |r|²/(N − d): a parameter moved alone has the standard error s/|J_i|, and s/|J_i⊥| once the
+    others may readjust, J_i⊥ being the part of J_i that they cannot imitate. With priors, which the effects leave out,
+    the standard error is that of data and priors together, see `Influence.errors`. Under the loss soft L1 each residual
+    counts with its weight there, see `Goal.roots_of_weights`. Local and linear: it says nothing about other basins.
+
+    Parameters
+    ----------
+    space : Space
+    objective : Objective
+    best : (d,)
+        The point, SI.
+
+    Returns
+    -------
+    dict
+        Per parameter: "effect" and "pinned", the root-sum-square change of the residuals for a move of 1 % of the
+        range, alone and after readjustment; "standard_error" [SI], and "verdict", both of least squares with white
+        noise.
+    """
+    instance(space, Space, "space")
+    instance(objective, Objective, "objective")
+    place = around(space, best)
+    values = objective.linearised(place.values)
+    many = values.shape[1] - len(objective.goal.priors)  # the data's residuals stand before those of the priors
+    residuals = values[:, :many]
+    own = residuals[0]
+    jacobian = place.slopes(residuals)
+    usable = np.all(np.isfinite(jacobian), axis=0)
+    spread = np.sqrt(np.sum(own**2) / max(len(own) - space.dimension, 1))
+    pulls = place.slopes(values[:, many:])
+    stated = all(data.discrepancy(data.measured) is not None for data in objective.data)  # not in mm³/ms, as curves are
+    known = np.where(usable, jacobian, 0.0)
+    influence = influence_of(own, known, pulls, stated) if np.isfinite(own).all() else None
+    found = Identified(influence)
+    if influence:
+        found.sections["identifiability"] = influence.record(space.names)
+    for i, p in enumerate(space.parameters):
+        alone, joint = _leverage(jacobian, usable, i)
+        error = spread / joint if joint > 0.0 else np.inf
+        if influence and len(objective.goal.priors):
+            error = float(influence.errors[i])
+        found[p.name] = {
+            "effect": 0.01 * alone,
+            "pinned": 0.01 * joint,
+            "standard_error": float(error * place.scale[i]) if np.isfinite(error) else None,
+            "verdict": _verdict(spread * place.scale[i], alone, joint, best[i]),
+        }
+    return found
+
+
+def _leverage(jacobian: Floats, usable: Bools, i: int) -> tuple[float, float]:
+    """|J_i| and |J_i⊥|."""
+    if not usable[i]:
+        return 0.0, 0.0
+    column = jacobian[:, i]
+    others = jacobian[:, usable & (np.arange(jacobian.shape[1]) != i)]
+    imitation = product(others, least_squares(others, column)[:, None])[:, 0] if others.shape[1] else 0.0
+    return norm(column), norm(column - imitation)
+
+
+def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
+    """Verdict by half the interval relative to the value, as `verdicts_of` has it, for residuals that are white noise.
+
+    Parameters
+    ----------
+    spread : float
+        Scatter of the residuals times the parameter's SI value per position.
+    alone, joint : float
+        Change of the residuals for the width of the bounds, and the part of it that the others cannot imitate.
+    value : float
+        Of the parameter [SI].
+    """
+    half, single = (NORMAL * abs(spread) / change if change > 0.0 else np.inf for change in (joint, alone))
+    return ParameterVerdict.by_width(half, single, value).value

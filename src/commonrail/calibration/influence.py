@@ -1,0 +1,140 @@
+"""Linear algebra of a fit near its best values: effective parameters, and combinations that the data pin down."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import array
+from commonrail.base.arrays import Floats
+from commonrail.base.linear import singular
+from commonrail.calibration.space import Space
+from commonrail.physics.elementary import product
+
+SHOWN = 0.2  # weight in a combination from which a parameter is named
+NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a direction counts as free
+
+
+class Influence(NamedTuple):
+    """Influence of the data on the parameters.
+
+    Attributes
+    ----------
+    effective : float
+        Effective number of parameters: trace of the influence matrix J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the priors P.
+    scatter : float
+        s = sqrt(|r|²/(n − effective)) of the data's residuals; 1 where the tolerances are the standard errors.
+    errors : (d,)
+        Standard errors in positions between the bounds, with the priors: roots of the diagonal of
+        max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter.
+    singular : (k,)
+        Singular values of J, of residuals per width of the bounds, in falling order.
+    directions : (k, d)
+        Unit vectors in positions between the bounds that belong to them.
+    residuals : int
+        Number of the data's residuals n.
+    """
+
+    effective: float
+    scatter: float
+    errors: Floats
+    singular: Floats
+    directions: Floats
+    residuals: int
+
+    def record(self, names: tuple[str, ...]) -> dict[str, Any]:
+        """JSON-able form; a combination names the parameters whose weight is `SHOWN` or more.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of the parameters, in order.
+        """
+        combinations = []
+        for value, vector in zip(self.singular.tolist(), self.directions, strict=True):
+            order = [i for i in np.argsort(-np.abs(vector), kind="stable").tolist() if abs(vector[i]) >= SHOWN]
+            weights = {names[i]: round(float(vector[i]), 4) for i in order}
+            combinations.append({"singular_value": value, "weights": weights})
+        return {
+            "residuals": self.residuals,
+            "effective_parameters": self.effective,
+            "scatter": self.scatter,
+            "combinations": combinations,
+        }
+
+
+def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviations: bool = True) -> Influence:
+    """Influence of data on parameters.
+
+    Parameters
+    ----------
+    residuals : (n,)
+        Of the data, at the best values.
+    jacobian : (n, d)
+        Their derivatives with respect to the positions between the bounds; zero columns where they are unknown.
+    priors : (p, d)
+        Derivatives of the residuals of the priors.
+    in_deviations : bool
+        Whether residuals are multiples of a stated tolerance. Errors are then no smaller than that tolerance explains;
+        else the scatter alone scales them.
+
+    Returns
+    -------
+    Influence
+    """
+    all_values, all_directions = singular(np.vstack([jacobian, priors]))
+    held = all_values > NEGLIGIBLE * max(all_values.max(initial=0.0), 1e-300)
+    inverse = all_directions[held].T / all_values[held]  # root of the pseudo-inverse of JᵀJ + PᵀP
+    effective = float(np.sum(product(jacobian, inverse) ** 2))
+    scatter = float(np.sqrt(np.sum(residuals**2) / max(len(residuals) - effective, 1.0)))
+    errors = (max(scatter, 1.0) if in_deviations else scatter) * np.sqrt(np.sum(inverse**2, axis=1))
+    loose = np.sum(all_directions[held] ** 2, axis=0) < 1.0 - 1e-6
+    values, directions = singular(jacobian)
+    signs = np.sign(directions[np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)])
+    return Influence(
+        effective,
+        scatter,
+        np.where(loose, np.inf, errors),
+        values,
+        directions * signs[:, None],
+        len(residuals),
+    )
+
+
+# Candidates about a point, and derivatives from what they give.
+
+STEP = 5e-3  # of the range, to both sides: above the ripple of a PWM drive, below curvature
+
+
+class Neighbourhood(NamedTuple):
+    """A point with candidates below and above it in each parameter.
+
+    Attributes
+    ----------
+    values : (1 + 2 d, d)
+        The point, those below and those above it [SI].
+    width : (d,)
+        Distance between the two candidates of a parameter, in positions between the bounds; less at a bound.
+    scale : (d,)
+        SI value per unit of position, which on a logarithmic scale is not the width of the range.
+    """
+
+    values: Floats
+    width: Floats
+    scale: Floats
+
+    def slopes(self, found: Floats) -> Floats:
+        """Derivatives (m, d) with respect to the positions of figures (1 + 2 d, m) that the candidates give."""
+        d = len(self.width)
+        return np.asarray(((found[1 + d :] - found[1 : 1 + d]) / self.width[:, None]).T)
+
+
+def around(space: Space, best: Floats) -> Neighbourhood:
+    """Candidates `STEP` below and above a point (d,) [SI] in each parameter, within the bounds."""
+    unit = space.to_unit(array(best, "1", "best values", 1))
+    step = STEP * np.eye(space.dimension)
+    low, high = np.clip(unit - step, 0.0, 1.0), np.clip(unit + step, 0.0, 1.0)
+    width = np.diag(high - low)
+    scale = np.diag(space.from_unit(high) - space.from_unit(low)) / width
+    return Neighbourhood(space.from_unit(np.vstack([unit, low, high])), width, scale)

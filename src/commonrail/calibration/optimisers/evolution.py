@@ -1,0 +1,513 @@
+"""The paper's differential evolution, DE/rand/1/bin, Eq. (17) to (20)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonrail.base.arguments import array, chosen, number, settle, whole
+from commonrail.base.arrays import Bools, Floats, IndexArray
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Trials
+from commonrail.calibration.space import Space, reference_start, sample_feasible, sample_uniform
+
+# The operators of DE/rand/1/bin, Eq. (18) and (19): draws first, then pure functions of them.
+
+
+class Draws(NamedTuple):
+    """The random numbers behind k trials of d parameters.
+
+    `others` (3, k) are the members r1, r2, r3; `factor` (k, d) is F; `chance` (k, d) is the
+    rnd of Eq. (19); `forced` (k,) is j_rand.
+    """
+
+    others: IndexArray
+    factor: Floats
+    chance: Floats
+    forced: IndexArray
+
+
+def draw(
+    rng: np.random.Generator,
+    members: IndexArray,
+    population: tuple[int, ...],
+    factor: tuple[float, float],
+) -> Draws:
+    """Draw everything that one mutation and crossover needs.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    members : (k,) array of int
+        Parents.
+    population : (n, d)
+        Shape of the population, n >= 4.
+    factor : (float, float)
+        Range of F.
+
+    Notes
+    -----
+    r1, r2, r3 are drawn from as many numbers as there are members left to choose from, and then
+    shifted past those already taken, in ascending order: uniform over all ordered triples of
+    other members, without a loop or a repeat.
+    """
+    size, dimension = population
+    count = len(members)
+    others = np.empty((3, count), np.intp)
+    taken: list[IndexArray] = [members]  # in ascending order for each member
+    for k, other in enumerate(others):
+        other[:] = rng.integers(0, size - len(taken), count)
+        for earlier in taken:
+            other += other >= earlier
+        if k < 2:
+            taken = _sorted_with(taken, other)
+    low, high = factor
+    return Draws(
+        others=others,
+        factor=low + (high - low) * rng.random((count, dimension)),
+        chance=rng.random((count, dimension)),
+        forced=rng.integers(0, dimension, count),
+    )
+
+
+def _sorted_with(ascending: list[IndexArray], further: IndexArray) -> list[IndexArray]:
+    """One more row in the ascending order of each column."""
+    rows = []
+    for row in ascending:
+        rows.append(np.minimum(row, further))
+        further = np.maximum(row, further)
+    return [*rows, further]
+
+
+def mutate(population: Floats, draws: Draws) -> Floats:
+    """Mutants (k, d) of a population (n, d): v = x_r1 + F (x_r2 - x_r3), Eq. (18)."""
+    first, second, third = population[draws.others]
+    return np.asarray(first + draws.factor * (second - third))
+
+
+def crossover(parents: Floats, mutants: Floats, draws: Draws, rate: float) -> Floats:
+    """Trials (k, d): the mutant's value where rnd <= CR or j = j_rand, else the parent's (19).
+
+    Parameters
+    ----------
+    parents, mutants : (k, d) array
+    draws : Draws
+    rate : float
+        CR.
+    """
+    taken = draws.chance <= rate
+    taken[np.arange(len(taken)), draws.forced] = True
+    return np.where(taken, mutants, parents)
+
+
+# Treatments of trials that break bounds or constraints.
+#
+# The paper does not say what it did. Of the draws in its box 0.3 % keep the ordering, so the choice
+# decides how many of the slots are simulated at all. Each treatment here has a name, to be recorded
+# with the result, and one signature: `Treated` from the space, the parents and the raw trials.
+
+Redraw = Callable[[IndexArray], Floats]
+"""Further raw trials (k, times, d) for the members (k,), in unit coordinates."""
+
+
+class Treatment(StrEnum):
+    """Named treatments of trials that break bounds or constraints."""
+
+    REJECT = "reject"
+    """A trial outside bounds or constraints is not simulated and its parent stays."""
+
+    REPAIR = "repair"
+    """Bounds: reflection. Orderings: values sorted along the chain. Whatever is then still broken:
+    moved towards the parent, as far as the last feasible point between them."""
+
+    FEASIBILITY_RULES = "feasibility_rules"
+    """Bounds: reflection. Constraints: feasible beats infeasible, less violation beats more (Deb
+    2000, Lampinen 2002); an infeasible trial is not simulated but may replace an infeasible
+    parent. In a population that is feasible from the start no infeasible trial ever wins."""
+
+    RESAMPLE = "resample"
+    """The mutation is drawn again up to a number of times; if none is feasible, repair."""
+
+
+class Treated(NamedTuple):
+    """Trials (n, d) in unit coordinates, their violation (n,), and the trials in SI.
+
+    Violation 0: feasible, to be simulated. Finite: compared with the parent's. +inf: rejected.
+    """
+
+    unit: Floats
+    violation: Floats
+    x: Floats
+
+    @property
+    def simulate(self) -> Bools:
+        """Mask of the trials (n,) to be simulated."""
+        return np.asarray(self.violation == 0.0)
+
+
+def treat(treatment: Treatment, space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
+    """Apply a treatment to raw trials.
+
+    Parameters
+    ----------
+    treatment : Treatment
+        Which one.
+    space : Space
+        Bounds and constraints.
+    parents : (n, d) array
+        The members that the trials would replace, unit coordinates. Repair and resampling need
+        them feasible, and keep them so.
+    trials : (n, d) array
+        Trials after mutation and crossover, unit coordinates.
+    redraw : callable
+        More raw trials for some of the members; used by resampling only.
+
+    Returns
+    -------
+    Treated
+    """
+    return _TREATMENTS[treatment](space, parents, trials, redraw)
+
+
+def reflect(unit: Floats) -> Floats:
+    """Reflect unit coordinates once at the bound they cross: enough for F <= 1; clip the rest."""
+    folded = 1.0 - np.abs(1.0 - np.abs(unit))
+    return np.asarray(np.minimum(np.maximum(folded, 0.0), 1.0))
+
+
+def wins(trial: tuple[Floats, Floats], parent: tuple[Floats, Floats]) -> Bools:
+    """Mask of the trials (n,) that replace their parents: Eq. (20), extended by the rules of feasibility.
+
+    Both arguments are costs (n,) and violations (n,). A feasible trial wins with a finite cost
+    not above the parent's, or over any infeasible parent; an infeasible one only over a parent
+    that violates as much or more. Without violations this is f(u) <= f(x), and +inf never wins.
+    """
+    (cost, violation), (parent_cost, parent_violation) = trial, parent
+    cheaper = np.isfinite(cost) & ((parent_violation > 0.0) | (cost <= parent_cost))
+    closer = np.isfinite(violation) & (violation <= parent_violation)
+    return np.asarray(np.where(violation == 0.0, cheaper, closer))
+
+
+def _reject(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
+    x = space.from_unit(trials)
+    return Treated(trials, np.where(space.satisfies(x), 0.0, np.inf), x)
+
+
+def _rules(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
+    unit = reflect(trials)
+    x = space.from_unit(unit)
+    return Treated(unit, space.violation(x), x)
+
+
+def _repair(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
+    unit = reflect(trials)
+    x = space.from_unit(unit)
+    broken = np.flatnonzero(~space.satisfies(x))
+    if len(broken):
+        unit[broken], x[broken] = _mended(space, parents, x, broken)
+    return Treated(unit, np.zeros(len(unit)), x)
+
+
+def _resample(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
+    unit = trials.copy()
+    broken = np.flatnonzero(~_feasible(space, unit))
+    if len(broken):
+        further = redraw(broken)
+        feasible = _feasible(space, further)
+        found = feasible.any(axis=1)
+        first = feasible.argmax(axis=1)
+        unit[broken[found]] = further[found, first[found]]
+    return _repair(space, parents, unit, redraw)
+
+
+def _mended(space: Space, parents: Floats, trials: Floats, broken: IndexArray) -> tuple[Floats, Floats]:
+    """The `broken` (k,) of trials (n, d) sorted, then pulled to their parents: in unit coordinates and SI (k, d)."""
+    x = trials.take(broken, axis=0)
+    for chain in space.rows.chains:
+        x[:, chain] = np.sort(x[:, chain], axis=1)
+    x = np.minimum(np.maximum(x, space.lower), space.upper)
+    if not space.satisfies(x).all():
+        x = space.pull_back(space.from_unit(parents[broken]), x)
+    unit = np.minimum(np.maximum(space.to_unit(x), 0.0), 1.0)
+    x = space.from_unit(unit)
+    # The way to unit coordinates and back rounds: the parent stands in where that tips a row.
+    tipped = ~space.satisfies(x)
+    if tipped.any():
+        unit[tipped] = parents[broken[tipped]]
+        x[tipped] = space.from_unit(unit[tipped])
+    return unit, x
+
+
+def _feasible(space: Space, unit: Floats) -> Bools:
+    return space.satisfies(space.from_unit(unit))
+
+
+_TREATMENTS: dict[Treatment, Callable[[Space, Floats, Floats, Redraw], Treated]] = {
+    Treatment.REJECT: _reject,
+    Treatment.REPAIR: _repair,
+    Treatment.FEASIBILITY_RULES: _rules,
+    Treatment.RESAMPLE: _resample,
+}
+
+
+# Settings of differential evolution; the defaults are the paper's.
+
+FEWEST_MEMBERS = 4
+MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
+MOST_REDRAWS = 1000
+
+
+class InitialSampling(StrEnum):
+    """Sampling of the initial population."""
+
+    FEASIBLE = "feasible"
+    """Uniformly where bounds and constraints hold, by `sample_feasible`."""
+
+    UNIFORM = "uniform"
+    """Uniformly in the bounds, Eq. (17), then treated as trials are."""
+
+    REFERENCE = "reference"
+    """As FEASIBLE, with the reference values (the paper's theoretical ones) in place of the first draw."""
+
+
+@dataclass(frozen=True)
+class EvolutionSettings:
+    """Settings of `DifferentialEvolution`; the defaults are the paper's (70, 50).
+
+    Parameters
+    ----------
+    members : int
+        Population size N_pop, at least 4.
+    generations : int
+        Generations G_max after the initial population: (1 + G_max) N_pop slots in all.
+    crossover : float
+        CR of Eq. (19), from 0 to 1.
+    factor : tuple of float
+        Range that F of Eq. (18) is drawn from, anew for each member and parameter.
+    treatment : Treatment
+        What becomes of trials that break bounds or constraints.
+    initial : InitialSampling
+        How the initial population is drawn.
+    redraws : int
+        Mutations drawn again for an infeasible trial at most, if `treatment` resamples.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number lies outside its range, or is not whole where it counts something.
+    """
+
+    size: ClassVar[str] = "{generations} generations of {members} members"  # in words, of a report
+
+    # "most" is what a study file may ask for
+    members: int = field(default=50, metadata={"most": MOST_MEMBERS})
+    generations: int = field(default=70, metadata={"most": MOST_GENERATIONS})
+    crossover: float = 0.8
+    factor: tuple[float, float] = (0.4, 1.0)
+    treatment: Treatment = Treatment.REPAIR
+    initial: InitialSampling = InitialSampling.FEASIBLE
+    redraws: int = field(default=10, metadata={"most": MOST_REDRAWS})
+
+    def __post_init__(self) -> None:
+        factor = array(self.factor, "1", "factor", 1).tolist()
+        if len(factor) != 2:
+            raise ConfigurationError(f"factor = {self.factor} must be a range of two numbers, such as (0.4, 1.0).")
+        settle(
+            self,
+            members=whole(self.members, "members", -MOST_MEMBERS, MOST_MEMBERS),
+            generations=whole(self.generations, "generations", -MOST_GENERATIONS, MOST_GENERATIONS),
+            crossover=number(self.crossover, "1", "crossover"),
+            factor=tuple(factor),
+            treatment=chosen(self.treatment, Treatment, "treatment"),
+            initial=chosen(self.initial, InitialSampling, "initial"),
+            redraws=whole(self.redraws, "redraws", -MOST_GENERATIONS, MOST_GENERATIONS),
+        )
+        if self.members < FEWEST_MEMBERS:
+            raise ConfigurationError(
+                f"members = {self.members} must be at least {FEWEST_MEMBERS}: a mutation combines "
+                "three members other than the parent."
+            )
+        if self.generations < 0:
+            raise ConfigurationError(f"generations = {self.generations} must be 0 or more.")
+        if not 0.0 <= self.crossover <= 1.0:
+            raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1.")
+        if not 0.0 < self.factor[0] <= self.factor[1] <= 2.0:
+            raise ConfigurationError(
+                f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range above 0 and not above 2."
+            )
+        if self.redraws < 1:
+            raise ConfigurationError(f"redraws = {self.redraws} must be 1 or more.")
+
+    @property
+    def slots(self) -> int:
+        """Trials offered in all, (1 + G_max) N_pop."""
+        return (1 + self.generations) * self.members
+
+
+def check_initial(settings: EvolutionSettings, space: Space) -> None:
+    """Refuse to start from reference values that break a bound or a constraint.
+
+    Raises
+    ------
+    ConfigurationError
+        If they do, and the settings' `initial` asks for them.
+    """
+    if settings.initial is InitialSampling.REFERENCE:
+        reference_start(space)
+
+
+class DifferentialEvolution(Optimiser):
+    """DE/rand/1/bin with F ~ U(0.4, 1) for every member and parameter, Eq. (17) to (20).
+
+    A generation is asked for, and told, as a whole: every trial of it stems from the population
+    of the generation before. The search moves in unit coordinates. F multiplies differences one
+    parameter at a time, so for linear scales that is Eq. (18) in SI itself.
+
+    Parameters
+    ----------
+    space : Space
+        Parameters, bounds, constraints.
+    rng : numpy.random.Generator
+        Source of every draw.
+    settings : EvolutionSettings, optional
+        The defaults are the paper's.
+    start : (k, d) array, optional
+        Points, SI, that take the place of the first k <= members draws of the initial population; by default the
+        reference values of the space if the settings' `initial` says so, otherwise none.
+
+    Raises
+    ------
+    ConfigurationError
+        If a point of `start`, or the reference where it is to start, does not satisfy the space; or if there are too
+        many.
+    """
+
+    method, phase = "differential evolution", "evolution"
+
+    def __init__(
+        self,
+        space: Space,
+        rng: np.random.Generator,
+        settings: EvolutionSettings | None = None,
+        start: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(space, rng)
+        self.settings = settings or EvolutionSettings()
+        if start is None and self.settings.initial is InitialSampling.REFERENCE:
+            start = reference_start(space)
+        self._start = _check_start(space, start, self.settings.members)
+        self._unit = np.empty((0, space.dimension))
+        self._costs = self._violations = np.empty(0)
+        self._trial = Treated(self._unit, self._violations, self._unit)
+
+    @property
+    def total(self) -> int:
+        """Generations wanted, the initial population included."""
+        return 1 + self.settings.generations
+
+    @property
+    def _ended(self) -> str:
+        return f"all {self.settings.generations} generations after the initial population are done"
+
+    @property
+    def population(self) -> Floats:
+        """Members (n, d), SI; no rows before the first `tell`."""
+        return self.space.from_unit(self._unit)
+
+    @property
+    def costs(self) -> Floats:
+        """Costs (n,) of the members; +inf where the simulation failed or there was none."""
+        return self._costs.copy()
+
+    @property
+    def best(self) -> Best:
+        """The best feasible member; the centre of the space, at +inf, until one has succeeded."""
+        winner = int(np.argmin(self._costs)) if len(self._costs) else -1
+        if winner < 0 or self._costs[winner] == np.inf:
+            return Best(self.space.centre.copy(), np.inf)
+        return Best(self.space.from_unit(self._unit[winner]), float(self._costs[winner]))
+
+    def _propose(self) -> Trials:
+        """One generation."""
+        self._trial = self._next() if self.steps else self._first()
+        return Trials(self._trial.x, self._trial.simulate)
+
+    def _take(self, trials: Trials, told: Floats) -> None:
+        """Select the survivors, Eq. (20)."""
+        if self.steps:
+            self._select(self._trial, told)
+        else:
+            self._unit, self._costs, self._violations = self._trial.unit, told, self._trial.violation
+
+    def _select(self, trial: Treated, told: Floats) -> None:
+        better = wins((told, trial.violation), (self._costs, self._violations))
+        self._unit = np.where(better[:, None], trial.unit, self._unit)
+        self._costs = np.where(better, told, self._costs)
+        self._violations = np.where(better, trial.violation, self._violations)
+
+    def _first(self) -> Treated:
+        """The initial population, treated from the centre of the space."""
+        n, d = self.settings.members, self.space.dimension
+        uniform = self.settings.initial == InitialSampling.UNIFORM
+        sample = (sample_uniform if uniform else sample_feasible)(self.space, n, self._rng)
+        sample[: len(self._start)] = self._start
+        centre = np.tile(self.space.to_unit(self.space.centre), (n, 1))
+
+        def redraw(members: IndexArray) -> Floats:
+            return self._rng.random((len(members), self.settings.redraws, d))
+
+        unit = self.space.to_unit(sample)
+        return treat(self.settings.treatment, self.space, centre, unit, redraw)
+
+    def _next(self) -> Treated:
+        """One generation of trials."""
+
+        def redraw(members: IndexArray) -> Floats:
+            times = self.settings.redraws
+            trials = self._trials(np.repeat(members, times))
+            return trials.reshape(len(members), times, -1)
+
+        trials = self._trials(np.arange(self.settings.members))
+        return treat(self.settings.treatment, self.space, self._unit, trials, redraw)
+
+    def _trials(self, members: IndexArray) -> Floats:
+        """Raw trials (k, d) for `members` (k,)."""
+        draws = draw(self._rng, members, self._unit.shape, self.settings.factor)
+        mutants = mutate(self._unit, draws)
+        return crossover(self._unit[members], mutants, draws, self.settings.crossover)
+
+    def _origin(self) -> dict[str, Any]:
+        settings = asdict(self.settings)
+        del settings["generations"]  # more may be wanted of the search that goes on
+        return super()._origin() | {"settings": [str(value) for value in settings.values()]}
+
+    def _kept(self) -> dict[str, Any]:
+        return {"unit": self._unit.copy(), "costs": self._costs.copy(), "violations": self._violations.copy()}
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        members = self.settings.members if self.steps else 0
+        arrays = {name: np.array(state[name], dtype=float) for name in ("unit", "costs", "violations")}
+        if [a.shape for a in arrays.values()] != [(members, self.space.dimension), (members,), (members,)]:
+            raise ConfigurationError(f"state: its population is not one of {members} members; take a whole state")
+        self._unit, self._costs, self._violations = arrays.values()
+        inside = np.all(np.abs(self._unit - 0.5) <= 0.5 + 1e-9)  # to unit coordinates and back rounds
+        if not (inside and np.all(self._costs > -np.inf) and np.all(self._violations >= 0.0)):
+            raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
+
+
+def _check_start(space: Space, start: ArrayLike | None, members: int) -> Floats:
+    points = np.empty((0, space.dimension)) if start is None else np.atleast_2d(np.asarray(start))
+    if points.ndim != 2 or points.shape[1] != space.dimension or len(points) > members:
+        raise ConfigurationError(
+            f"start: an array of shape {points.shape} was given, expected at most {members} rows "
+            f"of {space.dimension} values"
+        )
+    refused = np.flatnonzero(~space.satisfies(points))
+    if len(refused):
+        raise ConfigurationError(f"start: row {refused[0] + 1} breaks the bounds or a constraint, correct or remove it")
+    return points.astype(float)

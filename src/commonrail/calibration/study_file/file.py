@@ -1,0 +1,363 @@
+"""Studies from TOML: injector, measured data, free parameters, constraints and optimiser, ready to run."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from commonrail.base.arguments import file_path, not_whole
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.input import noting_files
+from commonrail.base.units import parse, to_text
+from commonrail.calibration.constraints import parse_products
+from commonrail.calibration.goal import Loss
+from commonrail.calibration.parameter import Condition, Parameter, Prior, percent_bounds
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Judgement, Method, Study
+from commonrail.calibration.study_file.keys import (
+    MOST_CONSTRAINTS,
+    ConditionModel,
+    ConstraintsModel,
+    Optimisers,
+    ParameterModel,
+    StudyModel,
+)
+from commonrail.calibration.study_file.meter import free_parameters
+from commonrail.calibration.study_file.type import read_type, with_type
+from commonrail.calibration.time_step import step_for_all
+from commonrail.data.base import DataSet
+from commonrail.data.kinds import KINDS
+from commonrail.data.quantities.reading import AFTER_ENERGISING
+from commonrail.data.study_block import Context, DataModel
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.status import check_point
+from commonrail.engine.time_step import check_step
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.physics.meters.meter import Meter
+from commonrail.physics.parameters import Q
+from commonrail.physics.reads import reader_of, unread_parameters
+from commonrail.readers.fields import UNSTATED
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.meters import meters_of_tables
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place, located
+from commonrail.readers.logo import read_logo
+from commonrail.readers.toml import read_model_file
+
+MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
+
+
+def load_study(path: str | Path) -> Study:
+    """Read a study with its injector and all its data.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file; the paths in it are relative to its folder.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
+    ConfigurationError
+        If `path` is no path, or values contradict one another: crossed bounds, constraints without room, a window
+        outside the data.
+
+    Notes
+    -----
+    Files that the study names lie in its folder or below, unless it says ``allow_outside = true``.
+    """
+    with noting_files() as files:
+        study = _study(file_path(path, "path of a study"))
+    return replace(study, files=files)
+
+
+def _study(file: Path) -> Study:
+    model, at, reach, text = read_model_file(StudyModel, file)
+    injector = _injector(model.injector, reach, at / "injector")
+    model = with_type(model, injector, read_type(model, reach, at), at)
+    injector = _started(injector, model, at)
+    free = free_parameters(model.meters, at / "meters")
+    space = _space(model.parameter, model.constraints, injector, at, free)
+    with located(at / "time_step"):
+        time_step = step_for_all(injector, space) if model.time_step is None else check_step(model.time_step)
+    meters = meters_of_tables(model.meters, at / "meters")
+    data = _data(model.data, Context(injector, time_step, reach, at, meters), at / "data")
+    _refuse_unused(meters, data, at / "meters")
+    if model.loss_scale is not None and model.loss is not Loss.SOFT_L1:
+        raise (at / "loss_scale").error(
+            f'it has no effect with the loss "{model.loss.value}"; take "soft_l1", or remove it'
+        )
+    space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
+    with located(at):
+        return Study(
+            model.title,
+            injector,
+            data,
+            space,
+            method_of(model.optimiser, space, at / "optimiser"),
+            model.seed,
+            time_step,
+            text,
+            model.note,
+            model.precision,
+            model.loss,
+            _conditions(model.condition, injector, at / "condition"),
+            same_bits=model.same_bits,
+            judgement=Judgement(model.judgement.seeds, tuple(model.judgement.leave_out)),
+            loss_scale=1.0 if model.loss_scale is None else model.loss_scale,
+            author=model.author,
+            fixed=tuple(item.name for item in model.fixed),
+            logo="" if model.logo is None else read_logo(reach.path(file.parent, model.logo, at / "logo"), at / "logo"),
+        )
+
+
+def _injector(text: str, reach: Reach, at: Place) -> Injector:
+    if text.endswith(".toml"):
+        return load_injector(reach.path(reach.file.parent, text, at), reach)
+    if "@" in text:
+        raise at.error(
+            f'"{text}" names a variant, which a study does not take; state rail_boundary, drive_kind and variant in an '
+            "injector file of the study."
+        )
+    with located(at):
+        return load_injector(text, reach)
+
+
+def _started(injector: Injector, model: StudyModel, at: Place) -> Injector:
+    """The injector with the values that the study fixes, and with start values of its own."""
+    values, sources = {}, {}
+    free = {parameter.name for parameter in model.parameter}
+    for i, fixed in enumerate(model.fixed):
+        place = (at / "fixed")[i]
+        if fixed.name in free or fixed.name in values:
+            raise (place / "name").error(f"{fixed.name} is given a second time; keep one of both")
+        _check_own(fixed.name, injector, place)
+        values[fixed.name], sources[fixed.name] = fixed.value, Source(fixed.mark, fixed.source)
+        _check_domain(fixed.name, fixed.value, "value", place)
+    for i, parameter in enumerate(model.parameter):
+        place = (at / "parameter")[i]
+        _check_own(parameter.name, injector, place)
+        start = _start(parameter, place)
+        if start is not None:
+            _check_domain(parameter.name, start, "start value", place)
+            values[parameter.name] = start
+            sources[parameter.name] = _origin(parameter, injector.sources.get(parameter.name, UNSTATED))
+    if not values:
+        return injector
+    return replace(injector.with_values(values), sources={**injector.sources, **sources})
+
+
+def _check_own(name: str, injector: Injector, at: Place) -> None:
+    """Refuse a parameter of injectors that are actuated otherwise."""
+    if name not in injector.values:
+        raise (at / "name").error(
+            f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
+            f"{nearest(name, injector.values)}"
+        )
+    if name in unread_parameters(injector.variant):
+        raise (at / "name").error(
+            f"{injector.name} with {injector.variant.label} does not read {name}; take {reader_of(name)}, or remove it"
+        )
+
+
+def _start(model: ParameterModel, at: Place) -> float | None:
+    """Start value that a study itself gives, by default its prior's; None for that of the injector."""
+    prior = _prior(model, at)
+    return prior.value if model.start is None and prior is not None else model.start
+
+
+def _prior(model: ParameterModel, at: Place) -> Prior | None:
+    """The prior that a study states, in SI."""
+    if model.prior is None:
+        return None
+    unit = parameter_quantities()[model.name].unit
+    with located(at / "prior" / "value"):
+        value = parse(model.prior.value, unit)
+    with located(at / "prior" / "sigma"):
+        sigma = parse(model.prior.sigma, unit)
+    with located(at / "prior"):
+        return Prior(value, sigma, model.prior.source)
+
+
+def _origin(model: ParameterModel, own: Source) -> Source:
+    """Mark and source of a start value; of a prior the mark F, unless one is stated."""
+    if model.prior is not None:
+        own = Source("F", model.prior.source)
+    return Source(model.mark or own.mark, model.source or own.text)
+
+
+def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[DataSet, ...]:
+    _refuse_twice([model.name for model in models], [at[i] / "name" for i in range(len(models))])
+    found: list[DataSet] = []
+    samples = 0
+    for i, model in enumerate(models):
+        kind = KINDS[model.kind]
+        noise = model.noise.read(kind.sigma_unit, at[i] / "noise")
+        for read in kind.read_all(model, context._replace(at=at[i])):
+            known = noise.sigma is not None or noise.shots
+            own = noise if known else replace(noise, sigma=read.noise.sigma, freedom=read.noise.freedom)
+            found += read.with_noise(own).divided(model, at[i])
+            samples += read.samples
+            if samples > MOST_SAMPLES:
+                raise at[i].error(
+                    f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
+                )
+    _refuse_twice([data.name for data in found], [at] * len(found))  # parts that are held out have names of their own
+    return tuple(found)
+
+
+def _refuse_twice(names: Sequence[str], at: Sequence[Place]) -> None:
+    known: set[str] = set()
+    for name, place in zip(names, at, strict=True):
+        if name in known:
+            raise place.error(f'there are two data sets "{name}"; rename one')
+        known.add(name)
+
+
+def _refuse_unused(meters: Mapping[str, Meter], data: Sequence[DataSet], at: Place) -> None:
+    """Refuse a meter that no data set names: most likely a slip in one of the two names."""
+    used = {d.meter.name for d in data if d.meter is not None}
+    for name in meters:
+        if name not in used:
+            raise at.error(f'no data set has meter = "{name}"; add that key to a [[data]] block, or remove the meter')
+
+
+def method_of(stated: Optimisers, space: Space, at: Place) -> Method:
+    """Method that a table of optimisers states.
+
+    Parameters
+    ----------
+    stated : Optimisers
+    space : Space
+        Of the search.
+    at : Place
+        Of the table.
+
+    Raises
+    ------
+    ConfigurationError
+        If settings contradict one another, or do not suit the space.
+    """
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
+    with located(at):
+        settings = stated.chosen.settings(**values)
+    for key, check in stated.chosen.checks.items():
+        with located(at / key):
+            check(settings, space)
+    return Method(settings, stated.polish, stated.polish_iterations, stated.stop_when_converged)
+
+
+def _space(
+    models: list[ParameterModel], constraints: ConstraintsModel, injector: Injector, at: Place, free: list[Parameter]
+) -> Space:
+    """Space of the injector's free parameters and, after them, those of meters, `free`."""
+    parameters = [_parameter(m, injector, (at / "parameter")[i]) for i, m in enumerate(models)] + free
+    texts = [*constraints.order, *constraints.linear]
+    rows = sum(sign in "<>" for text in texts for sign in text)
+    if rows > MOST_CONSTRAINTS:
+        raise (at / "constraints").error(f"there are {rows} relations, and at most {MOST_CONSTRAINTS} are read")
+    with located(at):
+        return Space(parameters, texts)
+
+
+def _conditions(models: list[ConditionModel], injector: Injector, at: Place) -> tuple[Condition, ...]:
+    found = []
+    for i, model in enumerate(models):
+        with located(at[i]):
+            for rail, time in itertools.product(model.rail_pressure, model.energising_time):
+                horizon = time + AFTER_ENERGISING
+                point = OperatingPoint(rail, time, model.cylinder_pressure, model.return_pressure, horizon=horizon)
+                check_point(injector, point)
+                found.append(Condition(model.wanted, point))
+    return tuple(found)
+
+
+def _with_products(space: Space, texts: list[str], injector: Injector, data: Sequence[DataSet], at: Place) -> Space:
+    """The space with the constraints between products, in which the values that do not vary are known."""
+    if not texts:
+        return space
+    known = {name: value for name, value in injector.values.items() if name not in space.names}
+    largest = max(point.initial_pressures()[0] for d in data for point in d.points)
+    with located(at / "products"):
+        return replace(space, products=parse_products(texts, space.names, {**known, "rail_pressure_max": largest}))
+
+
+def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Parameter:
+    quantity = parameter_quantities()[model.name]
+    prior = _prior(model, at)
+    if model.reference is not None and (prior is not None or model.start is not None):
+        raise (at / "reference").error("reference and start (or prior) both say where the search starts; keep one")
+    reference = injector.values[model.name] if model.reference is None else model.reference
+    lower, upper = _bounds(model, reference, at)
+    source = _origin(model, injector.sources.get(model.name, UNSTATED))
+    with located(at):
+        parameter = Parameter(
+            model.name,
+            reference,
+            lower,
+            upper,
+            quantity.unit,
+            mark=source.mark,  # type: ignore[arg-type]  # a mark of the injector is one
+            source=source.text,
+            scale=model.scale,
+            prior=prior,
+        )
+    _check_bounds(parameter, quantity, at)
+    if model.name == FUEL_TEMPERATURE:
+        _check_temperatures(parameter, injector, at)
+    return parameter
+
+
+def _bounds(model: ParameterModel, reference: float, at: Place) -> tuple[float, float]:
+    """Lower and upper bound [SI] by one of the two ways to state them."""
+    below, above, lower, upper = model.below, model.above, model.lower, model.upper
+    if below is not None and above is not None and lower is upper is None:
+        with located(at):
+            return percent_bounds(reference, below, above, model.name)
+    if lower is not None and upper is not None and below is above is None:
+        return lower, upper
+    raise at.error(
+        f'{model.name} needs either below and above (percent of its value, such as "50 %") or lower and upper'
+    )
+
+
+def _check_bounds(p: Parameter, q: Q, at: Place) -> None:
+    for key, value in (("lower", p.lower), ("upper", p.upper)):
+        if not q.domain.admits(value):
+            raise ConfigurationError(
+                f"{at}: the {key} bound of {p.name} is {to_text(value, q.unit)}, and the {q.meaning} must "
+                f"be {q.domain.value}; narrow the bounds."
+            )
+    if not p.lower <= p.reference <= p.upper:
+        raise ConfigurationError(
+            f"{at}: the start value of {p.name}, {to_text(p.reference, q.unit)}, lies outside its bounds "
+            f"{to_text(p.lower, q.unit)} to {to_text(p.upper, q.unit)}; widen them or give a reference "
+            "inside."
+        )
+
+
+def _check_domain(name: str, value: float, what: str, at: Place) -> None:
+    if words := not_whole(name, value):
+        raise at.error(words)
+    quantity = parameter_quantities()[name]
+    if not quantity.domain.admits(value):
+        raise at.error(
+            f"the {what} of {name} is {to_text(value, quantity.unit)}, and the {quantity.meaning} must be "
+            f"{quantity.domain.value}"
+        )
+
+
+def _check_temperatures(p: Parameter, injector: Injector, at: Place) -> None:
+    low, high = injector.fuel.temperature_range
+    if not low <= p.lower < p.upper <= high:
+        raise ConfigurationError(
+            f"{at}: the bounds of {p.name}, {p.lower:g} K to {p.upper:g} K, leave the range of "
+            f"{injector.fuel.name}, {low:g} K to {high:g} K; narrow them."
+        )

@@ -1,0 +1,109 @@
+"""commonrail calibrate: fit the free parameters of a study, of an FMU too, to its data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import (
+    ClusterAddress,
+    Json,
+    StudyFile,
+    Threads,
+    WorkerCount,
+    free_run_folder,
+    open_workers,
+    stem_of,
+)
+
+
+@verb
+def calibrate(
+    study: StudyFile,
+    *,
+    out: Annotated[
+        Path | None,
+        Option(metavar="RUN", help="New run folder. [default: runs/<study>-<n>]"),
+    ] = None,
+    seed: Annotated[
+        int | None, Option(min=0, help="Seed of the random numbers. [default: as in the study file]")
+    ] = None,
+    threads: Threads = None,
+    workers: WorkerCount = None,
+    cluster: ClusterAddress = None,
+    strict: Annotated[
+        bool,
+        Option(
+            "--strict", help="Treat warnings as errors: before the fit nothing is run, after it the exit status is 2."
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Fit a study and write a run folder.
+
+    The study of an FMU is fitted too; --threads is then the number of processes that simulate it.
+    Ctrl-C stops the search: the best values so far are scored and written, and the exit status is 130.
+    `commonrail resume RUN` resumes a run, however it was stopped.
+
+    \b
+    Example:
+      commonrail calibrate cases/paper/study.toml --out runs/paper --seed 1
+    """
+    from commonrail.calibration.study_file.file import load_study
+    from commonrail.cli.fit import print_outcome, run_study
+    from commonrail.cli.study_kind import RunOptions, kind_of_study
+
+    kind = kind_of_study(study)
+    if kind and kind.calibrate:
+        kind.calibrate(study, out, RunOptions(seed, threads=threads, workers=workers, cluster=cluster, json=json))
+        return
+    loaded = load_study(study)
+    if seed is not None:
+        loaded = replace(loaded, seed=seed)
+    with open_workers(workers, cluster) as crew:
+        outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
+    print_outcome(outcome, json, strict=strict)
+
+
+# commonrail resume: resume a stopped run, of a family or an FMU too, or extend a finished one by generations.
+
+
+@verb
+def resume(
+    run: Annotated[Path, Argument(metavar="RUN", help="Run folder, which may have been moved or copied.")],
+    *,
+    generations: Annotated[
+        int, Option(min=0, metavar="N", help="Number of generations to add to those of the run.")
+    ] = 0,
+    as_begun: Annotated[
+        bool, Option("--as-begun", help="Use the copies in RUN although the files outside have changed since.")
+    ] = False,
+    threads: Threads = None,
+    workers: WorkerCount = None,
+    cluster: ClusterAddress = None,
+    json: Json = False,
+) -> None:
+    """Resume a stopped run, or extend a finished one.
+
+    A run may be stopped by Ctrl-C, a crash, a power cut or a full disk. The result of the resumed run has
+    the same bits as that of a run that was never stopped. Of a finished run the results are written again;
+    --generations extends it.
+
+    \b
+    Example:
+      commonrail resume runs/paper-1 --generations 30
+    """
+    from commonrail.cli.fit import print_outcome, resume_study
+    from commonrail.cli.study_kind import RunOptions, kind_of_run
+
+    if kind := kind_of_run(run):
+        options = RunOptions(
+            generations=generations, as_begun=as_begun, threads=threads, workers=workers, cluster=cluster, json=json
+        )
+        kind.resume(run, options)
+        return
+    with open_workers(workers, cluster) as crew:
+        outcome = resume_study(run, generations=generations, as_begun=as_begun, threads=threads, workers=crew)
+    print_outcome(outcome, json)

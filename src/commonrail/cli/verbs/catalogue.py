@@ -1,0 +1,131 @@
+"""commonrail catalogue: list of fuels, injectors and parameters."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json
+
+
+class Section(StrEnum):
+    """Sections of the catalogue."""
+
+    FUELS = "fuels"
+    INJECTORS = "injectors"
+    PARAMETERS = "parameters"
+
+
+@verb
+def catalogue(
+    section: Annotated[
+        Section | None, Argument(help="Section to be listed: fuels, injectors or parameters. [default: all three]")
+    ] = None,
+    *,
+    search: Annotated[str, Option(help="Text that the listed entries contain. [default: all entries]")] = "",
+    gallery: Annotated[
+        Path | None, Option(metavar="FILE.html", help="Page with curves, figures and sources of the injectors.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List fuels, injectors and parameters.
+
+    Fuels and injectors are those that ship with commonrail; parameters are what --set, a study or an
+    injector's file can name.
+
+    \b
+    Examples:
+      commonrail catalogue injectors
+      commonrail catalogue parameters --search spring
+      commonrail catalogue injectors --gallery injectors.html
+    """
+    if gallery is not None:
+        _write_gallery(gallery, search, json)
+        return
+    chosen = [section] if section else list(Section)
+    found = {s.value: [e for e in _entries(s) if _matches(e, search)] for s in chosen}
+    if json:
+        print_json({"kind": "catalogue", **found})
+        return
+    for name, entries in found.items():
+        if entries:
+            rows = [[_text(value) for value in entry.values()] for entry in entries]
+            print_rows(tuple(entries[0]), rows, name)
+    if not any(found.values()):
+        say(f'commonrail: nothing contains "{search}".')
+
+
+def _write_gallery(path: Path, search: str, json: bool) -> None:
+    """Write the page of the injectors that contain a text."""
+    from importlib.metadata import version
+
+    from commonrail.base.errors import InputError
+    from commonrail.base.output import write_text, writing
+    from commonrail.cli.options import check_file
+    from commonrail.readers.injector.file import load_injector
+    from commonrail.report.gallery import exhibit, gallery_html
+
+    names = [entry["name"] for entry in _injectors() if _matches(entry, search)]
+    if not names:
+        raise InputError(f'No injector of the catalogue contains "{search}"; omit --search to show all.')
+    check_file(path, "--gallery")
+    text = gallery_html([exhibit(name, load_injector(name)) for name in names], version("commonrail"))
+    with writing(path, "--gallery"):
+        write_text(path, text)
+    if json:
+        print_json({"kind": "gallery", "page": str(path), "injectors": names})
+    else:
+        say(f"wrote {path} ({len(names)} injectors)")
+
+
+def _entries(section: Section) -> list[dict[str, Any]]:
+    if section is Section.FUELS:
+        return _fuels()
+    return _injectors() if section is Section.INJECTORS else _parameters()
+
+
+def _fuels() -> list[dict[str, Any]]:
+    from commonrail.readers.fuel import fuel_catalogue, load_fuel
+
+    fuels = [load_fuel(name) for name in fuel_catalogue()]
+    return [{"name": f.name, "title": f.title, "mark": f.mark, "source": f.source} for f in fuels]
+
+
+def _injectors() -> list[dict[str, Any]]:
+    from commonrail.readers.injector.file import injector_catalogue, load_injector
+
+    injectors = [(name, load_injector(name)) for name in injector_catalogue()]
+    return [
+        {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic} for name, i in injectors
+    ]
+
+
+def _parameters() -> list[dict[str, Any]]:
+    from commonrail.physics.injector import parameter_quantities
+
+    return [
+        {
+            "name": name,
+            "unit": q.unit,
+            "meaning": q.meaning,
+            "must be": q.domain.value,
+            "usual": list(q.usual or ()),
+            "default": q.default,
+        }
+        for name, q in parameter_quantities().items()
+    ]
+
+
+def _matches(entry: dict[str, Any], search: str) -> bool:
+    return search.casefold() in " ".join(map(str, entry.values())).casefold()
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "none: give it"
+    if isinstance(value, list):
+        return " to ".join(map(_text, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)

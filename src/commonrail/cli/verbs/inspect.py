@@ -1,0 +1,84 @@
+"""commonrail inspect: content of a file, and what it is taken for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from commonrail.base import registry
+from commonrail.base.errors import InputError
+from commonrail.cli.console import print_json, print_pairs, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, check_file
+
+if TYPE_CHECKING:
+    from commonrail.readers.quantity_matrix import FoundMap
+
+
+@verb
+def inspect(
+    file: Annotated[Path, Argument(metavar="FILE", help="CSV, Excel, MDF, LabVIEW (.lvm), MAT, Parquet or DCM file.")],
+    *,
+    sheet: Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
+    encoding: Annotated[
+        str | None, Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: detected]")
+    ] = None,
+    pressure_unit: Annotated[str, Option(help="Unit of the rail pressures, if the file has none.")] = "",
+    time_unit: Annotated[str, Option(help="Unit of the energising times, if the file has none.")] = "",
+    quantity_unit: Annotated[str, Option(help="Unit of the quantities, if the file has none.")] = "",
+    out: Annotated[
+        Path | None, Option(metavar="FILE.csv", help="Table for a study: a row for each point, with units.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List what a data file holds and what it is taken for.
+
+    Channels with their units and ranges, a quantity map in rows or as a matrix, traces beside each other, or a
+    record of repeated shots. Encoding, separators, decimal sign and axes are detected and reported.
+
+    \b
+    Examples:
+      commonrail inspect rates.mf4
+      commonrail inspect bench.xlsx --out data/quantity.csv
+      commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
+    """
+    from commonrail.readers.columns import FileForm, check_encoding
+    from commonrail.readers.quantity_matrix import GivenUnits
+    from commonrail.readers.survey import survey
+
+    check_file(out, "--out")
+    if part := registry.find("inspectors", file.suffix.lower().removeprefix(".")):
+        _show({"file": str(file), **part.load()(file)}, json)
+        return
+    given = GivenUnits(pressure_unit, time_unit, quantity_unit)
+    found = survey(file, FileForm(check_encoding(encoding, "--encoding") if encoding else "", sheet=sheet or ""), given)
+    if found.found is None and (out is not None or any(given.by_kind().values())):
+        reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
+        raise InputError(f"{file}: {reason}")
+    if out is not None and found.found is not None:
+        _write(out, found.found, file)
+    facts = {"file": str(file), "taken for": found.taken_for, **found.facts}
+    facts |= {"read as": found.said} if found.said else {}
+    _show(facts | ({"files": [str(out)]} if out is not None else {}), json)
+    if out is not None and not json:
+        say(f"wrote {out}")
+
+
+def _write(path: Path, found: FoundMap, source: Path) -> None:
+    """Write the map as a study reads it."""
+    from commonrail.base.output import write_csv
+
+    names = ("rail_pressure", "energising_time", "quantity")
+    units = (found.units[name] for name in ("rail pressure", "energising time", "quantity"))
+    header = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+    rows = zip(found.rail_pressure.tolist(), found.energising_time.tolist(), found.quantity.tolist(), strict=True)
+    write_csv(path, [f"from {source.name}: {found.form}"], header, ([f"{v:.12g}" for v in row] for row in rows))
+
+
+def _show(facts: dict[str, Any], json: bool) -> None:
+    if json:
+        print_json({"kind": "inspection", **facts})
+        return
+    print_pairs(
+        [(name, str(text)) for name, text in facts.items() if name not in ("file", "files")], str(facts["file"])
+    )

@@ -1,0 +1,357 @@
+"""commonrail simulate: one injection as figures, as a table of time series, as a plot."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base import output
+from commonrail.base.choices import Actuation, Body, Engine, Precision
+from commonrail.base.errors import InputError, SimulationError
+from commonrail.base.output import write_text, writing
+from commonrail.base.text import FieldUnit, field_unit, number
+from commonrail.base.units import parse, to_text
+from commonrail.cli.console import SIMULATING, print_json, print_pairs, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, OutFile, PlotFile, check_distinct, check_file, read_energisings, with_overrides
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate as simulated
+from commonrail.engine.solution import Solution
+from commonrail.engine.status import Status
+from commonrail.physics.injector import Injector
+
+if TYPE_CHECKING:
+    from commonrail.engine.metered import Metered
+    from commonrail.physics.meters.meter import Meter
+    from commonrail.runs.model_name import NamedModel
+
+# A simulated injection as figures for the terminal, a JSON record and a CSV file.
+
+_UNITS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N"}  # of a solution's channels, by the end of a name
+
+
+class Settings(NamedTuple):
+    """Engine, and time step [s] and precision of the fast engines."""
+
+    engine: Engine
+    time_step: float
+    precision: Precision = Precision.F64
+
+
+class Run(NamedTuple):
+    """Injector, operating point, solution, time step [s], wall time [s], precision, and what a meter shows of it."""
+
+    injector: Injector
+    point: OperatingPoint
+    solution: Solution
+    time_step: float
+    seconds: float
+    precision: Precision = Precision.F64
+    shown: Metered | None = None
+
+
+def with_body(injector: Injector, body: Body | None) -> Injector:
+    """The injector with a flexible or rigid body, unchanged for None."""
+    if body is None:
+        return injector
+    if injector.variant.actuation is Actuation.DIRECT and body is Body.FLEXIBLE:
+        raise InputError("--variant flexible: a direct-acting injector has a rigid body; omit it.")
+    return replace(injector, variant=injector.variant._replace(body=body))
+
+
+def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solution:
+    """Simulate, and say on stderr if the injection has not ended.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    settings : Settings
+        Engine, time step and precision.
+
+    Raises
+    ------
+    SimulationError
+        If the simulation failed.
+    """
+    if settings.engine is not Engine.REFERENCE:
+        say(SIMULATING)
+    engine, step, precision = settings
+    solution = simulated(injector, point, engine, step, precision=precision)
+    if solution.status.failed:
+        raise SimulationError(f"{injector.name}: {solution.sentence}")
+    if solution.status is Status.STILL_INJECTING:
+        say(f"commonrail: {solution.sentence}")
+    return solution
+
+
+def heading(run: Run) -> str:
+    """Injector and operating point in one line."""
+    rail = to_text(run.point.at_start(run.point.rail_pressure), "Pa", 4)
+    pulses = " + ".join(to_text(pulse.duration, "s", 4) for pulse in run.point.pulses)
+    return f"{run.injector.name}: {rail}, energising time {pulses}"
+
+
+def figures(run: Run) -> list[tuple[str, str]]:
+    """Names and texts of the figures of one injection."""
+    s, r = run.solution, record(run)
+    injected, returned = s.injected_volume * 1e9, s.returned_volume * 1e9
+    end = run.point.end_of_energising
+    again = s.first_closing < s.closing
+    return [
+        ("injected quantity", f"{injected:.2f} mm3, {s.injected_mass * 1e6:.2f} mg"),
+        ("return quantity", f"{returned:.2f} mm3, {s.returned_mass * 1e6:.2f} mg"),
+        ("needle opens", _instant(r["opening"], r["opening_delay"], "start")),
+        ("needle closes", _instant(r["closing"], r["closing_delay"], "end")),
+        *([("for the first time", _instant(r["first_closing"], r["first_closing"] - end, "end"))] if again else []),
+        ("largest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
+        *_shown(run.shown),
+        ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
+        ("reference density", f"{s.reference_density:.1f} kg/m3"),
+        ("status", f"{s.status.name}: {s.sentence}"),
+        ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
+        ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
+        ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
+        *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
+    ]
+
+
+def record(run: Run) -> dict[str, Any]:
+    """Figures of one injection for ``--json`` [SI]; null where there is none."""
+    s, point = run.solution, run.point
+    first, last = point.pulses[0], point.pulses[-1]
+    end = last.start + last.duration
+    return {
+        "schema": 1,
+        "kind": "simulation",
+        "injector": {
+            "name": run.injector.name,
+            "title": run.injector.title,
+            "variant": run.injector.variant.label,
+            "synthetic": run.injector.synthetic,
+        },
+        "operating_point": {
+            "rail_pressure": point.at_start(point.rail_pressure),
+            "cylinder_pressure": point.at_start(point.cylinder_pressure),
+            "return_pressure": point.at_start(point.return_pressure),
+            "energisings": [{"start": p.start, "duration": p.duration} for p in point.pulses],
+            "horizon": point.duration,
+        },
+        "engine": s.engine,
+        "time_step": None if s.engine == Engine.REFERENCE.value else run.time_step,
+        "precision": run.precision.value,
+        "status": s.status.name,
+        "message": s.sentence,
+        "injected_volume": number(s.injected_volume),
+        "injected_mass": number(s.injected_mass),
+        "returned_volume": number(s.returned_volume),
+        "returned_mass": number(s.returned_mass),
+        "reference_density": s.reference_density,
+        "opening": number(s.opening),
+        "closing": number(s.closing),
+        "opening_delay": number(s.opening - first.start),
+        "closing_delay": number(s.closing - end),
+        "first_closing": number(s.first_closing),
+        "peak_rate": number(np.max(s.rate)),
+        **_shown_record(run.shown),
+        "greatest_lift": number(np.max(s.channels["needle_lift"])),
+        "balance": number(s.balance),
+        "seconds": run.seconds,
+    }
+
+
+def _shown(shown: Metered | None) -> list[tuple[str, str]]:
+    """Names and texts of what a meter shows."""
+    if shown is None:
+        return []
+    peak, quantity = float(np.max(shown.rate)) * 1e6, shown.quantity * 1e9
+    return [(f"by meter {shown.meter.name}", f"largest rate {peak:.2f} mm3/ms, quantity {quantity:.2f} mm3")]
+
+
+def _shown_record(shown: Metered | None) -> dict[str, Any]:
+    """Figures of what a meter shows [SI], under the key "meter"; empty without one."""
+    if shown is None:
+        return {}
+    peak, quantity = number(np.max(shown.rate)), number(shown.quantity)
+    return {"meter": {"name": shown.meter.name, "peak_rate": peak, "quantity": quantity}}
+
+
+def write_csv(run: Run, path: Path) -> None:
+    """Write rate and channels against time; the rate is the mean over the step that ends at the time."""
+    s = run.solution
+    names = [f"{name} [{_unit(name).name}]" for name in s.channels]
+    columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
+    if run.shown is not None:
+        columns.append(run.shown.rate_mm3_per_ms)
+    columns += [values[1:] * _unit(name).factor for name, values in s.channels.items()]
+    notes = (
+        f"simulated by commonrail, not measured: {heading(run)}",
+        "rates are means over the interval that ends at the row's time; the rest is instantaneous",
+    )
+    seen = [] if run.shown is None else [f"rate by meter {run.shown.meter.name} [mm3/ms]"]
+    head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]", *seen, *names]
+    rows = ([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    output.write_csv(path, notes, head, rows)
+
+
+def _unit(channel: str) -> FieldUnit:
+    return field_unit(_UNITS.get(channel.rsplit("_", 1)[-1], "1"))
+
+
+def _instant(at: float | None, delay: float | None, event: str) -> str:
+    if at is None or delay is None:
+        return "never"
+    return f"at {at * 1e6:.1f} us, {delay * 1e6:.1f} us after the {event} of energising"
+
+
+@verb
+def simulate(
+    injector: Annotated[
+        str,
+        Argument(
+            help="Injector file, name of the catalogue or run folder; with @VARIANT another variant: cri2-16@ideal."
+        ),
+    ],
+    *,
+    rail_pressure: Annotated[str, Option(help="Rail pressure, e.g. 160MPa.")],
+    energising_time: Annotated[
+        str | None, Option(help="Energising time of a single injection from t = 0, e.g. 700us.")
+    ] = None,
+    energising: Annotated[
+        tuple[str, ...],
+        Option(
+            metavar="START:DURATION",
+            help="Start and energising time of one of several injections, e.g. 900us:600us; repeatable.",
+        ),
+    ] = (),
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    horizon: Annotated[
+        str | None, Option(help="End of the simulation, e.g. 4ms. [default: 2.5ms after the last energising]")
+    ] = None,
+    set_: Annotated[
+        tuple[str, ...],
+        Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Value of a parameter, with its unit or as an SI number; repeatable.",
+        ),
+    ] = (),
+    variant: Annotated[
+        Body | None, Option(help="Body of plunger and needle. [default: as in the injector file]")
+    ] = None,
+    engine: Annotated[
+        Engine,
+        Option(
+            help="Engine: lanes and cuda (NVIDIA GPU) are fast with a fixed step, reference is slow with error control."
+        ),
+    ] = Engine.LANES,
+    time_step: Annotated[str | None, Option(help="Time step of lanes and cuda, e.g. 1us. [default: 1us]")] = None,
+    precision: Annotated[
+        Precision,
+        Option(
+            help="Precision of lanes and cuda. f32 is for large populations; for one injection it only adds "
+            "rounding error."
+        ),
+    ] = Precision.F64,
+    meter: Annotated[
+        str | None,
+        Option(
+            metavar="NAME",
+            help="Meter through which the rate is shown beside the true one: a table [meters.NAME] of --study.",
+        ),
+    ] = None,
+    study: Annotated[
+        Path | None,
+        Option(help="Study, or calibrated.toml of a run, that describes the meter. [default: the injector file]"),
+    ] = None,
+    out: OutFile = None,
+    plot: PlotFile = None,
+    json: Json = False,
+) -> None:
+    """Simulate one injection, or several in a row.
+
+    \b
+    Examples:
+      commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us
+      commonrail simulate my.toml --rail-pressure 1200bar --energising 0us:200us \\
+          --energising 900us:600us --set plunger_needle.k1=303N/um --out injection.csv
+      commonrail simulate runs/first/calibrated.toml --rail-pressure 160MPa --energising-time 700us \\
+          --meter bench --plot seen.html
+    """
+    from commonrail.engine.operating_point import OperatingPoint
+    from commonrail.runs.model_name import read_model_name
+
+    if engine is Engine.REFERENCE and precision is not Precision.F64:
+        raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
+    if engine is Engine.REFERENCE and time_step is not None:
+        raise InputError("--time-step: the reference engine chooses its steps by its errors; omit it or --engine.")
+    check_file(out, "--out")
+    check_file(plot, "--plot")
+    check_distinct(out, plot)
+    named = read_model_name(injector)
+    seen = _meter(named, meter, study)
+    point = OperatingPoint(
+        parse(rail_pressure, "Pa", "--rail-pressure"),
+        read_energisings(energising_time, energising),
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        parse(return_pressure, "Pa", "--return-pressure"),
+        horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
+    )
+    step = parse(time_step or "1us", "s", "--time-step")
+    chosen = with_overrides(with_body(named.injector, variant), set_)
+    begin = time.perf_counter()
+    solution = solve(chosen, point, Settings(engine, step, precision))
+    run = Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
+    if seen is not None:
+        from commonrail.engine.metered import metered
+
+        run = run._replace(shown=metered(solution, seen, chosen, point))
+    files = _write(run, out, plot)
+    if json:
+        print_json(record(run) | {"files": files})
+    else:
+        print_pairs(figures(run), heading(run))
+    for path in files:
+        say(f"wrote {path}")
+
+
+def _meter(model: NamedModel, name: str | None, study: Path | None) -> Meter | None:
+    """Meter that the options name, or None."""
+    if name is None:
+        if study is not None:
+            raise InputError(f"--study {study}: name one of its meters with --meter, or omit --study.")
+        return None
+    if study is None:
+        return _meter_of(model, name)
+    from commonrail.calibration.study_file.meter import load_meter
+
+    return load_meter(study, name)
+
+
+def _meter_of(model: NamedModel, name: str) -> Meter:
+    """Meter that a calibration has left beside a model."""
+    for meter in model.meters:
+        if meter.name == name:
+            return meter
+    there = f"has the meters {', '.join(m.name for m in model.meters)}" if model.meters else "has no meters"
+    raise InputError(f"--meter {name}: {model.text} {there}; name a study or a calibrated.toml with --study.")
+
+
+def _write(run: Run, out: Path | None, plot: Path | None) -> list[str]:
+
+    if out is not None:
+        with writing(out, "--out"):
+            write_csv(run, out)
+    if plot is not None:
+        from commonrail.report.simulation import simulation_figure
+
+        with writing(plot, "--plot"):
+            shown = {} if run.shown is None else {run.shown.meter.name: run.shown.rate}
+            page = simulation_figure(run.solution, heading(run), shown)
+            write_text(plot, page)
+    return [str(path) for path in (out, plot) if path is not None]

@@ -1,0 +1,1 @@
+"""How laws become machine code, and the cache of it."""

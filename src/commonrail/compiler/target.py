@@ -1,0 +1,264 @@
+"""Target of the compiler: the processor that kernels are compiled for, and the versions of all that computes.
+
+The kernels of the lanes are compiled for a level of x86-64, v4 (AVX-512) or v3 (AVX2 and FMA), the highest that this
+machine has: libraries that were compiled elsewhere hold the same code. ``COMMONRAIL_KERNELS=v3`` asks for the lower.
+Other processors are compiled for by their name, and so is the one that ``NUMBA_CPU_NAME`` names. Equal targets give
+equal bits.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import platform
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.base.errors import ConfigurationError
+
+PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
+CPU_FLAGS = Path("/proc/cpuinfo")
+MOST = 6  # features that a sentence names
+SWITCH = "COMMONRAIL_KERNELS"
+
+
+class CompileTarget(NamedTuple):
+    """Target of the compiler, and what else decides over the bits of a result.
+
+    Attributes
+    ----------
+    triple : str
+        Architecture, vendor and system as LLVM names them.
+    cpu : str
+        Processor that LLVM compiles for.
+    features : str
+        Instruction sets that LLVM may (+) or must not (-) use, by name.
+    settings : str
+        Numba's settings that change machine code: optimisation level, vectorisers, JIT.
+    processor : str
+        Architecture and model of this machine's processor, as the system names it: NumPy, SciPy's linear algebra and
+        the C library choose their code by it.
+    versions : tuple of (name, version)
+        commonrail, python, numpy, scipy, numba, llvmlite.
+    """
+
+    triple: str
+    cpu: str
+    features: str
+    settings: str
+    processor: str
+    versions: tuple[tuple[str, str], ...]
+
+    @property
+    def machine(self) -> dict[str, str]:
+        """All but the versions, by name, as records keep them."""
+        return {name: str(value) for name, value in self._asdict().items() if name != "versions"}
+
+    @property
+    def record(self) -> dict[str, str]:
+        """Versions and machine by name, as journals keep them."""
+        return dict(self.versions) | self.machine
+
+
+class Processor(NamedTuple):
+    """Processor that is compiled for.
+
+    Attributes
+    ----------
+    name : str
+        LLVM's name.
+    features : str
+        Instruction sets that it may (+) or must not (-) use beside.
+    exact : bool
+        Compile every operation as it stands: nothing fused, nothing reordered, so that all processors round alike.
+    """
+
+    name: str
+    features: str = ""
+    exact: bool = False
+
+    @property
+    def is_wide(self) -> bool:
+        """True with 32 vector registers of 512 bits."""
+        return self.name == LEVEL_4.name or "+avx512vl" in self.features.split(",")
+
+
+LEVEL_3, LEVEL_4 = Processor("x86-64-v3"), Processor("x86-64-v4")
+OF_LEVEL_3 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+OF_LEVEL_4 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
+
+
+def own_processor() -> Processor:
+    """Processor that this process compiles for; without llvmlite, which it loads, the level that the system states."""
+    llvm = _llvm()
+    if llvm is None:
+        return _stated_level()
+    named, features = numba_setting("CPU_NAME"), numba_setting("CPU_FEATURES")
+    has: Mapping[str, bool] = llvm.get_host_cpu_features()
+    if named is None and features is None:
+        levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
+        for level, needed in levels[1:] if kernels_switch() == "v3" else levels:
+            if is_x86() and all(has.get(name, False) for name in needed):
+                return level
+    if features is None:
+        features = "" if named == "generic" else ",".join(f"{'+' if on else '-'}{name}" for name, on in has.items())
+    return Processor(named or llvm.get_host_cpu_name(), features)
+
+
+def _llvm() -> Any:
+    """LLVM's bindings; None where they are not installed, as libraries of compiled simulations do without."""
+    try:
+        import llvmlite.binding as llvm
+    except ModuleNotFoundError:
+        return None
+    return llvm
+
+
+def _stated_level() -> Processor:
+    """Level of x86-64 by the flags that Linux states; "unknown" where it states none."""
+    with suppress(OSError):
+        lines = CPU_FLAGS.read_text(encoding="ascii", errors="replace").splitlines()
+        flags = next((line.partition(":")[2].split() for line in lines if line.startswith("flags")), [])
+        has = {"lzcnt" if flag == "abm" else "bmi" if flag == "bmi1" else flag for flag in flags}
+        levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
+        for level, needed in levels[1:] if kernels_switch() == "v3" else levels:
+            if has.issuperset(needed):
+                return level
+    return Processor("unknown")
+
+
+def kernels_switch() -> str:
+    """Value of ``COMMONRAIL_KERNELS``: "off" (no libraries), "v3" or "v4" (at most that level), "" where it is not set.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is none of them.
+    """
+    found = os.environ.get(SWITCH, "")
+    if found not in ("", "off", "v3", "v4"):
+        raise ConfigurationError(f'{SWITCH} is "{found}"; set it to off, v3 or v4, or unset it.')
+    return found
+
+
+def is_x86() -> bool:
+    """True on 64-bit processors of Intel's and AMD's kind."""
+    return platform.machine() in ("x86_64", "AMD64")
+
+
+@functools.cache
+def describe() -> CompileTarget:
+    """Target of this process; loads llvmlite where it is installed."""
+    llvm, own = _llvm(), own_processor()
+    return CompileTarget(
+        f"{platform.machine()}-unknown-linux-gnu" if llvm is None else str(llvm.get_process_triple()),
+        own.name,
+        ",".join(sorted(own.features.split(","), key=lambda feature: feature[1:])),
+        lane_settings(),
+        f"{platform.machine()} {processor()}".strip(),
+        tuple(package_versions().items()),
+    )
+
+
+def lane_settings() -> str:
+    """Numba's settings that change the machine code of the lanes, as text."""
+    settings = {
+        "opt": numba_setting("OPT") or "3",
+        "loop vectorizer": numba_setting("LOOP_VECTORIZE") or "1",
+        "slp vectorizer": numba_setting("SLP_VECTORIZE") or "0",
+        "jit": "1" if may_compile() else "0",
+    }
+    return ", ".join(f"{name} {value}" for name, value in settings.items())
+
+
+def may_compile() -> bool:
+    """False where ``NUMBA_DISABLE_JIT`` forbids it."""
+    return (numba_setting("DISABLE_JIT") or "0") == "0"
+
+
+def numba_setting(name: str) -> str | None:
+    """One of Numba's settings as text, None where it has its default; Numba is loaded where a file may hold it.
+
+    Parameters
+    ----------
+    name : str
+        As in the environment, without ``NUMBA_``.
+    """
+    if not Path(".numba_config.yaml").exists():
+        return os.environ.get(f"NUMBA_{name}")
+    from numba import config
+
+    value = getattr(config, name)
+    return (
+        None if value is None else str(int(value) if isinstance(value, bool) else getattr(value, "_raw_value", value))
+    )
+
+
+def compiler_settings() -> str:
+    """Numba's settings that change machine code of any kernel, as text; loads Numba."""
+    from numba import config
+
+    settings = {
+        "opt": config.OPT._raw_value,
+        "loop vectorizer": config.LOOP_VECTORIZE,
+        "slp vectorizer": config.SLP_VECTORIZE,
+        "svml": int(config.USING_SVML),
+        "jit": int(not config.DISABLE_JIT),
+    }
+    return ", ".join(f"{name} {value}" for name, value in settings.items())
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of commonrail, Python and the packages that compute; "" for one that is not installed."""
+    found = {name: package_version(name) for name in PACKAGES}
+    return {"commonrail": found.pop("commonrail"), "python": platform.python_version(), **found}
+
+
+def package_version(package: str) -> str:
+    """Version of an installed package; "" for one that is not."""
+    with suppress(PackageNotFoundError):
+        return version(package)
+    return ""
+
+
+def processor() -> str:
+    """Model of the processor, as the system names it; "" where it does not."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor()
+
+
+def differences(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Differences of two targets as the part of a sentence: "cpu haswell, now generic; numba 0.62, now 0.63".
+
+    Parameters
+    ----------
+    before, now : mapping of str to str
+        `CompileTarget.record`.
+
+    Returns
+    -------
+    str
+        "" where they are equal.
+    """
+    differing = [name for name in now if before.get(name) != now[name]]
+    return "; ".join(
+        _features(before[name], now[name]) if name == "features" else f"{name} {before.get(name)}, now {now[name]}"
+        for name in differing
+    )
+
+
+def _features(before: str, now: str) -> str:
+    """Difference of two lists of instruction sets, by those that are in use in one of them only."""
+    then, today = ({feature[1:] for feature in text.split(",") if feature.startswith("+")} for text in (before, now))
+    parts = [
+        f"{word} {', '.join(names[:MOST])}{' ...' if len(names) > MOST else ''}"
+        for word, names in (("without", sorted(then - today)), ("with", sorted(today - then)))
+        if names
+    ]
+    return f"instruction sets, now {' and '.join(parts) or 'listed otherwise'}"

@@ -1,0 +1,1 @@
+"""What was measured: injection curves, quantities, features, meters and noise models."""

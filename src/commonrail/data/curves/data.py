@@ -1,0 +1,291 @@
+"""Injection curve as a kind of measured data: rate of injection against time; its J is the paper's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from commonrail.base.arguments import array, instance, settle
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.text import number
+from commonrail.data.base import DataSet, Missing, Role, Term, share_of
+from commonrail.data.curves.page import CurveView
+from commonrail.data.curves.reading import ReadCurve, read_curves
+from commonrail.data.curves.samples import RateModel
+from commonrail.data.noise import NOISE, Noise
+from commonrail.data.records import MEASURED, MM3_PER_MS, point_record
+from commonrail.data.simulator import Candidates, Simulator
+from commonrail.data.study_block import Context
+from commonrail.engine.lanes import Misfit
+from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.sampling import sampled_rates
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import which_failed
+from commonrail.physics.meters.meter import QUANTITIES, Meter
+from commonrail.physics.meters.signal import Given, shown_rates
+
+
+@dataclass(frozen=True)
+class RateScore:
+    """Injection curve: simulated samples [m³/s] and J, Σ |error| [mm³/ms]; NaN if the simulation failed."""
+
+    rate: Floats
+    j: float
+
+    @property
+    def values(self) -> Floats:
+        """Simulated samples [m³/s]."""
+        return self.rate
+
+    @property
+    def error(self) -> float:
+        """J [mm³/ms]."""
+        return self.j
+
+
+@dataclass(frozen=True)
+class RateData(DataSet):
+    """A measured injection curve (EVI) at one operating point.
+
+    Attributes
+    ----------
+    name : str
+    role : Role
+    point : OperatingPoint
+        Its horizon ends at or after the last bound.
+    bounds : (samples + 1,)
+        Bounds of the samples that count [s]; a sample is the mean flow between two bounds.
+    rate : (samples,)
+        Measured rate of injection by volume [m³/s].
+    weight : float
+        Factor of its J in the objective.
+    source, synthetic : str
+        Where the data come from; what about them is synthetic, empty if measured.
+    mass_density : float
+        Density [kg/m³] that made a volume of a rate measured by mass, and makes one of the simulated rate: masses are
+        compared with masses. NaN for a rate measured by volume, which is compared at each candidate's own density.
+    meter : Meter or None
+        Of the bench: the simulated rate is compared as this meter shows it.
+    noise : Noise
+        Its standard deviations are rates [m³/s].
+    points : (OperatingPoint,)
+        The one point.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, the bounds do not increase, or there is not one rate between each two.
+    """
+
+    kind: ClassVar[str] = "rate"
+    what: ClassVar[str] = "rate"
+    unit: ClassVar[str] = "m3/s"
+    error_head: ClassVar[tuple[str, str]] = ("J", "mm3/ms")
+    model: ClassVar[type[RateModel]] = RateModel
+    view: ClassVar[CurveView] = CurveView()
+    seen: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
+    sigma_unit: ClassVar[str] = "m3/s"
+    residual_unit: ClassVar[str] = "mm3/ms"
+    residual_scale: ClassVar[float] = MM3_PER_MS
+
+    name: str
+    role: Role
+    point: OperatingPoint
+    bounds: Floats
+    rate: Floats
+    weight: float
+    source: str
+    synthetic: str
+    mass_density: float = math.nan
+    meter: Meter | None = None
+    noise: Noise = NOISE
+    points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self._settle_labels()
+        instance(self.point, OperatingPoint, "point of the data")
+        bounds, rate = array(self.bounds, "s", "bounds of the data", 1), array(self.rate, "m3/s", "rate of the data", 1)
+        if len(bounds) != len(rate) + 1 or not len(rate):
+            raise ConfigurationError(
+                f"The bounds of {self.name} must be one more than its rates, and {len(bounds)} bounds and {len(rate)} "
+                "rates were given."
+            )
+        if not np.all(np.diff(bounds) > 0.0):
+            raise ConfigurationError(f"The bounds of {self.name} must increase from sample to sample.")
+        settle(self, bounds=bounds, rate=rate, points=(self.point,))
+
+    @classmethod
+    def read(cls, model: RateModel, context: Context) -> Self:
+        """Read an injection curve; see `DataSet.read`."""
+        found = cls.read_all(model, context)
+        if len(found) != 1:
+            raise context.at.error(f"{model.file} holds {len(found)} curves, and one is expected")
+        return found[0]
+
+    @classmethod
+    def read_all(cls, model: RateModel, context: Context) -> tuple[Self, ...]:
+        """Read the injection curves of a block; see `DataSet.read_all`."""
+        return tuple(cls._of(curve, model, context) for curve in read_curves(model, context))
+
+    @classmethod
+    def _of(cls, curve: ReadCurve, model: RateModel, context: Context) -> Self:
+        name = f"{model.name}, {curve.label}" if curve.label else model.name
+        source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
+        return cls(
+            name,
+            Role(model.role),
+            curve.point,
+            curve.bounds,
+            curve.rate,
+            model.weight,
+            source,
+            model.synthetic,
+            curve.mass_density,
+            context.meter(model.meter),
+            curve.noise,
+        )
+
+    @classmethod
+    def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
+        """One term: all curves are simulated in one batch, which adds up their errors itself.
+
+        With a meter among them, a term for each curve; the errors of one with a meter are added up outside.
+        """
+        if all(d.meter is None for d in group):
+            weights, samples = np.array([d.weight for d in group]), _samples(group, time_step)
+            return [Term([d.point for d in group], weights, _j_of, _squares_of, which_failed, samples)]
+        return [
+            cls.terms([d], time_step)[0]
+            if d.meter is None
+            else Term(d.points, np.array([d.weight]), d._j_as_shown, d._squares_as_shown, which_failed)
+            for d in group
+        ]
+
+    @property
+    def measured(self) -> Floats:
+        """Measured rate [m³/s]."""
+        return self.rate
+
+    @property
+    def samples(self) -> int:
+        """Samples of the curve and of the courses that belong to its operating point."""
+        p = self.point
+        courses = (p.rail_pressure, p.cylinder_pressure, p.return_pressure, p.drive)
+        return len(self.rate) + sum(len(course.time) for course in courses if isinstance(course, Trace))
+
+    def simulated(self, simulator: Simulator, values: Floats) -> Floats:
+        """Simulated samples (candidates, samples) [m³/s], as the meter shows them if there is one."""
+        candidates = Candidates(simulator, values)
+        if self.is_metered(simulator):
+            return self._as_shown(candidates)
+        s = simulator
+        how = s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step
+        rates = sampled_rates(*how, threads=s.threads, prepared=s.prepared(self.points), same_bits=s.same_bits)
+        return rates / self.density_of(candidates)
+
+    def _as_shown(self, candidates: Candidates) -> Floats:
+        """Samples (candidates, samples) [m³/s] as the meter shows them."""
+        assert self.meter is not None
+        given = candidates.given(self.meter)
+        mass = candidates.simulator.flow(self.point, candidates.values, self.meter.ahead)
+        flow = mass._replace(rates=mass.rates / self.density_of(candidates, given))
+        return shown_rates(self.meter, given, flow, self.bounds)
+
+    def density_of(self, candidates: Candidates, given: Given | None = None) -> Floats | float:
+        """Density [kg/m³] that makes volumes of the simulated masses."""
+        return candidates.densities(self.points, given) if math.isnan(self.mass_density) else self.mass_density
+
+    def _j_as_shown(self, batch: Batch, candidates: Candidates) -> Floats:
+        """J (candidates, 1) of the samples as the meter shows them."""
+        return self.misfit(self._as_shown(candidates))[:, None]
+
+    def _squares_as_shown(self, batch: Batch, candidates: Candidates) -> Floats:
+        """Sum of squared errors (candidates, 1) [mm³/ms] of the samples as the meter shows them."""
+        errors = (self._as_shown(candidates) - self.rate) * MM3_PER_MS
+        return np.asarray(np.sum(errors**2, axis=1)[:, None])
+
+    def misfit(self, values: Floats) -> Floats:
+        """J of simulated samples: Σ |rate − measured rate| [mm³/ms], Sec. 4."""
+        return np.asarray(np.sum(np.abs(values - self.rate), axis=-1) * MM3_PER_MS)
+
+    def residuals(self, values: Floats) -> Floats:
+        """Errors of the samples [mm³/ms], scaled by the root of the weight."""
+        return np.asarray(np.sqrt(self.weight) * (values - self.rate) * MM3_PER_MS)
+
+    def score(self, simulator: Simulator) -> RateScore:
+        """Score of the simulator's injector as it is."""
+        rate = self.simulated(simulator, np.empty((1, 0)))[0]
+        return RateScore(rate, float(self.misfit(rate)))
+
+    def missing(self, score: RateScore) -> list[Missing]:
+        """The one point, if its simulation failed."""
+        return [] if math.isfinite(score.j) else [Missing(self.point)]
+
+    def quantities(self, score: RateScore) -> tuple[Floats, Floats]:
+        """Volumes injected within the samples [m³]."""
+        measured, simulated = (np.atleast_1d(np.sum(rate * self.widths)) for rate in (self.rate, score.rate))
+        return measured, simulated
+
+    def relative_error(self, score: RateScore) -> float:
+        """Σ |error| over Σ data, without what the noise of the samples makes of it."""
+        return share_of(np.sum(np.abs(score.rate - self.rate)) - _noise(self.rate), np.sum(self.rate))
+
+    def best_gain(self, score: RateScore, gains: Floats) -> float:
+        """Median of the ratios of data to simulation, weighted by the simulation: it makes Σ |error| least."""
+        used = np.abs(score.rate) > 0.0  # not where it is NaN
+        if not used.any():
+            return 1.0
+        ratios, weights = self.rate[used] / score.rate[used], np.abs(score.rate[used])
+        order = np.argsort(ratios, kind="stable")
+        half = np.searchsorted(np.cumsum(weights[order]), 0.5 * np.sum(weights))
+        return float(np.clip(ratios[order][half], gains[0], gains[-1]))
+
+    def record(self, scores: Mapping[str, RateScore]) -> dict[str, Any]:
+        """J, J relative to the data, and injected volume of each label."""
+        level = float(np.sum(np.abs(self.rate)) * MM3_PER_MS)
+        return {
+            "samples": len(self.rate),
+            **point_record(self.point),
+            "J": {label: number(s.j) for label, s in scores.items()},
+            "J_relative": {label: number(s.j / level) if level else None for label, s in scores.items()},
+            "volume": {MEASURED: float(np.sum(self.rate * self.widths))}
+            | {label: number(float(np.sum(s.rate * self.widths))) for label, s in scores.items()},
+        }
+
+
+def _j_of(batch: Batch, candidates: Candidates) -> Floats:
+    return batch.absolute_error * MM3_PER_MS
+
+
+def _squares_of(batch: Batch, candidates: Candidates) -> Floats:
+    return batch.squared_error * MM3_PER_MS**2
+
+
+def _samples(curves: Sequence[RateData], dt: float) -> Misfit:
+    most = max(len(d.bounds) for d in curves)
+    bounds, target, weight = (np.zeros((len(curves), most)) for _ in range(3))
+    for i, data in enumerate(curves):
+        n = len(data.bounds)
+        first, last = data.point.start - 0.5 * dt, data.point.start + data.point.duration + 0.5 * dt
+        if not first <= data.bounds[0] < data.bounds[-1] <= last:
+            raise ConfigurationError(
+                f"{data.name}: the samples' bounds must lie inside the simulated time and be one more than the samples."
+            )
+        bounds[i, :n] = (data.bounds - data.point.start) / dt
+        target[i, 1:n] = data.rate
+        weight[i, 1:n] = 1.0
+    density = np.array([[d.mass_density for d in curves]])
+    return Misfit(np.array([len(d.bounds) for d in curves]), bounds, target, weight, density)
+
+
+def _noise(rate: Floats) -> float:
+    """Σ |noise| of a sampled curve, from its second differences, which a smooth curve hardly has."""
+    if len(rate) < 3:
+        return 0.0
+    deviation = np.median(np.abs(np.diff(rate, 2))) / (0.6745 * np.sqrt(6.0))  # white noise: σ √(1 + 4 + 1)
+    return float(np.sqrt(2.0 / np.pi) * deviation * len(rate))

@@ -1,0 +1,203 @@
+"""Injection curves in reports: tables of J and of injected volume, figures of rate and error, sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import Band, Figure, Panel, Points, Series
+from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
+from commonrail.base.text import fixed, listed, megapascal, number, percent, pressure, signed
+from commonrail.data.bands import shaded
+from commonrail.data.base import View
+from commonrail.data.records import (
+    JUDGED,
+    MEASURED,
+    MICROSECOND,
+    MM3,
+    MM3_PER_MS,
+    Plotted,
+    Record,
+    Texts,
+    origin_of,
+    relative_error,
+)
+
+NAMED = 6  # curves that a sentence tells one by one
+RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
+_J_TITLE = "Error J of the injection curves, mm³/ms"
+
+
+class CurveView(View):
+    """Tables, figures and sentences of injection curves."""
+
+    def has(self, data: Record, label: str) -> bool:
+        """True if the model's simulation succeeded."""
+        return number(data["J"].get(label)) is not None
+
+    def operating_point(self, data: Record) -> Record:
+        """The curve's operating point."""
+        return data
+
+    def sentences(self, data: Sequence[Record]) -> list[str]:
+        """J of all curves, calibrated against the other models."""
+        return [f", {listed([_sentence(d) for d in data])}" if len(data) <= NAMED else f", {_summary(data)}"]
+
+    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
+        """J of each curve."""
+        return "the least J", [d["J"] for d in data]
+
+    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
+        """J and injected volume of every curve, by label."""
+        labels = [label for label in texts if any(self.has(d, label) for d in data)]
+        return [_j_table(data, labels, texts), _volume_table(data, labels, texts)]
+
+    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
+        """J, relative J and error of the injected volume of every curve, by model."""
+        return [_j_compared(data, labels), _j_relative_compared(data, labels), _volume_compared(data, labels)]
+
+    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
+        """Injection curve, data and simulation [mm³/ms], and the errors below, against time [us]."""
+        trace = plotted.traces[data["name"]]
+        time = _points(trace["time_s"] * MICROSECOND)
+        measured = trace[MEASURED]
+        curves = [Series(origin_of(data), MEASURED, time, _points(measured * MM3_PER_MS))]
+        errors = []
+        for label, model in plotted.models.items():
+            if label not in trace:
+                continue
+            rate, error = (_points(y * MM3_PER_MS) for y in (trace[label], trace[label] - measured))
+            curves.append(Series(model.text, model.look, time, rate, family=model.family))
+            errors.append(Series("", model.look, time, error, family=model.family))
+        seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
+        others = len(errors) > 1 and JUDGED in trace
+        cut = " Errors of other models are cut at the range of the calibrated one and its band." if others else ""
+        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{cut}{seen} {shaded(data)}".rstrip()
+        about = (np.zeros(len(measured)), measured)
+        bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
+        panels = (
+            Panel(RATE, tuple(curves), 0.66, bands=bands[0]),
+            Panel(ERROR, tuple(errors), 0.34, zero_line=True, bands=bands[1], scaled_by=JUDGED),
+        )
+        return [Figure(_title(data, f"{data['name']} ({data['role']})"), caption, "time, µs", panels)]
+
+    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
+        """The same figure; its title lacks the role, which does not matter where nothing is fitted."""
+        return [replace(figure, title=_title(data, data["name"])) for figure in self.figures(data, plotted)]
+
+
+def _title(data: Record, words: str) -> str:
+    """Title of a curve's figure: words, and what the curve's name does not say of its operating point.
+
+    Parameters
+    ----------
+    data : Record
+    words : str
+        Name of the curve, with its role or without.
+    """
+    place = pressure(data["rail_pressure"]), f"{data['energising_time'] * MICROSECOND:.0f} µs"
+    name = data["name"].replace(" us", " µs")
+    return ", ".join([words, *(one for one in place if one not in name)])
+
+
+def _sentence(data: Record) -> str:
+    others = [
+        f"{fixed(data['J'][key], 1)} {words}"
+        for key, words in (("start", "with the start values"), ("rigid", "as a rigid body"))
+        if number(data["J"].get(key)) is not None
+    ]
+    against = f" against {listed(others)}" if others else ""
+    return f"{data['name']} has J = {fixed(data['J'].get(JUDGED), 1)} mm³/ms{against}"
+
+
+def _summary(data: Sequence[Record]) -> str:
+    """Range of J over many curves, and the worst of them against its sum of the rates."""
+    texts = []
+    for key, words in ((JUDGED, ""), ("start", "with the start values"), ("rigid", "as a rigid body")):
+        known = [j for d in data if (j := number(d["J"].get(key))) is not None]
+        if known:
+            span = f"{fixed(min(known), 1)} to {fixed(max(known), 1)}"
+            texts.append(f"{span} {words}".strip() if words else f"J of {len(known)} curves is {span} mm³/ms")
+    found = {d["name"]: number(d["J_relative"].get(JUDGED)) or 0.0 for d in data}
+    worst = max(found, key=lambda name: found[name])
+    against = f" against {listed(texts[1:])}" if texts[1:] else ""
+    opening = texts[0] if texts else "nothing could be simulated"
+    return f"{opening}{against}; worst is {worst} with {percent(found[worst])} %"
+
+
+def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
+    """J of every injection curve, Σ |rate error| over its samples [mm³/ms], by label."""
+    parts = (
+        Part(("data set", "role"), lambda d: (d["name"], d["role"])),
+        Part([texts[label] for label in labels], lambda d: [fixed(d["J"].get(label), 1) for label in labels]),
+        Part(("share, %",), lambda d: (percent(d["J_relative"].get(JUDGED)),)),
+        Part(("rail, MPa",), lambda d: (megapascal(d["rail_pressure"]),)),
+        _SAMPLES,
+    )
+    note = (
+        "J is the sum over the samples of |simulated rate − data|; the share is that of J of "
+        f"“{texts[JUDGED]}” in the sum of the data's rates."
+    )
+    return table_of(_J_TITLE, data, parts, note, 2)
+
+
+def _volume_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
+    """Volume injected within the samples of every curve [mm³], by label."""
+
+    def simulated(d: Record) -> Iterator[str]:
+        for label in labels:
+            volume = number(d["volume"].get(label))
+            yield fixed(volume, 2, MM3)
+            yield signed(relative_error(volume, d["volume"][MEASURED]), 1)
+
+    parts = (
+        Part(("data set", "role"), lambda d: (d["name"], d["role"])),
+        Part((_origin(data),), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),)),
+        Part([head for label in labels for head in (texts[label], "error, %")], simulated),
+    )
+    return table_of("Injected volume, mm³", data, parts, "", 2)
+
+
+def _j_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
+    errors = Part(labels, lambda d: marked([number(d["J"].get(label)) for label in labels], lambda j: fixed(j, 1)))
+    note = f"J is the sum over the samples of |simulated rate − data|. {BEST_LEGEND}"
+    return table_of(_J_TITLE, data, (_HEAD, errors, _SAMPLES), note)
+
+
+def _j_relative_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
+    errors = Part(labels, lambda d: marked([number(d["J_relative"].get(label)) for label in labels], percent))
+    note = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
+    return table_of("J relative to the data, %", data, (_HEAD, errors), note)
+
+
+def _volume_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
+    def errors(d: Record) -> list[Cell]:
+        found = [relative_error(number(d["volume"].get(label)), d["volume"][MEASURED]) for label in labels]
+        return marked(found, lambda error: signed(error, 1))
+
+    measured = Part((f"{_origin(data)}, mm³",), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),))
+    note = f"Simulated against data. {BEST_LEGEND}"
+    return table_of("Error of the injected volume, %", data, (_HEAD, measured, Part(labels, errors)), note)
+
+
+_HEAD = Part(("data set", "rail, MPa"), lambda d: (d["name"], megapascal(d["rail_pressure"])))
+_SAMPLES = Part(("samples",), lambda d: (str(d["samples"]),))
+
+
+def _origin(data: Sequence[Record]) -> str:
+    origins = {origin_of(d) for d in data}
+    return origins.pop() if len(origins) == 1 else "data"
+
+
+def _band(data: Record, time: Points, about: Floats) -> Band:
+    """Area of a data set's band [mm³/ms], less a course [m³/s] that it is shown about."""
+    low, high = (np.array([np.nan if v is None else v for v in data["band"][key]]) for key in ("lower", "upper"))
+    return Band(JUDGED, time, _points((low - about) * MM3_PER_MS), _points((high - about) * MM3_PER_MS))
+
+
+def _points(values: Floats) -> Points:
+    return tuple(float(v) if np.isfinite(v) else None for v in values)

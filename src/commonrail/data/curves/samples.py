@@ -1,0 +1,231 @@
+"""Samples of a measured rate: bounds of the intervals they are means over, windows, and other rasters."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.units import convert, to_text
+from commonrail.data.study_block import Course, DataModel, DriveModel
+from commonrail.readers.columns import Table
+from commonrail.readers.fields import FileModel, Unit
+from commonrail.readers.location import Place
+from commonrail.readers.tables import LEAST_SAMPLES
+
+# Shape of the block of an injection curve in a study file.
+
+Time = Annotated[float, Unit("s")]
+
+
+class PulseModel(FileModel):
+    """One energising."""
+
+    start: Time
+    duration: Time
+
+
+class ShotsModel(FileModel):
+    """Repeated shots in one long record: how each is found, and the columns that state its operating point.
+
+    `offset` is the time from the trigger's edge to the start of energising; shots whose pressures and times differ by
+    less than `same` belong to one operating point.
+    """
+
+    trigger: str
+    level: str | float | int | None = None
+    offset: Time = 0.0
+    rail_pressure: str | None = None
+    energising_time: str | None = None
+    same: Annotated[float, Unit("1"), Field(gt=0.0, lt=1.0)] = 0.02
+
+
+class RateModel(DataModel):
+    """An injection curve, or several of one file: by their names, by rows above them, or as shots of a record."""
+
+    kind: Literal["rate"]
+    time: str = "time"
+    rate: str = "rate"
+    columns: str | None = None
+    layout: Literal["columns", "header rows"] = "columns"
+    shots: ShotsModel | None = None
+    time_unit: str | None = None
+    rate_unit: str | None = None
+    rail_pressure_unit: str | None = None
+    energising_time_unit: str | None = None
+    rail_pressure: Course | None = None
+    cylinder_pressure: Course
+    return_pressure: Course
+    drive: DriveModel | None = None
+    energising_time: Time | None = None
+    energisings: list[PulseModel] | None = Field(default=None, min_length=1, max_length=100)
+    time_zero: Time = 0.0
+    resample: Annotated[float, Unit("s"), Field(gt=0.0)] | None = None
+    window: list[Time] | None = Field(default=None, min_length=2, max_length=2)
+    sampling: Literal["mean", "centred"] = "mean"
+    first_bound: Time | None = None
+
+
+MOST_SAMPLES = 1_000_000  # of a curve on another raster
+
+_TIME_UNITS = ("us", "ms", "s", "ns")
+
+
+class Samples(NamedTuple):
+    """Samples of a rate.
+
+    Attributes
+    ----------
+    bounds : (n + 1,)
+        [s].
+    rate : (n,)
+        In `unit`, m3/s or kg/s.
+    unit : str
+    time_unit : str
+        Unit of the time as the file gives it.
+    time : str
+        Where it is given.
+    """
+
+    bounds: Floats
+    rate: Floats
+    unit: str
+    time_unit: str
+    time: str
+
+    def range(self) -> str:
+        """Sentence part that says what times the samples have."""
+        first, last = (to_text(float(bound), "s") for bound in (self.bounds[0], self.bounds[-1]))
+        return f"the samples reach from {first} to {last}, {self.time} being in {self.time_unit}"
+
+    def misread(self, begin: float, end: float) -> str:
+        """Cure for samples that would fill a time from `begin` to `end` [s] if their unit were another one."""
+        own = convert(1.0, self.time_unit, "s")
+        for unit in _TIME_UNITS:
+            factor = convert(1.0, unit, "s") / own
+            first, last = factor * float(self.bounds[0]), factor * float(self.bounds[-1])
+            inside = np.count_nonzero((factor * self.bounds >= begin) & (factor * self.bounds <= end))
+            if unit != self.time_unit and inside > LEAST_SAMPLES and last >= 0.5 * end and first <= begin + 0.5 * end:
+                return f'; if they were recorded in {unit}, correct the unit of {self.time} to "{unit}"'
+        return ""
+
+    def on(self, bounds: Floats) -> Samples:
+        """Samples between other bounds inside the own ones; the integral over time is kept."""
+        integral = np.concatenate(([0.0], np.cumsum(self.rate * np.diff(self.bounds))))
+        rate = np.diff(np.interp(bounds, self.bounds, integral)) / np.diff(bounds)
+        return self._replace(bounds=bounds, rate=rate)
+
+
+def samples_of(table: Table, column: str, model: RateModel, at: Place) -> Samples:
+    """Samples of a column of rates, with the times of its table.
+
+    Parameters
+    ----------
+    table : Table
+    column : str
+        An empty cell at the end of a column ends it.
+    model : RateModel
+    at : Place
+        Of the block.
+
+    Raises
+    ------
+    InputError
+        If there are too few, or one is missing between others.
+    """
+    time, rate = table.columns[model.time] - model.time_zero, table.columns[column]
+    empty = np.flatnonzero(np.isnan(rate))
+    if len(empty):
+        if not np.isnan(rate[empty[0] :]).all():
+            raise table.place(column, int(empty[0])).error("the cell is empty, and a number is expected")
+        time, rate = time[: empty[0]], rate[: empty[0]]
+    if len(rate) < LEAST_SAMPLES:
+        raise Place(str(table.path), f'column "{column}"').error(
+            f"there are {len(rate)} samples, and at least {LEAST_SAMPLES} are needed"
+        )
+    where = f'the column "{model.time}" of {table.path}'
+    return Samples(_bounds(model, time, at), rate, table.units[column], table.given[model.time], where)
+
+
+def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:
+    """Bounds of the intervals that the samples are means over."""
+    if model.sampling == "centred":
+        if model.first_bound is not None:
+            raise (at / "first_bound").error('this key belongs to sampling = "mean"; remove it')
+        middles = 0.5 * (time[1:] + time[:-1])
+        return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
+    first = 2.0 * time[0] - time[1]
+    if model.first_bound is not None:
+        first = model.first_bound
+        if not first < time[0]:
+            raise (at / "first_bound").error(
+                f"{to_text(first, 's')} must lie before the first sample at {to_text(float(time[0]), 's')}"
+            )
+    return np.concatenate(([first], time))
+
+
+def within_window(samples: Samples, model: RateModel, at: Place) -> Samples:
+    """The samples whose intervals lie in the window, on the raster that is asked for."""
+    begin, end = float(samples.bounds[0]), float(samples.bounds[-1])
+    if model.window is not None:
+        begin, end = model.window
+        _check_window(samples, begin, end, at / "window")
+    if model.resample is not None:
+        return samples.on(raster(begin, end, model.resample, at / "resample"))
+    if model.window is None:
+        return samples
+    slack = _slack(samples)
+    inside = np.flatnonzero((samples.bounds >= begin - slack) & (samples.bounds <= end + slack))
+    if len(inside) <= LEAST_SAMPLES:
+        cure = samples.misread(begin, end) or "; widen the window, or correct the unit if the times are wrong"
+        raise ConfigurationError(
+            f"{at / 'window'}: only {max(len(inside) - 1, 0)} samples lie in the window from {to_text(begin, 's')} to "
+            f"{to_text(end, 's')}, and at least {LEAST_SAMPLES} are needed; {samples.range()}{cure}."
+        )
+    first, last = int(inside[0]), int(inside[-1])
+    return samples._replace(bounds=samples.bounds[first : last + 1].copy(), rate=samples.rate[first:last])
+
+
+def _slack(samples: Samples) -> float:
+    """Rounding of microseconds to seconds [s]."""
+    return 1e-3 * float(np.min(np.diff(samples.bounds)))
+
+
+def _check_window(samples: Samples, begin: float, end: float, at: Place) -> None:
+    bounds, slack = samples.bounds, _slack(samples)
+    if not begin < end:
+        raise ConfigurationError(f'{at}: the window must begin before it ends, as in ["0 us", "1200 us"].')
+    if begin < bounds[0] - slack or end > bounds[-1] + slack:
+        cure = (
+            samples.misread(begin, end) or "; choose a window within them, or correct the unit if the times are wrong"
+        )
+        raise ConfigurationError(
+            f"{at}: the window reaches from {to_text(begin, 's')} to {to_text(end, 's')}, and {samples.range()}{cure}."
+        )
+
+
+def raster(begin: float, end: float, step: float, at: Place) -> Floats:
+    """Bounds of even intervals from `begin`, as many as end before or at `end`.
+
+    Parameters
+    ----------
+    begin, end, step : float
+        [s].
+    at : Place
+        Of the step.
+
+    Raises
+    ------
+    InputError
+        If they are too few or too many.
+    """
+    count = int(np.floor((end - begin) / step + 1e-6))
+    if not LEAST_SAMPLES <= count <= MOST_SAMPLES:
+        raise at.error(
+            f"a step of {to_text(step, 's')} makes {count} samples of the time from {to_text(begin, 's')} to "
+            f"{to_text(end, 's')}, and {LEAST_SAMPLES} to {MOST_SAMPLES} are allowed"
+        )
+    return np.asarray(begin + step * np.arange(count + 1, dtype=np.float64))

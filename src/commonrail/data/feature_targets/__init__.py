@@ -1,0 +1,1 @@
+"""Features of an injection as data of a study."""

@@ -1,0 +1,239 @@
+"""Reading of features: a measured trace, or values alone, and the target of each feature."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, InputError, nearest
+from commonrail.base.units import parse
+from commonrail.data.base import Role
+from commonrail.data.curves.data import RateData
+from commonrail.data.curves.samples import RateModel
+from commonrail.data.features.measures import FEATURES
+from commonrail.data.features.settings import FeatureSettings, Threshold
+from commonrail.data.study_block import Context, drive_unit, mass_density
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.status import check_point
+from commonrail.physics.injector import Injector
+from commonrail.readers.fields import FileModel, Unit, fault
+from commonrail.readers.location import Place, located
+
+RETURNED = "return_quantity"  # of the whole stroke, and of no trace
+SAMPLE = 2e-6  # of a simulated trace that no measured one gives samples for [s]
+AFTER = 3e-3  # simulated after the last energising [s]
+MOST_TARGETS = 1000
+
+_UNITS = {"time": ("s",), "rate": ("m3/s", "kg/s"), "quantity": ("m3", "kg")}
+
+Number = tuple[float, str]  # value and its SI unit
+
+
+def _known(item: str) -> str:
+    if item not in FEATURES and item != RETURNED:
+        raise fault(f'there is no feature "{item}"{nearest(item, [*FEATURES, RETURNED])}')
+    return item
+
+
+def _in_its_unit(item: Any, info: ValidationInfo) -> Number | None:
+    """Number in a unit of the feature; a fault of its name is told before."""
+    name = info.data.get("feature")
+    if item is None or name is None:
+        return None
+    units = _UNITS["quantity" if name == RETURNED else FEATURES[name].of]
+    for unit in units[1:]:
+        try:
+            return parse(item, unit), unit
+        except InputError:
+            continue
+    return Unit(units[0]).read(item), units[0]
+
+
+_InItsUnit = PlainValidator(_in_its_unit)
+
+
+class TargetModel(FileModel):
+    """A feature of one injection, its tolerance, and its value where the trace does not give it."""
+
+    feature: Annotated[str, AfterValidator(_known)]
+    injection: int = Field(default=1, ge=1, le=100)
+    tolerance: Annotated[Any, _InItsUnit]
+    value: Annotated[Any, _InItsUnit] = None
+
+
+class FeaturesModel(RateModel):
+    """Features of an injection curve, or values alone where there is no file."""
+
+    kind: Literal["features"]  # type: ignore[assignment]  # another kind with the keys of a curve
+    file: str = ""
+    features: list[TargetModel] = Field(min_length=1, max_length=MOST_TARGETS)
+    threshold: str | float = 0.1
+    split: Annotated[float, Unit("1")] = 0.5
+    averaging: Annotated[float, Unit("s")] | None = None
+    tail: Annotated[float, Unit("s")] = 500e-6
+    zero_at_rest: bool = False
+    stroke_period: Annotated[float, Unit("s")] | None = None
+
+
+class FeatureTarget(NamedTuple):
+    """Feature of one injection, its measured value and its tolerance [SI, by volume].
+
+    `mass_density` is the density [kg/m³] that made a volume of a value measured by mass; NaN for other values.
+    """
+
+    feature: str
+    injection: int
+    value: float
+    tolerance: float
+    mass_density: float = math.nan
+
+    @property
+    def text(self) -> str:
+        """Name with the number of the injection."""
+        return self.feature if self.feature == RETURNED else f"{self.feature} {self.injection}"
+
+
+def unit_of_target(feature: str) -> str:
+    """SI unit of a target."""
+    return "m3" if feature == RETURNED else _UNITS[FEATURES[feature].of][0]
+
+
+def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:
+    """Settings of a block, with a threshold by mass as one by volume.
+
+    Parameters
+    ----------
+    model : FeaturesModel
+    injector : Injector
+    point : OperatingPoint
+    at : Place
+        Of the block; an error names it.
+    """
+    with located(at):
+        settings = FeatureSettings(
+            model.threshold,
+            split=model.split,
+            averaging=model.averaging,
+            tail=model.tail,
+            zero_at_rest=model.zero_at_rest,
+        )
+        stated = settings.threshold
+        if isinstance(stated, Threshold) and stated.unit == "kg/s":
+            by_volume = stated.value / mass_density(injector, stated.unit, point)
+            return replace(settings, threshold=Threshold(by_volume, "m3/s"))
+        return settings
+
+
+def read_curve_of(model: FeaturesModel, context: Context) -> RateData:
+    """Measured curve of a block; without a file a curve of zeros at the block's operating point.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As `DataSet.read`; also if there is no file, and something needs one.
+    """
+    if model.file:
+        return RateData.read(model, context)
+    if drive_unit(context.injector):
+        raise context.at.error("an injector that is driven by a trace needs a file with the measured drive")
+    point = _point(model, context)
+    count = math.ceil(point.duration / SAMPLE)
+    bounds: Floats = point.start + point.duration * np.arange(count + 1) / count
+    return RateData(
+        model.name,
+        Role(model.role),
+        point,
+        bounds,
+        np.zeros(count),
+        model.weight,
+        model.source,
+        model.synthetic,
+        meter=context.meter(model.meter),
+    )
+
+
+def _point(model: FeaturesModel, context: Context) -> OperatingPoint:
+    at = context.at
+    pressures = {key: getattr(model, key) for key in ("rail_pressure", "cylinder_pressure", "return_pressure")}
+    for key, value in pressures.items():
+        if not isinstance(value, float):
+            raise (at / key).error("without a file this must be one pressure")
+    if (model.energising_time is None) == (model.energisings is None):
+        raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
+    with located(at):
+        pulses = (
+            (Energising(0.0, model.energising_time),)
+            if model.energising_time is not None
+            else tuple(Energising(pulse.start, pulse.duration) for pulse in model.energisings or ())
+        )
+        start = min(0.0, pulses[0].start)
+        last = max(pulse.start + pulse.duration for pulse in pulses)
+        steps = math.ceil((last + AFTER - start) / context.time_step - 1e-6)
+        rail, cylinder, low = pressures.values()
+        point = OperatingPoint(rail, pulses, cylinder, low, horizon=steps * context.time_step, start=start)
+        check_point(context.injector, point)
+        return point
+
+
+def read_targets(
+    model: FeaturesModel, injector: Injector, point: OperatingPoint, measured: Any, at: Place
+) -> tuple[FeatureTarget, ...]:
+    """Targets of a block, with the values of the measured trace where none is stated.
+
+    Parameters
+    ----------
+    model : FeaturesModel
+    injector : Injector
+        Its fuel turns masses into volumes.
+    point : OperatingPoint
+    measured : Features or None
+        Of the measured trace.
+    at : Place
+        Of the block.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        If a value is neither stated nor in the trace, an injection has no energising, or a target is repeated.
+    """
+    found = []
+    for i, item in enumerate(model.features):
+        place = (at / "features")[i]
+        if item.injection > len(point.pulses):
+            raise (place / "injection").error(f"there is no energising {item.injection}; there are {len(point.pulses)}")
+        tolerance = _by_volume(item.tolerance, injector, point)
+        if not tolerance > 0.0:
+            raise (place / "tolerance").error("the tolerance must be greater than zero")
+        if item.value is None:
+            value, density = _measured(item, measured, place), math.nan
+        else:
+            value = _by_volume(item.value, injector, point)
+            density = mass_density(injector, item.value[1], point)
+        found.append(FeatureTarget(item.feature, item.injection, value, tolerance, density))
+    names = [target.text for target in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigurationError(f"{at / 'features'}: {name} is there more than once; keep one of them.")
+    return tuple(found)
+
+
+def _by_volume(number: Number, injector: Injector, point: OperatingPoint) -> float:
+    value, unit = number
+    return value / mass_density(injector, unit, point) if unit.startswith("kg") else value
+
+
+def _measured(item: TargetModel, measured: Any, place: Place) -> float:
+    if item.feature == RETURNED or measured is None:
+        raise (place / "value").error("no trace gives this feature; state its value")
+    value = measured.value(item.feature, item.injection)
+    if not math.isfinite(value):
+        raise place.error(
+            f"the measured trace has no {item.feature} of injection {item.injection}: "
+            + measured.reason(item.injection).sentence.removesuffix(".")
+        )
+    return float(value)

@@ -1,0 +1,1 @@
+"""Openings, closings and quantities found in a rate or another trace."""

@@ -1,0 +1,153 @@
+"""Features of a rate of injection: one function for measured and simulated traces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.arguments import instance
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.features.measures import (
+    FEATURES,
+    FeatureStatus,
+    Instant,
+    Instants,
+    Measured,
+    Part,
+    averaged,
+    instants_of,
+    measured_between,
+    parts_of,
+)
+from commonrail.data.features.rate_trace import RateTrace, rate_trace
+from commonrail.data.features.result import Features, Injection
+from commonrail.data.features.settings import CLEAR, FeatureSettings, Levels, levels_of
+from commonrail.engine.operating_point import Energising, OperatingPoint
+
+
+def features(
+    source: Any,
+    energisings: OperatingPoint | Sequence[Energising] | None = None,
+    settings: FeatureSettings | None = None,
+    levels: Levels | None = None,
+) -> Features:
+    """Features of a rate of injection, measured or simulated.
+
+    Parameters
+    ----------
+    source : RateTrace, Solution, Trace or RateData
+        Rate of injection.
+    energisings : OperatingPoint or sequence of Energising, optional
+        Those of the source if it has some. Delays need them.
+    settings : FeatureSettings, optional
+    levels : Levels, optional
+        Those of another trace, to judge both alike; by default they follow from the settings and this trace.
+
+    Raises
+    ------
+    ConfigurationError
+        If the source has no rate, or the settings do not fit it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import commonrail as cr
+    >>> bounds = 5e-6 * np.arange(241)
+    >>> ramps = np.interp(bounds[1:] - 2.5e-6, [300e-6, 400e-6, 900e-6, 1000e-6], [0.0, 50e-6, 50e-6, 0.0])
+    >>> found = cr.features(cr.RateTrace(bounds, ramps), [cr.Energising(0.0, "700 us")])
+    >>> round(found.value("opening_delay") * 1e6), round(found.value("quantity") * 1e9, 2)
+    (310, 30.0)
+    """
+    trace = rate_trace(source, energisings)
+    settings = FeatureSettings() if settings is None else instance(settings, FeatureSettings, "settings")
+    if settings.zero_at_rest:
+        trace = _from_zero(trace)
+    levels = levels_of(trace, settings) if levels is None else instance(levels, Levels, "levels")
+    total = trace.quantity(trace.bounds[0], trace.bounds[-1])
+
+    def found(injections: tuple[Injection, ...], status: FeatureStatus) -> Features:
+        return Features(injections, status, total, trace.noise, levels, trace.unit, trace.energisings)
+
+    if math.isnan(levels.threshold):
+        return found((), FeatureStatus.NO_INJECTION)
+    if CLEAR * levels.noise > levels.trigger - levels.threshold:
+        return found((), FeatureStatus.HIDDEN_IN_NOISE)
+    injections = tuple(_injections(trace, levels, settings))
+    return found(injections, FeatureStatus.OK if injections else FeatureStatus.NO_INJECTION)
+
+
+def _from_zero(trace: RateTrace) -> RateTrace:
+    if not len(trace.at_rest):
+        raise ConfigurationError(
+            "The rate has no sample before the first energising, so that its zero is unknown; give a longer trace and "
+            "its energisings, or omit zero_at_rest."
+        )
+    return trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
+
+
+def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> list[Injection]:
+    course = averaged(trace, levels.width)
+    parts = parts_of(course, levels, settings.split)
+    if not parts:
+        return []
+    instants = [instants_of(trace, course, part, levels) for part in parts]
+    windows = _windows(trace, instants, parts, float(settings.tail))
+    measured = [
+        measured_between(trace, course, part, window, levels, settings)
+        for part, window in zip(parts, windows, strict=True)
+    ]
+    numbers = [_energising_of(at.begin, trace.energisings, float(settings.least_delay)) for at in instants]
+    before = [Instant(), *(at.closing for at in instants[:-1])]
+    return [_injection(measured, i, numbers, trace.energisings, before[i]) for i in range(len(parts))]
+
+
+def _windows(
+    trace: RateTrace, instants: Sequence[Instants], parts: Sequence[Part], tail: float
+) -> Iterator[tuple[float, float]]:
+    """Times between which the quantity of each injection counts [s]."""
+    first, last = float(trace.bounds[0]), float(trace.bounds[-1])
+    middles = [0.5 * (one.end + after.begin) for one, after in pairwise(instants)]
+    edges = zip([first, *middles], [*middles, last], strict=True)
+    for at, part, (low, high) in zip(instants, parts, edges, strict=True):
+        yield (
+            at.begin if part.fused_before and math.isnan(at.opening.time) else max(low, at.begin - tail),
+            at.end if part.fused_after and math.isnan(at.closing.time) else min(high, at.end + tail),
+        )
+
+
+def _energising_of(opening: float, energisings: Sequence[Energising], delay: float) -> int | None:
+    """Number of the last energising that starts at least a delay [s] before an opening."""
+    before = [i for i, pulse in enumerate(energisings, start=1) if pulse.start + delay <= opening]
+    return before[-1] if before else None
+
+
+def _injection(
+    measured: Sequence[Measured],
+    i: int,
+    numbers: Sequence[int | None],
+    energisings: Sequence[Energising],
+    before: Instant,
+) -> Injection:
+    """Injection i with what depends on its energising, on its reopenings, and on the closing `before` it."""
+    values, errors, statuses = dict(measured[i].values), dict(measured[i].standard_errors), list(measured[i].statuses)
+    again = numbers[i] is not None and numbers[i] in numbers[:i]
+    number = None if again else numbers[i]
+    pulse = None if number is None else energisings[number - 1]
+    start, end = (math.nan, math.nan) if pulse is None else (pulse.start, pulse.start + pulse.duration)
+    own = [m.values["quantity"] for m, other in zip(measured, numbers, strict=True) if other == number]
+    values |= {
+        "opening_delay": values["opening"] - start,
+        "closing_delay": values["closing"] - end,
+        "separation": values["opening"] - before.time,
+        "total_quantity": math.nan if again else values["quantity"] if number is None else sum(own),
+    }
+    errors["separation"] = math.hypot(errors["opening"], before.error)
+    if pulse is not None:
+        errors |= {"opening_delay": errors["opening"], "closing_delay": errors["closing"]}
+    if energisings and pulse is None:
+        statuses.append(FeatureStatus.REOPENED if again else FeatureStatus.NO_ENERGISING)
+    return Injection({name: values[name] for name in FEATURES}, errors, tuple(statuses), number)

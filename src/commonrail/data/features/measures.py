@@ -1,0 +1,402 @@
+"""Features of one injection in an averaged course: instants, ramps, rates, quantity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.data.features.rate_trace import RateTrace
+from commonrail.data.features.settings import FeatureSettings, Levels
+
+# Division of a trace into injections: runs above the threshold with hysteresis, split where they fuse.
+
+SAME = 1e-6  # of the averaging time, below which two knots are one
+DEEP = 6.0  # standard deviations by which the rate must fall for injections to be divided
+
+
+class Course(NamedTuple):
+    """Averaged rate, linear between its knots: times [s] and rates (knots,)."""
+
+    time: Floats
+    rate: Floats
+
+    def crossing(self, first: int, level: float) -> float:
+        """Time at which the rate passes a level between a knot and the next [s]."""
+        (t0, t1), (r0, r1) = self.time[first : first + 2], self.rate[first : first + 2]
+        return float(t0 + (level - r0) / (r1 - r0) * (t1 - t0))
+
+    def rises(self, level: float, first: int, last: int) -> IndexArray:
+        """Knots between two after which the rate rises above a level."""
+        rate = self.rate[first : last + 1]
+        return first + np.flatnonzero((rate[:-1] <= level) & (rate[1:] > level))
+
+    def falls(self, level: float, first: int, last: int) -> IndexArray:
+        """Knots between two after which the rate falls to a level or below."""
+        rate = self.rate[first : last + 1]
+        return first + np.flatnonzero((rate[:-1] > level) & (rate[1:] <= level))
+
+
+class Part(NamedTuple):
+    """Injection in a course: its first and last knot, and whether it touches another one there."""
+
+    first: int
+    last: int
+    fused_before: bool = False
+    fused_after: bool = False
+
+
+def averaged(trace: RateTrace, width: float) -> Course:
+    """Rate averaged over a width [s], exact for samples that are means."""
+    knots = np.sort(np.concatenate([trace.bounds - 0.5 * width, trace.bounds + 0.5 * width]))
+    knots = knots[np.concatenate(([True], np.diff(knots) > SAME * width))]
+    slack = SAME * width
+    inside = (knots >= trace.bounds[0] + 0.5 * width - slack) & (knots <= trace.bounds[-1] - 0.5 * width + slack)
+    time = knots[inside]
+    return Course(time, trace.means(time, width))
+
+
+def parts_of(course: Course, levels: Levels, split: float) -> list[Part]:
+    """Injections in the order of time.
+
+    Parameters
+    ----------
+    course : Course
+    levels : Levels
+    split : float
+        Share of the smaller neighbouring peak below which the rate must fall between two injections.
+    """
+    above = np.concatenate(([False], course.rate > levels.release, [False]))
+    edges = np.flatnonzero(np.diff(above.astype(np.int8)))
+    runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    found: list[Part] = []
+    for begin, end in runs:
+        if course.rate[begin:end].max() > levels.trigger:
+            first, last = max(begin - 1, 0), min(end, len(course.rate) - 1)
+            found += _divided(course.rate, Part(first, last), levels, split)
+    return found
+
+
+def _divided(rate: Floats, part: Part, levels: Levels, split: float) -> Iterator[Part]:
+    """The part, or those on both sides of its deepest valley, each divided further."""
+    values = rate[part.first : part.last + 1]
+    beside = np.minimum(np.maximum.accumulate(values), np.maximum.accumulate(values[::-1])[::-1])
+    deep = (beside > levels.trigger) & (values < split * beside) & (beside - values > DEEP * levels.noise)
+    if not deep.any():
+        yield part
+        return
+    ratio = np.where(deep, values / np.where(deep, beside, 1.0), np.inf)
+    valley = part.first + int(np.argmin(ratio))
+    yield from _divided(rate, part._replace(last=valley, fused_after=True), levels, split)
+    yield from _divided(rate, part._replace(first=valley, fused_before=True), levels, split)
+
+
+# Reasons for which a feature of a trace has no number, each with a sentence that says what to do.
+
+
+class FeatureStatus(StrEnum):
+    """Outcome of the search for the features of a trace, or of one injection in it."""
+
+    OK = "ok"
+    NO_INJECTION = "no injection"
+    HIDDEN_IN_NOISE = "hidden in noise"
+    CUT_AT_START = "cut at start"
+    CUT_AT_END = "cut at end"
+    FUSED = "fused"
+    NO_PLATEAU = "no plateau"
+    NO_ENERGISING = "no energising"
+    REOPENED = "reopened"
+
+    @property
+    def sentence(self) -> str:
+        """Meaning and cure in one sentence."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    FeatureStatus.OK: "All features were found.",
+    FeatureStatus.NO_INJECTION: "The rate does not rise above the threshold; lower the threshold if something is seen.",
+    FeatureStatus.HIDDEN_IN_NOISE: (
+        "The noise is too large for the threshold: four standard deviations exceed its hysteresis; raise the "
+        "threshold or average over a longer time."
+    ),
+    FeatureStatus.CUT_AT_START: "The trace begins while fuel is injected; it has no opening.",
+    FeatureStatus.CUT_AT_END: "The trace ends while fuel is injected; it has no closing.",
+    FeatureStatus.FUSED: (
+        "The rate does not fall below the threshold between this injection and the next or the previous one; they are "
+        "divided where the rate is smallest."
+    ),
+    FeatureStatus.NO_PLATEAU: "The rate is near its largest value for less than half of the duration; none is steady.",
+    FeatureStatus.NO_ENERGISING: "No energising starts before this injection; it has no delays.",
+    FeatureStatus.REOPENED: "The injector opened again after the same energising.",
+}
+
+
+PLATEAU = 0.5  # share of the duration near the largest rate above which an injection has a steady rate
+ROUNDS = 3  # of slope and averaging about an instant: the slope of a first, wide mean is too small at the foot
+# A mean over w is off by w²/24 of the second derivative: 4/24 of the second difference over w/2, which reaches less far
+# beyond the mean than one over w.
+BEND = 4.0 / 24.0
+MIDDLE = 0.25  # share that is left out at either end of the plateau
+
+
+class Feature(NamedTuple):
+    """Feature of an injection: its name, kind of unit ("time", "rate", "quantity") and meaning."""
+
+    name: str
+    of: str
+    meaning: str
+
+
+FEATURES = {
+    name: Feature(name, of, meaning)
+    for name, of, meaning in (
+        ("opening", "time", "instant at which the rate rises above the threshold"),
+        ("closing", "time", "instant at which the rate falls below the threshold"),
+        ("opening_delay", "time", "hydraulic delay: from the start of energising to opening"),
+        ("closing_delay", "time", "from the end of energising to closing"),
+        ("duration", "time", "from opening to closing"),
+        ("separation", "time", "from the closing of the previous injection to opening"),
+        ("rise_time", "time", "opening ramp, between two shares of the largest rate"),
+        ("fall_time", "time", "closing ramp, between the same shares"),
+        ("steady_rate", "rate", "mean of the middle half of the plateau"),
+        ("peak_rate", "rate", "largest mean over the peak averaging"),
+        ("quantity", "quantity", "quantity of this injection"),
+        ("total_quantity", "quantity", "quantity with what reopenings after the same energising add"),
+        ("dribble", "quantity", "quantity after closing"),
+    )
+}
+
+
+class Measured(NamedTuple):
+    """Values by feature, their standard errors by the noise, and what is missing for which reason."""
+
+    values: Mapping[str, float]
+    standard_errors: Mapping[str, float]
+    statuses: tuple[FeatureStatus, ...]
+
+
+class Instant(NamedTuple):
+    """Time at which the rate passes the threshold and its standard error [s], NaN where it does not."""
+
+    time: float = math.nan
+    error: float = math.nan
+
+
+class Instants(NamedTuple):
+    """Opening and closing, and the times [s] that are used for them where neighbours divide."""
+
+    opening: Instant
+    closing: Instant
+    begin: float
+    end: float
+
+
+def instants_of(trace: RateTrace, course: Course, part: Part, levels: Levels) -> Instants:
+    """Last rise above the threshold before the trigger, and first fall below it after the trigger.
+
+    Parameters
+    ----------
+    trace : RateTrace
+    course : Course
+        Of the trace.
+    part : Part
+    levels : Levels
+    """
+    rate = course.rate[part.first : part.last + 1]
+    high = part.first + np.flatnonzero(rate > levels.trigger)
+    rises = course.rises(levels.threshold, part.first, int(high[0]))
+    falls = course.falls(levels.threshold, int(high[-1]), part.last)
+    margin = min(levels.threshold, float(rate.max()) - levels.threshold)
+    opening, closing = Instant(), Instant()
+    if len(rises):
+        opening = _passing(trace, course.crossing(int(rises[-1]), levels.threshold), 1, margin, levels)
+    if len(falls):
+        closing = _passing(trace, course.crossing(int(falls[0]), levels.threshold), -1, margin, levels)
+    begin = opening.time if len(rises) else float(course.time[part.first])
+    end = closing.time if len(falls) else float(course.time[part.last])
+    return Instants(opening, closing, begin, end)
+
+
+def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Levels) -> Instant:
+    """Passing of the threshold, with an averaging that stays on the straight part of the ramp.
+
+    A mean over more than twice the distance to the foot of the ramp, or to its top, would move the passing. The slope
+    between the passing and a mean within the injection gives that distance.
+
+    Parameters
+    ----------
+    trace : RateTrace
+    time : float
+        Passing of the rate averaged over `levels.width` [s].
+    sign : int
+        1 for a rise, -1 for a fall.
+    margin : float
+        From the threshold to zero or to the largest rate, whichever is nearer [m³/s or kg/s].
+    levels : Levels
+    """
+    first, level, narrowest = time, levels.threshold, max(levels.narrowest, trace.interval)
+    width = max(levels.width, trace.interval)
+    inner = width = max(width, narrowest)
+    slope = 0.0
+    for _ in range(ROUNDS):
+        slope = 2.0 * (float(trace.means(time + 0.5 * sign * inner, inner)) - level) / inner
+        if not slope > 0.0:
+            break
+        width = min(max(2.0 * margin / slope, narrowest), width)
+        time = _nearest_passing(trace, first, sign, width, levels)
+    if not slope > 0.0:
+        return Instant(time, math.inf)
+    bend = _bend(trace, time, width)
+    noise = levels.noise * math.sqrt(max(levels.width / width, 1.0))
+    return Instant(time, math.hypot(noise, bend) / slope)
+
+
+def _bend(trace: RateTrace, time: float, width: float) -> float:
+    """Difference of a mean over a width about a time [s] from the rate there, by its second difference."""
+    before, here, after = trace.means([time - 0.5 * width, time, time + 0.5 * width], 0.5 * width)
+    return abs(float(before - 2.0 * here + after)) * BEND
+
+
+def _nearest_passing(trace: RateTrace, time: float, sign: int, width: float, levels: Levels) -> float:
+    """Passing of the rate averaged over a width that is nearest to a time [s]; the time itself where there is none."""
+    reach = levels.width + trace.interval
+    inside = (trace.bounds > time - reach - width) & (trace.bounds < time + reach + width)
+    knots = np.unique(np.concatenate([trace.bounds[inside] - 0.5 * width, trace.bounds[inside] + 0.5 * width]))
+    course = Course(knots, trace.means(knots, width))
+    passes = (course.rises if sign > 0 else course.falls)(levels.threshold, 0, len(knots) - 1)
+    times = [course.crossing(int(knot), levels.threshold) for knot in passes]
+    return min(times, key=lambda one: abs(one - time), default=time)
+
+
+def measured_between(
+    trace: RateTrace, course: Course, part: Part, window: tuple[float, float], levels: Levels, settings: FeatureSettings
+) -> Measured:
+    """Features of one injection but for those that depend on its neighbours or its energising.
+
+    Parameters
+    ----------
+    trace : RateTrace
+    course : Course
+        Of the trace.
+    part : Part
+    window : (float, float)
+        Times between which its quantity counts [s].
+    levels : Levels
+    settings : FeatureSettings
+    """
+    at = instants_of(trace, course, part, levels)
+    opening, closing = at.opening.time, at.closing.time
+    peak = _largest(trace, course, part, at, float(settings.peak_averaging))
+    rise, fall, plateau = _ramps(course, part, settings.ramp, peak)
+    steady = math.nan
+    if plateau[1] - plateau[0] > PLATEAU * (at.end - at.begin):
+        left_out = MIDDLE * (plateau[1] - plateau[0])
+        begin, end = plateau[0] + left_out, plateau[1] - left_out
+        steady = trace.quantity(begin, end) / (end - begin)
+    values = {
+        "opening": opening,
+        "closing": closing,
+        "duration": closing - opening,
+        "rise_time": rise,
+        "fall_time": fall,
+        "steady_rate": steady,
+        "peak_rate": peak,
+        "quantity": trace.quantity(*window),
+        "dribble": trace.quantity(closing, window[1]) if math.isfinite(closing) else math.nan,
+    }
+    errors = _errors(trace, at, window)
+    share = _peak_error(trace, plateau, levels, float(settings.peak_averaging)) / peak
+    apart = (settings.ramp[1] - settings.ramp[0]) * peak
+    for name, ends in (("rise_time", (plateau[0] - rise, plateau[0])), ("fall_time", (plateau[1], plateau[1] + fall))):
+        errors[name] = _ramp_error(trace, ends, apart, share, levels)
+    if settings.zero_at_rest:
+        errors["quantity"] = _quantity_error_from_zero(trace, window)
+    return Measured(values, errors, _statuses(at, part, math.isnan(steady)))
+
+
+def _largest(trace: RateTrace, course: Course, part: Part, at: Instants, width: float) -> float:
+    """Largest mean over a width [s] within the injection."""
+    width = max(width, trace.interval)
+    low = at.begin + (0.5 * width if part.fused_before else 0.0)
+    high = at.end - (0.5 * width if part.fused_after else 0.0)
+    inside = course.time[(course.time >= low) & (course.time <= high)]
+    return float(trace.means(inside, width).max() if len(inside) else course.rate[part.first : part.last + 1].max())
+
+
+def _ramps(
+    course: Course, part: Part, shares: tuple[float, float], peak: float
+) -> tuple[float, float, tuple[float, float]]:
+    """Times of the opening and of the closing ramp [s], and the times between which the rate is above both shares."""
+    low, high = (share * peak for share in shares)
+    rises = course.rises(high, part.first, part.last)
+    falls = course.falls(high, part.first, part.last)
+    up = course.crossing(int(rises[0]), high) if len(rises) else math.nan
+    down = course.crossing(int(falls[-1]), high) if len(falls) else math.nan
+    before = course.rises(low, part.first, int(rises[0]) + 1) if len(rises) else rises
+    after = course.falls(low, int(falls[-1]), part.last) if len(falls) else falls
+    rise = up - course.crossing(int(before[-1]), low) if len(before) else math.nan
+    fall = course.crossing(int(after[0]), low) - down if len(after) else math.nan
+    return rise, fall, (up, down)
+
+
+def _errors(trace: RateTrace, at: Instants, window: tuple[float, float]) -> dict[str, float]:
+    """Standard errors: of instants as found, of a quantity that of a sum of white noise."""
+    opening, closing = at.opening.error, at.closing.error
+    quantity = trace.noise * math.sqrt(trace.interval * (window[1] - window[0]))
+    return {"opening": opening, "closing": closing, "duration": math.hypot(opening, closing), "quantity": quantity}
+
+
+def _peak_error(trace: RateTrace, plateau: tuple[float, float], levels: Levels, width: float) -> float:
+    """Standard error of the largest mean over a width [s].
+
+    The largest of n means with the standard deviation σ exceeds the rate by up to σ √(2 ln n), the bound of the
+    expected largest of n normal values; that counts beside σ.
+    """
+    width = max(width, trace.interval)
+    count = max((plateau[1] - plateau[0]) / width, 1.0)
+    return levels.noise * math.sqrt(levels.width / width * (1.0 + 2.0 * math.log(count)))
+
+
+def _ramp_error(trace: RateTrace, ends: tuple[float, float], apart: float, share: float, levels: Levels) -> float:
+    """Standard error of the time [s] of a ramp.
+
+    Parameters
+    ----------
+    trace : RateTrace
+    ends : (float, float)
+        Times between which the ramp is timed [s].
+    apart : float
+        Difference of the rates there [m³/s or kg/s].
+    share : float
+        Standard error of the largest rate over that rate: both ends are shares of it.
+    levels : Levels
+    """
+    time = ends[1] - ends[0]
+    if not time > 0.0:
+        return math.nan
+    width = max(levels.width, trace.interval)
+    bends = [_bend(trace, end, width) for end in ends]
+    return time * math.hypot(math.sqrt(2.0) * levels.noise / apart, *(bend / apart for bend in bends), share)
+
+
+def _quantity_error_from_zero(trace: RateTrace, window: tuple[float, float]) -> float:
+    """Standard error of a quantity above the mean at rest: the zero of few samples counts over the whole window."""
+    rest, length = trace.interval * len(trace.at_rest), window[1] - window[0]
+    shared = max(0.0, float(trace.bounds[len(trace.at_rest)]) - window[0])  # at rest and within the window
+    return trace.noise * math.sqrt(trace.interval * length * max(1.0 + (length - 2.0 * shared) / rest, 0.0))
+
+
+def _statuses(at: Instants, part: Part, no_plateau: bool) -> tuple[FeatureStatus, ...]:
+    found = []
+    if (math.isnan(at.opening.time) and part.fused_before) or (math.isnan(at.closing.time) and part.fused_after):
+        found.append(FeatureStatus.FUSED)
+    if math.isnan(at.opening.time) and not part.fused_before:
+        found.append(FeatureStatus.CUT_AT_START)
+    if math.isnan(at.closing.time) and not part.fused_after:
+        found.append(FeatureStatus.CUT_AT_END)
+    return (*found, *([FeatureStatus.NO_PLATEAU] if no_plateau else []))

@@ -1,0 +1,149 @@
+"""Features of a trace as they were found: values, reasons, levels; units in which they are shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from commonrail.base.arguments import shown
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.text import number
+from commonrail.data.features.measures import FEATURES, FeatureStatus
+from commonrail.data.features.rate_trace import RATE_UNITS
+from commonrail.data.features.settings import Levels
+from commonrail.engine.operating_point import Energising
+
+DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2, "m3": 3, "kg": 3}  # of a feature in its `field_unit`, by SI unit
+
+
+@dataclass(frozen=True)
+class Injection:
+    """One injection of a trace.
+
+    Attributes
+    ----------
+    values : mapping of str to float
+        By feature [SI]; NaN where there is none, and `statuses` say why.
+    standard_errors : mapping of str to float
+        By feature [SI], as far as the noise of the trace gives them.
+    statuses : tuple of FeatureStatus
+        Empty if all features were found.
+    energising : int or None
+        Number of its energising, from 1; None if unknown.
+    """
+
+    values: Mapping[str, float]
+    standard_errors: Mapping[str, float]
+    statuses: tuple[FeatureStatus, ...] = ()
+    energising: int | None = None
+
+    def __getitem__(self, name: str) -> float:
+        """Value of a feature [SI]; `ConfigurationError` for a name that is none."""
+        return self.values[known_feature(name)]
+
+
+@dataclass(frozen=True)
+class Features:
+    """Features of a trace.
+
+    Attributes
+    ----------
+    injections : tuple of Injection
+        In the order of time.
+    status : FeatureStatus
+        OK if there are injections, or the reason for which there is none.
+    quantity : float
+        Sum over the whole trace [m³ or kg].
+    noise : float
+        Standard deviation of one sample [m³/s or kg/s].
+    levels : Levels
+        Threshold and averaging that were applied.
+    unit : str
+        Of rates, "m3/s" or "kg/s".
+    energisings : tuple of Energising
+        Those of the trace.
+    """
+
+    injections: tuple[Injection, ...]
+    status: FeatureStatus
+    quantity: float
+    noise: float
+    levels: Levels
+    unit: str
+    energisings: tuple[Energising, ...]
+
+    def of(self, injection: int) -> Injection | None:
+        """Injection of an energising, or by order where energisings are unknown, from 1; None if there is none."""
+        if self.energisings:
+            return next((one for one in self.injections if one.energising == injection), None)
+        return self.injections[injection - 1] if 0 < injection <= len(self.injections) else None
+
+    def value(self, name: str, injection: int = 1) -> float:
+        """Feature of one injection [SI]; NaN where there is none.
+
+        Parameters
+        ----------
+        name : str
+        injection : int
+            As for `of`.
+        """
+        name, found = known_feature(name), self.of(injection)
+        return math.nan if found is None else found.values[name]
+
+    def reason(self, injection: int = 1) -> FeatureStatus:
+        """Status that explains a missing feature of one injection, numbered as for `of`."""
+        found = self.of(injection)
+        if found is None:
+            return FeatureStatus.NO_INJECTION if self.injections else self.status
+        return found.statuses[0] if found.statuses else FeatureStatus.OK
+
+    @property
+    def silent(self) -> tuple[int, ...]:
+        """Numbers of the energisings without an injection."""
+        return tuple(i for i in range(1, len(self.energisings) + 1) if self.of(i) is None)
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form [SI]; null where there is no number."""
+        return {
+            "status": self.status.value,
+            "message": self.status.sentence,
+            "unit": self.unit,
+            "quantity": number(self.quantity),
+            "noise": number(self.noise),
+            "threshold": number(self.levels.threshold),
+            "averaging": number(self.levels.width),
+            "energisings": [{"start": p.start, "duration": p.duration} for p in self.energisings],
+            "energisings_without_injection": list(self.silent),
+            "injections": [_record(one) for one in self.injections],
+        }
+
+
+def known_feature(name: object) -> str:
+    """Name of a feature.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none of that name, with the nearest.
+    """
+    if not isinstance(name, str) or name not in FEATURES:
+        meant = nearest(name, FEATURES) if isinstance(name, str) else ""
+        raise ConfigurationError(f"There is no feature {shown(name)}{meant}; the features are {', '.join(FEATURES)}.")
+    return name
+
+
+def unit_of(name: str, unit: str = "m3/s") -> str:
+    """SI unit of a feature of a trace whose rate has a unit."""
+    return {"time": "s", "rate": unit, "quantity": RATE_UNITS[unit]}[FEATURES[name].of]
+
+
+def _record(one: Injection) -> dict[str, Any]:
+    return {
+        "energising": one.energising,
+        "statuses": [status.value for status in one.statuses],
+        "messages": [status.sentence for status in one.statuses],
+        "values": {name: number(value) for name, value in one.values.items()},
+        "standard_errors": {name: number(value) for name, value in one.standard_errors.items()},
+    }

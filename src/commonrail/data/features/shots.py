@@ -1,0 +1,128 @@
+"""Statistics of features over repeated shots: mean, scatter, their intervals, and shots that stand apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.arguments import instances, number
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.text import number as plain
+from commonrail.data.features.measures import FEATURES
+from commonrail.data.features.rate_trace import spread
+from commonrail.data.features.result import Features, unit_of
+
+APART = 3.5  # standard deviations by medians from the median, beyond which a shot stands apart
+FEWEST_TO_JUDGE = 5  # shots
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ShotStatistic:
+    """One feature over repeated shots [SI].
+
+    Attributes
+    ----------
+    name, unit : str
+    injection : int
+        Number of the injection, see `Features.of`.
+    count, missing : int
+        Shots with the feature, and without it.
+    mean, deviation : float
+        Of the shots with the feature; the deviation is NaN for a single one.
+    mean_interval, deviation_interval : (float, float)
+        By Student's t and by chi-squared, for values that scatter normally.
+    outliers : tuple of int
+        Shots, from 1, beyond 3.5 standard deviations by medians. They count in all other figures.
+    """
+
+    name: str
+    unit: str
+    injection: int
+    count: int
+    missing: int
+    mean: float
+    deviation: float
+    mean_interval: Interval
+    deviation_interval: Interval
+    outliers: tuple[int, ...]
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form [SI]; null where there is no number."""
+        return {
+            "feature": self.name,
+            "unit": self.unit,
+            "injection": self.injection,
+            "count": self.count,
+            "missing": self.missing,
+            "mean": plain(self.mean),
+            "mean_interval": [plain(edge) for edge in self.mean_interval],
+            "deviation": plain(self.deviation),
+            "deviation_interval": [plain(edge) for edge in self.deviation_interval],
+            "outliers": list(self.outliers),
+        }
+
+
+def shot_statistics(shots: Sequence[Features], level: float = 0.95) -> tuple[ShotStatistic, ...]:
+    """Statistics of every feature of every injection that at least one shot has.
+
+    Parameters
+    ----------
+    shots : sequence of Features
+        Of repeated shots at one operating point.
+    level : float
+        Probability of the intervals.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no shot, their units differ, or the level is no probability.
+    """
+    shots = instances(shots, Features, "shots")
+    if not shots or len({shot.unit for shot in shots}) > 1:
+        raise ConfigurationError("The shots must be one or more with rates of one unit.")
+    level = number(level, "1", "level")
+    if not 0.0 < level < 1.0:
+        raise ConfigurationError(f"The level must lie between 0 and 1, not {level:g}.")
+    most = max(len(shot.energisings or shot.injections) for shot in shots)
+    found = (_statistic(name, shots, i, level) for i in range(1, most + 1) for name in FEATURES)
+    return tuple(one for one in found if one.count)
+
+
+def _statistic(name: str, shots: Sequence[Features], injection: int, level: float) -> ShotStatistic:
+    values = np.array([shot.value(name, injection) for shot in shots])
+    there = values[np.isfinite(values)]
+    count, unit = len(there), unit_of(name, shots[0].unit)
+    mean = float(np.mean(there)) if count else math.nan
+    deviation = float(np.std(there, ddof=1)) if count > 1 else math.nan
+    about_mean, about_deviation = _intervals(mean, deviation, count, level)
+    missing = len(shots) - count
+    apart = _apart(values, there)
+    return ShotStatistic(name, unit, injection, count, missing, mean, deviation, about_mean, about_deviation, apart)
+
+
+def _intervals(mean: float, deviation: float, count: int, level: float) -> tuple[Interval, Interval]:
+    from scipy.special import chdtri, stdtrit  # slow to import
+
+    if count < 2:
+        return (math.nan, math.nan), (math.nan, math.nan)
+    freedom, tail = count - 1.0, 0.5 * (1.0 - level)
+    half = float(stdtrit(freedom, 1.0 - tail)) * deviation / math.sqrt(count)
+    low, high = (deviation * math.sqrt(freedom / float(chdtri(freedom, p))) for p in (tail, 1.0 - tail))
+    return (mean - half, mean + half), (low, high)
+
+
+def _apart(
+    values: np.ndarray[Any, np.dtype[np.float64]], there: np.ndarray[Any, np.dtype[np.float64]]
+) -> tuple[int, ...]:
+    if len(there) < FEWEST_TO_JUDGE:
+        return ()
+    scatter = spread(there)
+    if not scatter > 0.0:
+        return ()
+    return tuple(int(i) + 1 for i in np.flatnonzero(np.abs(values - np.median(there)) > APART * scatter))

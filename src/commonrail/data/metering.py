@@ -1,0 +1,121 @@
+"""Meters of data sets: those that several share, and checks of what they say together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Protocol
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.base import DataSet
+from commonrail.physics.injector import Injector, Source
+from commonrail.physics.meters.meter import QUANTITIES, Meter, is_of_meter, parts_of
+
+_UNSTATED = Source("E", "no source stated")
+
+
+class Bounds(Protocol):
+    """Names of free parameters and their bounds [SI]."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Dotted names."""
+
+    @property
+    def lower(self) -> Floats:
+        """Lower bounds."""
+
+    @property
+    def upper(self) -> Floats:
+        """Upper bounds."""
+
+
+def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
+    """Meters of data sets, each once, in their order."""
+    return tuple({d.meter.name: d.meter for d in data if d.meter is not None}.values())
+
+
+def with_meters(data: Sequence[DataSet], meters: Iterable[Meter]) -> tuple[DataSet, ...]:
+    """Data sets with other meters in place of those with the same names."""
+    known = {meter.name: meter for meter in meters}
+    return tuple(d if d.meter is None else d.with_meter(known.get(d.meter.name, d.meter)) for d in data)
+
+
+def check_meters(injector: Injector, data: Sequence[DataSet], space: Bounds) -> None:
+    """Refuse meters that contradict each other, the fuel, or the free parameters.
+
+    Parameters
+    ----------
+    injector : Injector
+    data : sequence of DataSet
+    space : Bounds
+
+    Raises
+    ------
+    ConfigurationError
+        If two meters have one name, a temperature leaves the fuel's range, a bound leaves the domain of its quantity,
+        or no data set sees a free quantity.
+    """
+    meters = {meter.name: meter for meter in meters_of(data)}
+    for d in data:
+        if d.meter is not None and d.meter != meters[d.meter.name]:
+            raise ConfigurationError(
+                f"{d.name} has another meter {d.meter.name} than other data; give the two different names."
+            )
+    limits = {name: bounds for name, *bounds in zip(space.names, space.lower, space.upper, strict=True)}
+    for name, bounds in limits.items():
+        if is_of_meter(name):
+            _check_free(name, [float(bound) for bound in bounds], data)
+    for meter in meters.values():
+        temperatures = [meter.values["temperature"]] if "temperature" in meter.values else []
+        _check_temperatures(meter, [*temperatures, *limits.get(meter.parameter("temperature"), [])], injector)
+
+
+def _check_free(name: str, bounds: Sequence[float], data: Sequence[DataSet]) -> None:
+    own, quantity = parts_of(name)
+    q = QUANTITIES[quantity]
+    if not all(q.domain.admits(bound) for bound in bounds):
+        raise ConfigurationError(
+            f"The bounds of {name} are {bounds[0]:g} and {bounds[1]:g} {q.unit.removesuffix('1')}".rstrip()
+            + f", and the {q.meaning} must be {q.domain.value}; narrow them."
+        )
+    meters = [d.meter for d in data if d.meter is not None and d.meter.name == own and quantity in d.seen]
+    if not meters:
+        raise ConfigurationError(
+            f"{name} is free, and no data set with the meter {own} depends on its {quantity}; fix it or remove it."
+        )
+    if q.default is None and quantity not in meters[0].values:
+        raise ConfigurationError(f"{name} is free and has no start value; give one in the meter {own}.")
+
+
+def _check_temperatures(meter: Meter, temperatures: Sequence[float], injector: Injector) -> None:
+    low, high = injector.fuel.temperature_range
+    for temperature in temperatures:
+        if not low <= temperature <= high:
+            raise ConfigurationError(
+                f"The temperature of the meter {meter.name}, {temperature:g} K, lies outside the range of "
+                f"{injector.fuel.name}, {low:g} K to {high:g} K."
+            )
+
+
+def meter_records(meters: Sequence[Meter]) -> dict[str, Any]:
+    """JSON-able meters under the key "meters"; nothing if there are none."""
+    return {"meters": [_record(meter) for meter in meters]} if meters else {}
+
+
+def _record(meter: Meter) -> Mapping[str, Any]:
+    return {
+        "name": meter.name,
+        "law": meter.law.value,
+        "order": meter.order,
+        "quantities": [
+            {
+                "name": key,
+                "value": value,
+                "unit": QUANTITIES[key].unit,
+                "meaning": QUANTITIES[key].meaning,
+                **meter.sources.get(key, _UNSTATED)._asdict(),
+            }
+            for key, value in meter.values.items()
+        ],
+    }

@@ -1,0 +1,237 @@
+"""Noise of a data set as a study states it: law, correlation, size, discrepancy, uncertain quantities of the bench."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import Field
+
+from commonrail.base.arguments import Quantity, chosen, mapping, number, settle
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.units import parse
+from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
+from commonrail.physics.meters.meter import QUANTITIES, is_of_meter
+from commonrail.readers.fields import FileModel, Unit
+from commonrail.readers.location import Place, located
+
+# Quantities of the bench that may be uncertain by their own names; an injector's parameter is one by its dotted name.
+OF_METER = ("delay", "gain", "offset", "quantity_offset", "cutoff")
+TEMPERATURE = "fuel_temperature"
+MOST_KELVIN = 100.0  # a larger deviation is a temperature in degrees Celsius that was read as one
+
+
+class Law(StrEnum):
+    """Distribution of the noise."""
+
+    AUTO = "auto"
+    """Gaussian; Student's t where more than 1 % of at least 50 values lie beyond four standard deviations."""
+
+    GAUSSIAN = "gaussian"
+    STUDENT = "student-t"
+    """With four degrees of freedom, for outliers."""
+
+    LAPLACE = "laplace"
+    """Its most likely values are those of the least sum of magnitudes, as the paper's J."""
+
+
+class Correlation(StrEnum):
+    """Correlation of the noise along a course in time."""
+
+    AUTO = "auto"
+    """Autoregressive, of the order up to 15 that has the least AIC; white for values that are no course in time."""
+
+    WHITE = "white"
+    AUTOREGRESSIVE = "autoregressive"
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise model of a data set.
+
+    Attributes
+    ----------
+    law : Law
+    correlation : Correlation
+    sigma : float or None
+        Standard deviation of one value under every law, in the unit of the kind's residuals [SI]: m³/s for a curve,
+        multiples of the tolerance for a map. None: estimated from the residuals. With `relative`, its part at a rate
+        of zero.
+    freedom : float
+        Degrees of freedom of `sigma`, such as repeats − 1 of the strokes that it was estimated from; infinite where it
+        is exactly known.
+    shots : str
+        Name of a group of repeated shots, empty for none: standard deviation and correlation are then estimated from
+        the differences between the data sets of the group.
+    discrepancy : float
+        Standard deviation of what the model cannot do, in the same unit.
+    length : float
+        Time over which the discrepancy is correlated [s]: along a course, or between the energising times of a map;
+        0 for none.
+    pressure_length : float
+        Rail pressure over which the discrepancy of a map is correlated [Pa]; infinite for all pressures alike.
+    uncertain : mapping of str to float
+        Standard deviations [SI] of what is not fitted and not exactly known: delay, gain, offset, quantity_offset and
+        cutoff of the meter, fuel_temperature, or an injector's parameter by its dotted name.
+    relative : float
+        Share of the rate that the standard deviation of a curve grows by: it is sigma + relative · rate. Shots scatter
+        in proportion to the rate. Where no sigma is stated, the residuals tell whether it grows.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number is negative or not finite, or a quantity is unknown.
+    """
+
+    law: Law = Law.AUTO
+    correlation: Correlation = Correlation.AUTO
+    sigma: float | None = None
+    shots: str = ""
+    discrepancy: float = 0.0
+    length: float = 0.0
+    pressure_length: float = math.inf
+    uncertain: Mapping[str, Quantity] = field(default_factory=dict)
+    freedom: float = math.inf
+    relative: float = 0.0
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            law=chosen(self.law, Law, "law of the noise"),
+            correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
+            uncertain={key: _deviation(key, value) for key, value in _given(self.uncertain).items()},
+        )
+        stated = ("sigma", self.sigma), ("pressure_length", self.pressure_length), ("freedom", self.freedom)
+        for what, value in stated:
+            if value is not None and not value > 0.0:
+                raise ConfigurationError(f"The {what} of the noise must be greater than zero, not {value:g}.")
+        others = ("discrepancy", self.discrepancy), ("length", self.length), ("relative part", self.relative)
+        for what, value in others:
+            if not 0.0 <= value < math.inf:
+                raise ConfigurationError(f"The {what} of the noise must be zero or greater, not {value:g}.")
+        if self.sigma is None and self.freedom < math.inf:
+            raise ConfigurationError("The freedom of the noise is that of its sigma, which is missing; add it.")
+        if self.relative > 1.0:
+            raise ConfigurationError(f"The relative part of the noise must be at most 100 %, not {self.relative:.0%}.")
+        if self.sigma is None and self.relative:
+            raise ConfigurationError(
+                "The relative part of the noise has no sigma at a rate of zero beside it; state both, as in "
+                'sigma = "0.02 mm3/ms + 1 %", or neither, and the residuals tell.'
+            )
+        if self.sigma is not None and self.shots:
+            raise ConfigurationError("The noise has a sigma and repeated shots to estimate it from; keep one of them.")
+
+    @property
+    def deviations(self) -> Mapping[str, float]:
+        """The uncertain quantities with their standard deviations [SI]."""
+        return {key: float(value) for key, value in self.uncertain.items()}
+
+
+def uncertain_unit(key: str) -> str:
+    """SI unit of a quantity that may be uncertain.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none of that name.
+    """
+    if key in OF_METER:
+        return QUANTITIES[key].unit
+    name = FUEL_TEMPERATURE if key == TEMPERATURE else key
+    if is_of_meter(name) or name not in parameter_quantities():
+        known = [*OF_METER, TEMPERATURE]
+        raise ConfigurationError(
+            f"{key} cannot be uncertain{nearest(key, [*known, *parameter_quantities()])}; {', '.join(known)} and the "
+            "parameters of an injector can."
+        )
+    return parameter_quantities()[name].unit
+
+
+def _given(uncertain: object) -> Mapping[str, Quantity]:
+    return mapping(uncertain, "uncertain quantities of the noise", '{"delay": "1 us"}')
+
+
+def _deviation(key: str, value: object) -> float:
+    unit = uncertain_unit(key)
+    found = number(value, unit, f"standard deviation of {key}")
+    if not 0.0 < found < math.inf:
+        raise ConfigurationError(f"The standard deviation of {key} must be greater than zero, not {found:g}.")
+    if unit == "K" and found > MOST_KELVIN:
+        raise ConfigurationError(f"The standard deviation of {key} is {found:g} K; state the difference, as in 3 K.")
+    return found
+
+
+NOISE = Noise()
+
+
+# Shape of the table ``noise`` of a data set in a study file.
+
+MOST_UNCERTAIN = 20
+
+
+class NoiseModel(FileModel):
+    """Noise of a data set; what is left out is estimated from the residuals, or zero."""
+
+    law: Law = Field(default=Law.AUTO, strict=False)
+    correlation: Correlation = Field(default=Correlation.AUTO, strict=False)
+    sigma: str | float | int | None = None
+    freedom: float = math.inf
+    shots: str = ""
+    discrepancy: str | float | int = 0.0
+    length: Annotated[float, Unit("s")] = 0.0
+    pressure_length: Annotated[float, Unit("Pa")] = math.inf
+    uncertain: dict[str, str | float | int] = Field(default={}, max_length=MOST_UNCERTAIN)
+
+    def read(self, unit: str, at: Place) -> Noise:
+        """Noise with its numbers in SI units.
+
+        Parameters
+        ----------
+        unit : str
+            SI unit of a standard deviation of the kind's noise.
+        at : Place
+            Of the table.
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            If a number has another unit or makes no sense; the message names the key.
+        """
+        sigma, relative = (None, 0.0) if self.sigma is None else _stated_deviation(self.sigma, unit, at / "sigma")
+        discrepancy = _read(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
+        with located(at):
+            return Noise(
+                self.law,
+                self.correlation,
+                sigma,
+                self.shots,
+                discrepancy,
+                self.length,
+                self.pressure_length,
+                self.uncertain,
+                self.freedom,
+                relative,
+            )
+
+
+def _stated_deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:
+    """Standard deviation at a rate of zero and the share of the rate that is added, as in "0.02 mm3/ms + 1 %"."""
+    first, plus, second = item.rpartition(" + ") if isinstance(item, str) else (item, "", "")
+    if not plus:
+        return _read(item, unit, at), 0.0
+    if unit == "1":
+        raise at.error(
+            f'"{item}" has two parts, and a sigma here is a multiple of the tolerance; state one number, and the part '
+            'that grows with the value as the key "relative" of the data set'
+        )
+    if "%" not in second:
+        raise at.error(f'the second part of "{item}" must be percent of the rate, as in "0.02 mm3/ms + 1 %"')
+    return _read(first, unit, at), _read(second, "1", at)
+
+
+def _read(item: str | float | int, unit: str, at: Place) -> float:
+    with located(at):
+        return parse(item, unit)

@@ -1,0 +1,1 @@
+"""Quantities over rail pressure and energising time, and return quantities."""

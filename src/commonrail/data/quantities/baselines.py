@@ -1,0 +1,433 @@
+"""Trivial models beside a validation map, and whether a calibrated one predicts better."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from commonrail.base.arguments import Limits, amount, array, plain_text, settle
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.text import fixed, listed, number, significant
+from commonrail.data.records import MM3
+from commonrail.data.study_block import Context
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.physics.parameters import Domain
+from commonrail.readers.columns import Column, FormModel
+from commonrail.readers.fields import Unit
+
+# Interpolation of a quantity map: the trivial model that a calibrated one has to beat.
+
+# Exponents of the rail pressure in which an interpolation is linear: p, and √p, which the flow of an orifice follows.
+SCALES: Mapping[str, float] = {"p": 1.0, "√p": 0.5}
+SAME = 1e-9  # relative difference within which two pressures or times are one
+
+
+class Rule(StrEnum):
+    """Rule by which quantities are interpolated, in energising time and between rail pressures."""
+
+    LINEAR = "linear"
+    PCHIP = "PCHIP"
+    """Piecewise cubic with continuous slope that is monotone where the points are (Fritsch and Butland 1984)."""
+
+
+class Interpolation(NamedTuple):
+    """Interpolated values (n,), and which of them are extrapolated (n,)."""
+
+    values: Floats
+    extrapolated: Bools
+
+
+def interpolate(
+    known: Floats, at: Floats, exponent: float = 1.0, rules: tuple[Rule, Rule] = (Rule.LINEAR, Rule.LINEAR)
+) -> Interpolation:
+    """Quantities by interpolation of known ones: in energising time at each rail pressure, then in pressure.
+
+    For a map that is bilinear in energising time and in the power of the rail pressure all rules are exact. Beyond the
+    known points the nearest two are continued as a line, and no quantity is less than zero.
+
+    Parameters
+    ----------
+    known : (m, 3)
+        Rail pressure [Pa], energising time [s] and quantity [m³]; one or more rows. Values at the same place are
+        averaged.
+    at : (n, 2)
+        Rail pressures [Pa] and energising times [s] that are asked for.
+    exponent : float
+        Power of the rail pressure, see `SCALES`.
+    rules : (Rule, Rule)
+        In energising time and in pressure.
+    """
+    in_time, in_pressure = (_RULES[rule] for rule in rules)
+    lines = {rail: _line(known[_near(known[:, 0], rail), 1:]) for rail in _distinct(known[:, 0])}
+    rails = np.array(sorted(lines))
+    values, extrapolated = np.empty(len(at)), np.empty(len(at), bool)
+    for i, (rail, time) in enumerate(at.tolist()):
+        found = [in_time(*lines[float(one)], time) for one in rails]
+        value, beyond = in_pressure(rails**exponent, np.array([v for v, _ in found]), rail**exponent)
+        around = [found[k][1] for k in _around(rails, rail)]
+        values[i], extrapolated[i] = max(value, 0.0), beyond or any(around)
+    return Interpolation(values, extrapolated)
+
+
+def interpolate_line(x: Floats, y: Floats, at: float) -> tuple[float, bool]:
+    """Value between the two nearest points, and True if it is extrapolated; one point alone is taken as constant.
+
+    Parameters
+    ----------
+    x : (m,)
+        Places, rising.
+    y : (m,)
+        Values there.
+    at : float
+        Place that is asked for.
+    """
+    outside = not x[0] * (1.0 - SAME) <= at <= x[-1] * (1.0 + SAME)
+    if len(x) == 1:
+        return float(y[0]), outside
+    low, high = _around(x, at)
+    return float(y[low] + (at - x[low]) / (x[high] - x[low]) * (y[high] - y[low])), outside
+
+
+def _interpolate_curve(x: Floats, y: Floats, at: float) -> tuple[float, bool]:
+    """As `interpolate_line`, on the cubic of `pchip_slopes` between the first and the last point."""
+    line, outside = interpolate_line(x, y, at)
+    if outside or len(x) < 3:
+        return line, outside
+    low, high = _around(x, at)
+    slopes, width = pchip_slopes(x, y), x[high] - x[low]
+    u = (at - x[low]) / width
+    bend = (1.0 - u) * (slopes[low] * width - (y[high] - y[low])) - u * (slopes[high] * width - (y[high] - y[low]))
+    return float(line + u * (1.0 - u) * bend), outside
+
+
+def pchip_slopes(x: Floats, y: Floats) -> Floats:
+    """Slopes (m,) of the monotone cubic through three points or more, rising in x (Fritsch and Butland 1984).
+
+    Inside, the weighted harmonic mean of both neighbouring slopes, or zero at an extremum; at an end, that of the
+    parabola through three points, limited so that the cubic stays monotone.
+    """
+    width = np.diff(x)
+    slope = np.diff(y) / width
+    found = np.zeros(len(x))
+    for k in range(1, len(x) - 1):
+        if slope[k - 1] * slope[k] > 0.0:
+            before, behind = 2.0 * width[k] + width[k - 1], width[k] + 2.0 * width[k - 1]
+            found[k] = (before + behind) / (before / slope[k - 1] + behind / slope[k])
+    found[0] = _end_slope(width[0], width[1], slope[0], slope[1])
+    found[-1] = _end_slope(width[-1], width[-2], slope[-1], slope[-2])
+    return found
+
+
+def _end_slope(width: float, following: float, slope: float, next_slope: float) -> float:
+    """Slope at an end, of the width and slope there and of those of the interval beside it."""
+    found = ((2.0 * width + following) * slope - width * next_slope) / (width + following)
+    if found * slope <= 0.0:
+        return 0.0
+    steep = slope * next_slope <= 0.0 and abs(found) > 3.0 * abs(slope)
+    return 3.0 * slope if steep else found
+
+
+def _around(x: Floats, at: float) -> Sequence[int]:
+    """Places in x of the two neighbours of a value, or of the nearest two beyond the ends."""
+    if len(x) == 1:
+        return [0]
+    high = int(np.clip(np.searchsorted(x, at), 1, len(x) - 1))
+    return [high - 1, high]
+
+
+def _line(pairs: Floats) -> tuple[Floats, Floats]:
+    """Rising places of pairs (m, 2), and the mean value at each."""
+    x = _distinct(pairs[:, 0])
+    return x, np.array([pairs[_near(pairs[:, 0], place), 1].mean() for place in x])
+
+
+_RULES: Mapping[Rule, Callable[[Floats, Floats, float], tuple[float, bool]]] = {
+    Rule.LINEAR: interpolate_line,
+    Rule.PCHIP: _interpolate_curve,
+}
+
+
+def _near(values: Floats, value: float) -> Bools:
+    return np.isclose(values, value, rtol=SAME, atol=0.0)
+
+
+def _distinct(values: Floats) -> Floats:
+    """Values in rising order, those within rounding of one another once."""
+    rising = np.sort(values)
+    return np.asarray(rising[np.concatenate([[True], np.diff(rising) > SAME * rising[1:]])])
+
+
+# Map of a sister part: the trivial model that knows another part of the type and the ratio of catalogue flows.
+
+
+class SisterModel(FormModel):
+    """A file with the columns rail_pressure, energising_time and quantity of a sister part."""
+
+    file: str
+    flow_ratio: Annotated[float, Unit("1")] = 1.0
+    source: str = "no source stated"
+
+
+@dataclass(frozen=True)
+class Sister:
+    """Measured map of another part of the type.
+
+    Parameters
+    ----------
+    places : (m, 3)
+        Rail pressure [Pa], energising time [s] and quantity [m³].
+    flow_ratio : float
+        Catalogue flow of the part that is fitted over that of the sister part.
+    source : str
+        Source of both.
+
+    Raises
+    ------
+    ConfigurationError
+        If the array has another shape or no row, or the ratio is not greater than zero.
+    """
+
+    places: Floats
+    flow_ratio: float = 1.0
+    source: str = "no source stated"
+
+    def __post_init__(self) -> None:
+        plain_text(self.source, "source of the sister part")
+        places = array(self.places, "1", "places of the sister part", 2)
+        if places.shape[1] != 3 or not len(places):
+            raise ConfigurationError("The places of a sister part need rows of rail pressure, time and quantity.")
+        ratio = amount(self.flow_ratio, "1", "flow_ratio of the sister part", Limits(1e-3, 1e3))
+        settle(self, places=places, flow_ratio=ratio)
+
+
+def read_sister(model: SisterModel, context: Context) -> Sister:
+    """Read the map of a sister part.
+
+    Parameters
+    ----------
+    model : SisterModel
+    context : Context
+        `at` is the place of the data set that names it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    ConfigurationError
+        If the ratio of the flows is not greater than zero.
+    """
+    units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
+    wanted = [Column(name, unit, None, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]
+    at = context.at / "sister"
+    table = context.columns(model.file, at, wanted, 1, model.form)
+    if not model.flow_ratio > 0.0:
+        raise (at / "flow_ratio").error("the ratio of the flows must be greater than zero")
+    return Sister(np.column_stack([table.columns[name] for name in units]), model.flow_ratio, model.source)
+
+
+RULE = (
+    "{in_time} in energising time at each fitted rail pressure, then {in_pressure} in {scale} between rail pressures "
+    "(of linear and PCHIP, and of p and √p, those that are closest to this data set); dead times linear in p; beyond "
+    "the fitted points the nearest two are continued"
+)
+
+_BOTH = tuple(itertools.product(Rule, Rule))  # in energising time and in pressure
+
+# Figures that decide, with what they are called, decimals, factor and unit.
+_DECISIVE = (
+    ("rms_large_percent", "above {} mm³", 2, 1.0, "%"),
+    ("rms_small", "up to {} mm³", 3, MM3, "mm³"),
+)
+
+
+class Map(Protocol):
+    """Quantity map as a baseline reads it."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def points(self) -> tuple[OperatingPoint, ...]: ...
+
+    @property
+    def quantity(self) -> Floats: ...
+
+    @property
+    def absolute(self) -> float: ...
+
+    @property
+    def relative(self) -> float: ...
+
+    @property
+    def dead_time(self) -> Bools: ...
+
+    @property
+    def sister(self) -> Sister | None: ...
+    @property
+    def judged(self) -> Bools: ...
+
+    def scored(self, quantity: Floats, dead_time: Floats) -> Any: ...
+
+    def figures_of(self, score: Any) -> dict[str, float | None]: ...
+
+
+class Interpolated(NamedTuple):
+    """An interpolation: number of known points, its rule in words, extrapolated values, and its score."""
+
+    known: int
+    rule: str
+    extrapolated: int
+    score: Any
+
+
+def interpolated_baseline(data: Map, fitted: Sequence[Map], model: Any) -> dict[str, Any] | None:
+    """Record of the interpolation of fitted maps at the points of another; None where that is not possible.
+
+    Parameters
+    ----------
+    data : QuantityData
+        Validation map.
+    fitted : sequence of QuantityData
+        Maps that the model was fitted to.
+    model : QuantityScore
+        Of the calibrated model.
+    """
+    found = interpolated(data, fitted)
+    if found is None:
+        return None
+    return baseline_record(
+        data,
+        model,
+        found.score,
+        name="interpolation",
+        text=f"interpolating the {found.known} fitted points",
+        rule=found.rule,
+        extrapolated=found.extrapolated,
+    )
+
+
+def sister_baseline(data: Map, model: Any) -> dict[str, Any] | None:
+    """Record of the map of a sister part, interpolated and scaled by the catalogue flow; None where none is named.
+
+    Parameters
+    ----------
+    data : QuantityData
+        Validation map.
+    model : QuantityScore
+        Of the calibrated model.
+    """
+    if data.sister is None or not _is_plain(data) or not data.judged.any():
+        return None
+    ratio, places = data.sister.flow_ratio, places_of(data)
+    by_rules = {rules: interpolate(data.sister.places, places, rules=rules) for rules in _BOTH}
+    (in_time, in_pressure), found = min(by_rules.items(), key=lambda one: _closeness(data, ratio * one[1].values))
+    score = data.scored(ratio * found.values, np.full(int(data.dead_time.sum()), np.nan))
+    return baseline_record(
+        data,
+        model,
+        score,
+        name="sister",
+        text=f"the sister part's map times {ratio:.4g}",
+        rule=f"{in_time.value} in energising time, then {in_pressure.value} in p, between its points (of linear and "
+        f"PCHIP those that are closest to this data set); its source: {data.sister.source}",
+        extrapolated=int(np.count_nonzero(found.extrapolated & data.judged)),
+    )
+
+
+def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
+    """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible.
+
+    Parameters
+    ----------
+    data : QuantityData
+    fitted : sequence of QuantityData
+    """
+    if not all(_is_plain(d) for d in (data, *fitted)):
+        return None
+    known = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
+    if not len(known) or not data.judged.any():
+        return None
+    dead_time = _dead_times(data, fitted)
+    found = []
+    for rules, (scale, exponent) in itertools.product(_BOTH, SCALES.items()):
+        values, beyond = interpolate(known, places_of(data), exponent, rules)
+        count = int(np.count_nonzero(beyond & data.judged))
+        text = RULE.format(in_time=rules[0].value, in_pressure=rules[1].value, scale=scale)
+        found.append(Interpolated(len(known), text, count, data.scored(values, dead_time)))
+    return min(found, key=lambda one: _closeness(data, one.score.quantity))
+
+
+def baseline_record(data: Map, model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
+    """Record of a baseline: its figures, whether the model beats it, and a sentence on both.
+
+    Parameters
+    ----------
+    data : QuantityData
+    model, baseline : QuantityScore
+        Of the calibrated model and of the baseline.
+    text : str
+        The baseline as the subject of a sentence, such as "interpolating the 21 fitted points".
+    more : mapping
+        Further keys of the record: "name", "rule", "extrapolated".
+    """
+    own, other = data.figures_of(model), data.figures_of(baseline)
+    limit = significant(own["limit_quantity"], 3, MM3)
+    keys = [item for item in _DECISIVE if number(other[item[0]]) is not None]
+    worse = [item for item in keys if not _is_less(own[item[0]], other[item[0]])]
+    pairs = listed(
+        [
+            f"{fixed(own[key], decimals, scale)} against {fixed(other[key], decimals, scale)} {unit} rms "
+            + words.format(limit)
+            for key, words, decimals, scale, unit in keys
+        ]
+    )
+    beyond = more.get("extrapolated", 0)
+    pairs += f"; {beyond} of its {np.count_nonzero(data.judged)} values are extrapolated" if beyond else ""
+    if not worse:
+        sentence = f"The model predicts {data.name} better than {text}: {pairs}."
+    else:
+        those = "these" if len(worse) == len(keys) else f"those {worse[0][1].format(limit)}"
+        sentence = f"The model does not beat its baseline on {data.name}: {text} predicts {those} better ({pairs})."
+    return {**more, "text": text, "beaten": not worse, "sentence": sentence, "figures": other}
+
+
+def places_of(data: Map) -> Floats:
+    """Rail pressures [Pa] and energising times [s] of the rows, (n, 2)."""
+    return np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in data.points])
+
+
+def _is_plain(data: Map) -> bool:
+    """True if every point has one energising at one rail pressure: what an interpolation knows."""
+    return all(len(p.pulses) == 1 for p in data.points)
+
+
+def _known(data: Map, rows: Bools) -> Floats:
+    return np.column_stack([places_of(data), data.quantity])[rows]
+
+
+def _dead_times(data: Map, fitted: Sequence[Map]) -> Floats:
+    """Interpolated dead times [s] of the rows that are; NaN where no fitted one is of the same quantity."""
+    known = np.concatenate([np.empty((0, 3)), *(_known(d, d.dead_time) for d in fitted)])
+    found = []
+    for (rail, _), quantity in zip(places_of(data)[data.dead_time], data.quantity[data.dead_time], strict=True):
+        same = known[np.isclose(known[:, 2], quantity, rtol=1e-6, atol=0.0)]
+        rising = same[np.argsort(same[:, 0])]
+        single = len(np.unique(rising[:, 0])) == len(rising) > 0
+        found.append(interpolate_line(rising[:, 0], rising[:, 1], rail)[0] if single else np.nan)
+    return np.array(found)
+
+
+def _closeness(data: Map, values: Floats) -> float:
+    """Sum of squared errors in units of the tolerances."""
+    error = (values - data.quantity) / (data.absolute + data.relative * data.quantity)
+    return float(np.sum(error[data.judged] ** 2))
+
+
+def _is_less(own: Any, other: Any) -> bool:
+    return number(own) is not None and own < other

@@ -1,0 +1,499 @@
+"""Quantity map as a kind of measured data: quantities per stroke, each judged against its tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonrail.base.arguments import Limits, amount, array, flag, instance, instances, settle
+from commonrail.base.arrays import Bools, Floats, IndexArray
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.text import number
+from commonrail.base.units import to_text
+from commonrail.data.base import DataSet, Missing, Role, Term, share_of
+from commonrail.data.noise import NOISE, Noise
+from commonrail.data.quantities.baselines import Sister, interpolated_baseline, places_of, read_sister, sister_baseline
+from commonrail.data.quantities.dead_times import (
+    NO_DEAD_TIME,
+    NOT_REACHED,
+    SEARCHED,
+    crossing_times,
+    energised,
+    neighbours,
+)
+from commonrail.data.quantities.page import MapView
+from commonrail.data.quantities.reading import SAME, HoldOutModel, MapModel, QuantitiesModel, read_map
+from commonrail.data.records import MEASURED, point_record
+from commonrail.data.simulator import ITSELF, Candidates, Simulator
+from commonrail.data.study_block import Context
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import OK
+from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters.signal import Given, shown_quantities
+from commonrail.readers.location import Place, located
+
+SMALL_QUANTITY = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
+TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
+TIME_TOLERANCES = Limits(1e-12, 1.0, (1e-8, 1e-3), ("us",))  # of a dead time [s]
+
+
+@dataclass(frozen=True)
+class QuantityScore:
+    """Quantity map: simulated quantities (points,) [m³], dead times (dead-time rows,) [s], and root mean squares.
+
+    `rms_large` is relative and over Q > 3 mm³, `rms_small` [m³] over the rest, `rms_dead_time` [s]; NaN where
+    there is no such row.
+    """
+
+    quantity: Floats
+    dead_time: Floats
+    rms_large: float
+    rms_small: float
+    rms_dead_time: float
+
+    @property
+    def values(self) -> Floats:
+        """Simulated quantities [m³]."""
+        return self.quantity
+
+    @property
+    def error(self) -> float:
+        """Root mean square over the large quantities [%]."""
+        return 100.0 * self.rms_large
+
+
+@dataclass(frozen=True)
+class QuantityData(DataSet):
+    """Measured quantities per stroke at several operating points (a map).
+
+    Attributes
+    ----------
+    whole : bool
+        Of the kind: whether its quantity depends on what follows the end of injection, see `Term.whole`.
+    name : str
+    role : Role
+    points : tuple of OperatingPoint, length n
+    quantity : (n,)
+        Injected quantity per stroke by volume [m³].
+    absolute, relative : float
+        Tolerances: an error is judged against absolute [m³] + relative × quantity.
+    dead_time : (n,) bool
+        Rows that state the energising time at which the given small quantity is reached.
+    weight : float
+    source, synthetic : str
+    mass_density : float or (n,)
+        As in `RateData`, of each quantity.
+    dead_time_tolerance : float or None
+        Tolerance [s] against which dead times are judged as times; None compares the quantity that is injected at the
+        measured dead time, whose derivative vanishes where nothing is injected.
+    meter : Meter or None
+        Of the bench; of its quantities, `gain`, `quantity_offset`, `density` and `temperature` concern a map.
+    sister : Sister or None
+        Measured map of another part of the type, for comparison.
+    noise : Noise
+        Its standard deviations are multiples of the tolerance.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or points, quantities and dead times are not of one number.
+    """
+
+    kind: ClassVar[str] = "quantities"
+    what: ClassVar[str] = "quantity"
+    unit: ClassVar[str] = "m3"
+    error_head: ClassVar[tuple[str, str]] = ("rms", "%")
+    model: ClassVar[type[QuantitiesModel]] = QuantitiesModel
+    view: ClassVar[MapView] = MapView()
+    seen: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
+    whole: ClassVar[bool] = False
+
+    name: str
+    role: Role
+    points: tuple[OperatingPoint, ...]
+    quantity: Floats
+    absolute: float
+    relative: float
+    dead_time: Bools
+    weight: float
+    source: str
+    synthetic: str
+    mass_density: Floats | float = math.nan
+    dead_time_tolerance: float | None = None
+    meter: Meter | None = None
+    sister: Sister | None = None
+    noise: Noise = NOISE
+
+    bounds = None
+
+    if TYPE_CHECKING:  # noted by `_settle_targets`
+        _timed: ClassVar[IndexArray]
+        _simulated_points: ClassVar[tuple[OperatingPoint, ...]]
+        _target: ClassVar[Floats]
+        _tolerance: ClassVar[Floats]
+
+    def __post_init__(self) -> None:
+        self._settle_labels()
+        points = instances(self.points, OperatingPoint, "points of the data")
+        quantity = array(self.quantity, "m3", "quantity of the data", 1)
+        dead_time = np.array([flag(item, "dead_time") for item in np.ravel(self.dead_time)], bool)
+        if not len(points) == len(quantity) == len(dead_time):
+            raise ConfigurationError(
+                f"{self.name} must have as many points as quantities and marks of dead times, not {len(points)}, "
+                f"{len(quantity)} and {len(dead_time)}."
+            )
+        settle(
+            self,
+            points=points,
+            quantity=quantity,
+            absolute=amount(self.absolute, "m3", "absolute tolerance", TOLERANCES),
+            relative=amount(self.relative, "1", "relative tolerance", Limits(0.0, 1e6)),
+            dead_time=dead_time,
+        )
+        if self.dead_time_tolerance is not None:
+            tolerance = amount(self.dead_time_tolerance, "s", "dead_time_tolerance", TIME_TOLERANCES)
+            settle(self, dead_time_tolerance=tolerance)
+        if self.sister is not None:
+            instance(self.sister, Sister, "sister")
+        self._settle_targets()
+
+    def _settle_targets(self) -> None:
+        """Note what each row is compared with, within which tolerance, and all points that are simulated.
+
+        `_timed` are the rows that are judged as times; the points around each of them follow those of the rows.
+        """
+        judged_as_times = self.dead_time & (self.dead_time_tolerance is not None)
+        timed = np.flatnonzero(judged_as_times)
+        durations = [point.pulses[0].duration if point.pulses else 0.0 for point in self.points]
+        settle(
+            self,
+            _timed=timed,
+            _simulated_points=self.points + tuple(p for row in timed for p in neighbours(self.points[row])),
+            _target=np.where(judged_as_times, durations, self.quantity),
+            _tolerance=np.where(
+                judged_as_times, self.dead_time_tolerance or 1.0, self.absolute + self.relative * self.quantity
+            ),
+        )
+
+    @classmethod
+    def read(cls, model: QuantitiesModel, context: Context) -> Self:
+        """Read a quantity map; see `DataSet.read`."""
+        rows = read_map(model, context)
+        labels = model.weight, "; ".join(filter(None, (model.source, rows.strokes))), model.synthetic
+        values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
+        sister = None if model.sister is None else read_sister(model.sister, context)
+        more = rows.mass_density, rows.dead_time_tolerance, context.meter(model.meter)
+        with located(context.at):
+            return cls(model.name, Role(model.role), rows.points, *values, *labels, *more, sister, rows.noise)
+
+    @classmethod
+    def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
+        """One term for each map."""
+        failed = partial(np.not_equal, OK)
+        return [
+            Term(d._simulated_points, np.array([d.weight]), d._j_of, d._squares_of, failed, whole=d.whole)
+            for d in group
+        ]
+
+    def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
+        """Mass per stroke that the map holds volumes of, (candidates, points) [kg].
+
+        Parameters
+        ----------
+        batch : Batch
+        candidates : Candidates
+            Those of the batch.
+        points : sequence of OperatingPoint
+            Those of the batch.
+        """
+        return batch.injected_mass
+
+    def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
+        """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
+
+        Parameters
+        ----------
+        batch, candidates, points
+            As of `masses`.
+        given : mapping of str to (candidates,)
+            Quantities of the meter; of them `density` and `temperature` count.
+        """
+        own = {"density", "temperature"} & given.keys()
+        return candidates.densities(points, given) if own else batch.reference_density
+
+    @property
+    def measured(self) -> Floats:
+        """Measured quantities [m³]; dead times [s] where they are judged as times."""
+        return self._target
+
+    @property
+    def judged(self) -> Bools:
+        """Rows that are no dead times."""
+        return ~self.dead_time
+
+    @property
+    def injections(self) -> int:
+        """Single injections of a candidate; a dead time that is judged as a time takes three."""
+        return len(self._simulated_points)
+
+    def simulated(self, simulator: Simulator, values: Floats) -> Floats:
+        """Quantities (candidates, points) [m³], times [s] as `measured`; NaN for a failed simulation.
+
+        A needle that never closes is a failure too.
+        """
+        batch = simulator.batch(self._simulated_points, values, whole=self.whole)
+        return self._values_of(batch, Candidates(simulator, values))
+
+    def _values_of(self, batch: Batch, candidates: Candidates) -> Floats:
+        """Values (candidates, points), in the units of `measured`, of a batch at `_simulated_points`."""
+        rows = np.concatenate([np.arange(len(self.points)), np.repeat(self._timed, 2)])
+        density = np.broadcast_to(self.mass_density, self.quantity.shape)[rows]
+        found = self.shown(batch, density, candidates, self._simulated_points)
+        values = found[:, : len(self.points)]
+        if not len(self._timed):
+            return values
+        around = found[:, len(self.points) :].reshape(len(found), -1, 2)
+        three = np.stack([around[..., 0], values[:, self._timed], around[..., 1]], axis=-1)
+        values[:, self._timed] = crossing_times(self._target[self._timed], three, self.quantity[self._timed])
+        return values
+
+    def shown(
+        self, batch: Batch, mass_density: ArrayLike, candidates: Candidates, points: Sequence[OperatingPoint]
+    ) -> Floats:
+        """Volumes (candidates, points) of a batch [m³], as the meter shows them if there is one.
+
+        Parameters
+        ----------
+        batch : Batch
+        mass_density : float or (points,)
+            As in the data; the candidates' own where it is NaN.
+        candidates : Candidates
+            Those of the batch.
+        points : sequence of OperatingPoint
+            Those of the batch.
+        """
+        seen = self.meter is not None and self.is_metered(candidates.simulator)
+        given = candidates.given(self.meter) if self.meter is not None and seen else {}
+        density = np.asarray(mass_density, float)
+        if np.isnan(density).any():
+            density = np.where(np.isnan(density), self.densities(batch, candidates, points, given), density)
+        volumes = np.where(batch.status == OK, self.masses(batch, candidates, points) / density, np.nan)
+        return shown_quantities(given, volumes) if seen else volumes
+
+    def errors(self, values: Floats) -> Floats:
+        """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points).
+
+        Dead times that are judged as times: (t − t_measured)/tolerance.
+        """
+        return np.asarray((values - self._target) / self._tolerance)
+
+    def misfit(self, values: Floats) -> Floats:
+        """J of simulated quantities: the soft-L1 sum of `errors`."""
+        return soft_l1(self.errors(values))
+
+    def residuals(self, values: Floats) -> Floats:
+        """`errors`, scaled by the root of the weight."""
+        return np.asarray(np.sqrt(self.weight) * self.errors(values))
+
+    def discrepancy(self, values: Floats) -> Floats:
+        """Tolerance of predicted quantities [m³]; NaN for dead times."""
+        return np.where(self.judged, self.absolute + self.relative * np.abs(values), np.nan)
+
+    def score(self, simulator: Simulator) -> QuantityScore:
+        """Score of the simulator's injector as it is."""
+        quantity = self.simulated(simulator, np.empty((1, 0)))[0]
+        found = _find_dead_times(self, simulator)
+        return self.scored(quantity, found)
+
+    def scored(self, quantity: Floats, dead_time: Floats) -> QuantityScore:
+        """Score of quantities (points,) [m³] and dead times (dead-time rows,) [s], whatever predicts them."""
+        error = quantity - self.quantity
+        large = (self.quantity > SMALL_QUANTITY) & self.judged
+        small = ~large & self.judged
+        measured = np.array([self.points[i].pulses[0].duration for i in np.flatnonzero(self.dead_time)])
+        return QuantityScore(
+            quantity,
+            dead_time,
+            rms(error[large] / self.quantity[large]),
+            rms(error[small]),
+            rms(dead_time - measured),
+        )
+
+    def missing(self, score: QuantityScore) -> list[Missing]:
+        """Points whose simulation failed, and those whose dead time was not found."""
+        failed = np.flatnonzero(np.isnan(score.quantity) & self.judged)
+        dead = np.flatnonzero(self.dead_time)[np.isnan(score.dead_time)]
+        found = [Missing(self.points[i]) for i in failed]
+        return found + [Missing(self.points[i], NO_DEAD_TIME, NOT_REACHED) for i in dead]
+
+    def quantities(self, score: QuantityScore) -> tuple[Floats, Floats]:
+        """Measured and simulated quantities where there are both [m³]."""
+        both = np.isfinite(score.quantity) & self.judged
+        return self.quantity[both], score.quantity[both]
+
+    def relative_error(self, score: QuantityScore) -> float:
+        """Σ |error| over Σ quantity, of the points that did not fail."""
+        error = np.nansum(np.abs(score.quantity - self.quantity)[self.judged])
+        return share_of(error, np.sum(self.quantity[self.judged]))
+
+    def record(self, scores: Mapping[str, QuantityScore]) -> dict[str, Any]:
+        """Rows with the quantity or dead time of each label, and root mean squares."""
+        place = np.cumsum(self.dead_time) - 1
+        rows: list[dict[str, Any]] = []
+        for i, point in enumerate(self.points):
+            is_dead, quantity = bool(self.dead_time[i]), float(self.quantity[i])
+            row: dict[str, Any] = {**point_record(point), "dead_time": is_dead}
+            if is_dead:
+                row |= {"quantity": quantity, MEASURED: row["energising_time"]}
+                row |= {label: number(s.dead_time[place[i]]) for label, s in scores.items()}
+            else:
+                row[MEASURED] = quantity
+                row |= {label: number(s.quantity[i]) for label, s in scores.items()}
+            rows.append(row)
+        figures = {label: self.figures_of(s) for label, s in scores.items()}
+        return {"rows": rows, "figures": figures}
+
+    def figures_of(self, score: QuantityScore) -> dict[str, float | None]:
+        """JSON-able root mean squares of a score."""
+        return {
+            "rms_small": number(score.rms_small),
+            "rms_large_percent": number(100.0 * score.rms_large),
+            "dead_time_rms": number(score.rms_dead_time),
+            "limit_quantity": SMALL_QUANTITY,
+        }
+
+    def divided(self, model: MapModel, at: Place) -> tuple[QuantityData, ...]:
+        """The map itself, or its fitted and its held-out part; see `divide`."""
+        return (self,) if model.hold_out is None else divide(self, model.hold_out, at / "hold_out")
+
+    def baselines(self, fitted: Sequence[DataSet], score: QuantityScore) -> list[dict[str, Any]]:
+        """Interpolation of the fitted maps, and the map of a sister part, if there are any."""
+        maps = [d for d in fitted if isinstance(d, QuantityData) and d.kind == self.kind]
+        found = interpolated_baseline(self, maps, score), sister_baseline(self, score)
+        return [one for one in found if one]
+
+    def _j_of(self, batch: Batch, candidates: Candidates) -> Floats:
+        return self.misfit(self._values_of(batch, candidates))[:, None]
+
+    def _squares_of(self, batch: Batch, candidates: Candidates) -> Floats:
+        return np.asarray(np.sum(self.errors(self._values_of(batch, candidates)) ** 2, axis=1)[:, None])
+
+
+def soft_l1(residuals: Floats) -> Floats:
+    """Sum of 2 (sqrt(1 + r²) − 1) over the last axis: r² for small residuals, 2 |r| for large ones."""
+    return np.asarray(np.sum(2.0 * (np.sqrt(1.0 + residuals**2) - 1.0), axis=-1))
+
+
+def held_out_name(name: str) -> str:
+    """Name of the part of a data set that is held out."""
+    return f"{name}, held out"
+
+
+def divide(data: QuantityData, model: HoldOutModel, at: Place) -> tuple[QuantityData, QuantityData]:
+    """Part of a map that is fitted, and the part that is held out for validation.
+
+    Held out are the quantities at one of the rail pressures or at one of the energising times, and the dead times at
+    one of the rail pressures.
+
+    Parameters
+    ----------
+    data : QuantityData
+        The whole map.
+    model : HoldOutModel
+    at : Place
+        Of the key `hold_out`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the map is no data of the fit, no row is at a pressure or time that is named, or none remains on one side.
+    """
+    if data.role is not Role.FIT:
+        raise at.error('only data with role = "fit" can hold rows out; remove hold_out')
+    if not (model.rail_pressure or model.energising_time):
+        raise at.error('name rail pressures or energising times, as in { rail_pressure = ["120 MPa"] }')
+    held = _at_one_of(data, 0, model.rail_pressure, "Pa", at / "rail_pressure")
+    held |= _at_one_of(data, 1, model.energising_time, "s", at / "energising_time") & data.judged
+    if not (data.judged & ~held).any():
+        raise ConfigurationError(f"{at}: every quantity of {data.name} would be held out; leave some for the fit.")
+    return chosen_rows(data, ~held), chosen_rows(data, held, held_out_name(data.name), Role.VALIDATION)
+
+
+def rows_of(data: QuantityData, column: int, value: float) -> Bools:
+    """Rows (n,) at a rail pressure [Pa] (column 0) or an energising time [s] (column 1).
+
+    Parameters
+    ----------
+    data : QuantityData
+    column : int
+    value : float
+    """
+    return np.isclose(places_of(data)[:, column], value, rtol=SAME, atol=0.0)
+
+
+def chosen_rows(data: QuantityData, rows: Bools, name: str = "", role: Role | None = None) -> QuantityData:
+    """Some rows of a map.
+
+    Parameters
+    ----------
+    data : QuantityData
+    rows : (n,) bool
+    name : str
+        Its own if empty.
+    role : Role, optional
+        Its own by default.
+    """
+    density = np.asarray(data.mass_density)
+    return replace(
+        data,
+        name=name or data.name,
+        role=role or data.role,
+        points=tuple(point for point, keep in zip(data.points, rows.tolist(), strict=True) if keep),
+        quantity=data.quantity[rows],
+        dead_time=data.dead_time[rows],
+        mass_density=density[rows] if density.ndim else data.mass_density,
+    )
+
+
+def _at_one_of(data: QuantityData, column: int, wanted: Sequence[float], unit: str, at: Place) -> Bools:
+    """Rows at one of the wanted values."""
+    held = np.zeros(len(data.points), bool)
+    own = places_of(data)[data.judged, column]
+    for value in wanted:
+        if not np.isclose(own, value, rtol=SAME, atol=0.0).any():
+            there = ", ".join(to_text(float(v), unit) for v in np.unique(own)[:12])
+            raise ConfigurationError(f"{at}: {data.name} has no quantity at {to_text(value, unit)}; it has {there}.")
+        held |= rows_of(data, column, value)
+    return held
+
+
+def _find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
+    """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (dead-time rows,)."""
+    rows = np.flatnonzero(data.dead_time)
+    found = np.full(len(rows), np.nan)
+    mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
+    points = [energised(data.points[row], float(t)) for row in rows.tolist() for t in SEARCHED]
+    batch = simulator.once(points) if points else None
+    for i, row in enumerate(rows.tolist()):
+        part = slice(i * len(SEARCHED), (i + 1) * len(SEARCHED))
+        assert batch is not None
+        own = batch.at_points(part)
+        quantity = data.shown(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
+        above = np.flatnonzero(quantity > data.quantity[row])
+        if len(above) and above[0] > 0:
+            k = int(above[0])
+            share = (data.quantity[row] - quantity[k - 1]) / (quantity[k] - quantity[k - 1])
+            found[i] = SEARCHED[k - 1] + share * (SEARCHED[k] - SEARCHED[k - 1])
+    return found
+
+
+def rms(values: Floats) -> float:
+    """Root mean square; NaN of no values."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

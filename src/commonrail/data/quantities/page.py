@@ -1,0 +1,358 @@
+"""Quantity maps in reports: tables of errors and of every point, figures over energising time, sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+from commonrail.base.chart import MARKERS, Band, Figure, Panel, Points, Series
+from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
+from commonrail.base.text import fixed, listed, megapascal, number, pressure, signed, significant
+from commonrail.data.bands import band_cells, band_name, band_note, error_band, shaded
+from commonrail.data.base import View
+from commonrail.data.quantities.dead_times import compared_dead_times, dead_time_figure, dead_time_table
+from commonrail.data.records import (
+    JUDGED,
+    MEASURED,
+    MICROSECOND,
+    MM3,
+    Models,
+    Plotted,
+    Record,
+    Texts,
+    origin_of,
+    present,
+    relative_error,
+    scaled,
+)
+
+ENERGISING = "energising time, µs"
+WIDE = 3  # models of which a row of a map holds quantities and errors; of more only errors
+USUAL_LIMIT = 3e-9  # [m³] where a record says none
+
+_STEPS = ((0.05, 0.1), (0.10, 0.3))  # relative, and [mm³] for what is near zero
+_LEGEND = "{small} within 5 % or 0.1 mm³, {medium} within 10 % or 0.3 mm³, {large} beyond.".format(**SIGNS)
+
+# Keys of a record's figures, and their text.
+_FIGURES: tuple[tuple[str, Callable[[Any], str]], ...] = (
+    ("rms_large_percent", lambda value: fixed(value, 2)),
+    ("rms_small", lambda value: fixed(value, 3, MM3)),
+    ("dead_time_rms", lambda value: fixed(value, 1, MICROSECOND)),
+)
+
+Measure = Callable[[float, float], float]  # of an error and the measured quantity [m³]
+
+
+@dataclass(frozen=True)
+class MapView(View):
+    """Tables, figures and sentences of maps of a quantity per stroke.
+
+    Attributes
+    ----------
+    of : str
+        Word before "quantity" and "quantities", with a space behind it; none for the injected one.
+    caption : str
+        The quantity, as a figure's caption begins.
+    """
+
+    of: str = ""
+    caption: str = "Injected quantity"
+
+    def has(self, data: Record, label: str) -> bool:
+        """True if the model has a number for any row."""
+        return any(number(row.get(label)) is not None for row in data["rows"])
+
+    def operating_point(self, data: Record) -> Record:
+        """The last quantity's operating point."""
+        last: Record = _quantities(data)[-1]
+        return last
+
+    def operating_points(self, data: Record) -> Sequence[Record]:
+        """Those of all rows."""
+        rows: Sequence[Record] = data["rows"]
+        return rows
+
+    def sentences(self, data: Sequence[Record]) -> list[str]:
+        """Root mean squares of each map, calibrated and start values."""
+        return [f" ({d['name']}), {self._sentence(d)}" for d in data]
+
+    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
+        """Errors of the large quantities of each map."""
+        what = f"the least error of the {self.of}quantities above {limit_text(data)} mm³"
+        return what, [{label: f.get("rms_large_percent") for label, f in d["figures"].items()} for d in data]
+
+    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
+        """Root mean squares of all maps, then quantities and dead times of each."""
+        tables = [self._figures_table(data, texts)]
+        for d in data:
+            labels = [label for label in texts if self.has(d, label) and label != "rigid"]
+            tables += [self._quantity_table(d, labels, texts), dead_time_table(d, labels, texts)]
+        return [tables[0], *(table for table in tables[1:] if table.rows)]
+
+    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
+        """Root mean squares of all maps, then quantities and dead times of each."""
+        tables = [table for d in data for table in (self._compared(d, labels), compared_dead_times(d, labels))]
+        return [self._figures_compared(data, labels), *(table for table in tables if table.rows)]
+
+    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
+        """Quantities, their errors, and dead times; a rigid body is not shown."""
+        shown = {label: model for label, model in plotted.models.items() if label in ("start", JUDGED)}
+        return [self._map_figure(data), self._error_figure(data), *dead_time_figure(data, shown)]
+
+    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
+        """Quantities, their errors, and dead times, of each model."""
+        models = plotted.models
+        found = [self._map_compared(data, models), self._errors_compared(data, models)] if _quantities(data) else []
+        return [*found, *dead_time_figure(data, models)]
+
+    def _sentence(self, data: Record) -> str:
+        best, start = (data["figures"].get(key, {}) for key in (JUDGED, "start"))
+        limit = significant(best.get("limit_quantity"), 3, MM3)
+        parts = []
+        for key, scale, decimals, words in (
+            ("rms_large_percent", 1.0, 1, f"{self.of}quantities above {limit} mm³ are met to {{}} % rms"),
+            ("rms_small", MM3, 2, f"those up to {limit} mm³ to {{}} mm³ rms"),
+            ("dead_time_rms", MICROSECOND, 0, "dead times to {} µs rms"),
+        ):
+            if number(best.get(key)) is None:
+                continue
+            text = words.format(fixed(best[key], decimals, scale))
+            if number(start.get(key)) is not None:
+                text += f" (start: {fixed(start[key], decimals, scale)})"
+            parts.append(text)
+        return listed(parts) or "nothing could be simulated"
+
+    def _figures_table(self, data: Sequence[Record], texts: Texts) -> Table:
+        rows: list[tuple[Record, str, Record]] = []
+        for d in data:
+            rows += [(d, texts[label], d["figures"].get(label, {})) for label in texts if self.has(d, label)]
+            rows += [(d, baseline["text"], baseline["figures"]) for baseline in d.get("baselines", ())]
+        parts = (
+            Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], row[1])),
+            Part((f"{self.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+            Part(_figure_heads(data), lambda row: _figure_texts(row[2])),
+        )
+        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, _rules(data), 3)
+
+    def _figures_compared(self, data: Sequence[Record], labels: Sequence[str]) -> Table:
+        rows = []
+        for d in data:
+            figures = [d["figures"].get(label, {}) for label in labels]
+            columns = [marked([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
+            rows += [(d, label, cells) for label, *cells in zip(labels, *columns, strict=True)]
+        parts = (
+            Part(("data set", "model"), lambda row: (row[0]["name"], row[1])),
+            Part((f"{self.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+            Part(_figure_heads(data), lambda row: row[2]),
+        )
+        failing = "A model that fails at one point has no figure over the points."
+        note = f"{BEST_SIGN} least error of the data set. {failing}"
+        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, note, 2)
+
+    def _quantity_table(self, data: Record, labels: Sequence[str], texts: Texts) -> Table:
+        """Quantities point by point, start and calibrated against measured."""
+
+        def errors(row: Record) -> tuple[str, Cell]:
+            measured, best = row[MEASURED], number(row.get(JUDGED))
+            error = None if best is None else (best - measured) * MM3
+            share = signed(relative_error(best, measured), 1)
+            return signed(error, 2), Cell(share, error_size(error, measured * MM3))
+
+        parts = [
+            *_head(origin_of(data)),
+            Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 2, MM3) for k in labels]),
+            Part(("error", "error, %"), errors),
+        ]
+        note = f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}"
+        if "band" in data:
+            parts.append(Part((f"{band_name(data)}, ±",), band_cells))
+            note += f" {band_note(data)}"
+        title = f"{self._title}, mm³: {data['name']} ({data['role']})"
+        return table_of(title, _quantities(data), parts, note, 0)
+
+    def _compared(self, data: Record, labels: Sequence[str]) -> Table:
+        """Quantities point by point: quantities and errors of few models, errors of many."""
+        wide = len(labels) <= WIDE
+
+        def shown(row: Record) -> Iterator[Cell]:
+            measured = float(row[MEASURED])
+            found = [number(row.get(label)) for label in labels]
+            errors = marked([relative_error(value, measured) for value in found], lambda e: signed(e, 1))
+            for value, error in zip(found, errors, strict=True):
+                if wide:
+                    yield Cell(fixed(value, 2, MM3))
+                absolute = None if value is None else (value - measured) * MM3
+                yield Cell(error.text, error_size(absolute, measured * MM3), error.best)
+
+        heads = [head for label in labels for head in ((label, "error, %") if wide else (label,))]
+        title = f"{self._title}, mm³" if wide else f"Errors of the {self.of}quantities, %"
+        note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
+        parts = (*_head(f"{origin_of(data)}, mm³"), Part(heads, shown))
+        return table_of(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
+
+    @property
+    def _title(self) -> str:
+        words = f"{self.of}quantities"
+        return words[0].upper() + words[1:]
+
+    def _map_figure(self, data: Record) -> Figure:
+        """Quantity [mm³] against energising time [us], one family for each rail pressure."""
+        series: list[Series] = []
+        bands: list[Band] = []
+        for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+            x = scaled(rows, "energising_time", MICROSECOND)
+            series += [Series("", label, x, scaled(rows, label, MM3), family=family) for label in ("start", JUDGED)]
+            measured = scaled(rows, MEASURED, MM3)
+            series.append(Series(pressure(rail), MEASURED, x, measured, MARKERS, family))
+            bands += [error_band(rows, family, lambda value, _: value * MM3, about=JUDGED)] if "band" in data else []
+        caption = f"{self.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values."
+        return Figure(
+            f"{data['name']} ({data['role']})",
+            f"{caption} {shaded(data)}".rstrip(),
+            ENERGISING,
+            (Panel(f"{self.of}quantity, mm³", tuple(series), bands=tuple(bands)),),
+        )
+
+    def _error_figure(self, data: Record) -> Figure:
+        """Errors of the calibrated quantities, in mm³ for small ones and in percent for large ones."""
+        limit = data["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT)
+        large, small = [], []
+        wide: list[Band] = []
+        narrow: list[Band] = []
+        for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+            over, under = _parted_at(limit, rows)
+            large.append(Series(pressure(rail), JUDGED, *_errors(over, JUDGED, _percent), MARKERS, family))
+            small.append(Series("", JUDGED, *_errors(under, JUDGED, _absolute), MARKERS, family))
+            if "band" in data:
+                wide.append(error_band(over, family, _percent))
+                narrow.append(error_band(under, family, _absolute))
+        text = f"{limit * MM3:.3g} mm³"
+        return Figure(
+            f"Errors of {data['name']}",
+            f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {shaded(data)}".rstrip(),
+            ENERGISING,
+            (
+                Panel("error, %", tuple(large), 0.6, zero_line=True, bands=tuple(wide)),
+                Panel("error, mm³", tuple(small), 0.4, zero_line=True, bands=tuple(narrow)),
+            ),
+        )
+
+    def _map_compared(self, data: Record, models: Models) -> Figure:
+        """Quantity [mm³] against energising time [us]; each model draws a line for each rail pressure."""
+        parts = _by_pressure(data)
+        rails = list(dict.fromkeys(map(megapascal, parts)))
+        x = _with_gaps(parts, "energising_time", MICROSECOND)
+        series = [
+            Series(model.text, model.look, x, _with_gaps(parts, label, MM3), family=model.family)
+            for label, model in models.items()
+        ]
+        measured = Series(origin_of(data), MEASURED, x, _with_gaps(parts, MEASURED, MM3), MARKERS)
+        return Figure(
+            data["name"],
+            f"{self.caption}: markers {origin_of(data)}; each model has a line for each rail pressure "
+            f"({listed(rails)} MPa).",
+            ENERGISING,
+            (Panel(f"{self.of}quantity, mm³", (*present(series), measured)),),
+        )
+
+    def _errors_compared(self, data: Record, models: Models) -> Figure:
+        """Errors of the quantities, in percent for large ones and in mm³ for small ones."""
+        limit = float(next((f["limit_quantity"] for f in data["figures"].values()), USUAL_LIMIT))
+        over, under = _parted_at(limit, _sorted(data))
+        large, small = (
+            present([Series(m.text, m.look, *_errors(rows, k, measure), MARKERS, m.family) for k, m in models.items()])
+            for rows, measure in ((over, _percent), (under, _absolute))
+        )
+        panels = [Panel("error, %", large, 0.6, zero_line=True)] if over else []
+        panels += [Panel("error, mm³", _unlabelled(small, large), 0.4, zero_line=True)] if under else []
+        return Figure(
+            f"Errors of {data['name']}",
+            f"Simulated − {origin_of(data)}: in percent above {limit * MM3:.3g} mm³, in mm³ up to it; all rail "
+            "pressures.",
+            ENERGISING,
+            tuple(panels),
+        )
+
+
+def error_size(error: float | None, measured: float) -> str:
+    """Size of an error of a quantity [mm³]: relative, or absolute for what is near zero."""
+    return size_of(error, [max(rel * abs(measured), ab) for rel, ab in _STEPS])
+
+
+def limit_text(data: Sequence[Record]) -> str:
+    """Quantity [mm³] above which errors are judged in percent."""
+    limits = [f["limit_quantity"] for d in data for f in d["figures"].values()]
+    return significant(limits[0], 3, MM3) if limits else "3"
+
+
+def _figure_heads(data: Sequence[Record]) -> tuple[str, str, str]:
+    limit = limit_text(data)
+    return f"above {limit} mm³, % rms", f"up to {limit} mm³, mm³ rms", "dead time, µs rms"
+
+
+def _rules(data: Sequence[Record]) -> str:
+    """Sentences on the rules of the baselines."""
+    found = (f"{baseline['text']}: {baseline['rule']}" for d in data for baseline in d.get("baselines", ()))
+    return " ".join(f"{rule[0].upper()}{rule[1:]}." for rule in dict.fromkeys(found))
+
+
+def _figure_texts(figures: Record) -> list[str]:
+    return [text(figures.get(key)) for key, text in _FIGURES]
+
+
+def _quantities(data: Record) -> list[Record]:
+    """Rows that are quantities, with the half width of their band if there is one."""
+    rows = data["rows"]
+    halves = data["band"]["half_widths"] if "band" in data else [None] * len(rows)
+    return [{**row, "band": half} for row, half in zip(rows, halves, strict=True) if not row["dead_time"]]
+
+
+def _head(origin: str) -> tuple[Part, Part]:
+    place = Part(
+        ("rail, MPa", ENERGISING),
+        lambda row: (megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)),
+    )
+    return place, Part((origin,), lambda row: (fixed(row[MEASURED], 2, MM3),))
+
+
+def _sorted(data: Record) -> list[Record]:
+    """Rows that are quantities, by rail pressure and energising time."""
+    return sorted(_quantities(data), key=lambda row: (float(row["rail_pressure"]), float(row["energising_time"])))
+
+
+def _by_pressure(data: Record) -> dict[float, list[Record]]:
+    """Rows that are quantities, by rail pressure [Pa], each in the order of energising time."""
+    return {float(rail): list(rows) for rail, rows in groupby(_sorted(data), key=lambda row: row["rail_pressure"])}
+
+
+def _with_gaps(parts: Mapping[float, list[Record]], key: str, scale: float) -> Points:
+    """Values with a gap between rail pressures."""
+    return tuple(value for rows in parts.values() for value in (*scaled(rows, key, scale), None))[:-1]
+
+
+def _parted_at(limit: float, rows: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """Rows above a quantity [m³], and those up to it."""
+    return [row for row in rows if row[MEASURED] > limit], [row for row in rows if row[MEASURED] <= limit]
+
+
+def _errors(rows: list[Record], label: str, measure: Measure) -> tuple[Points, Points]:
+    """Energising times [us], and a measure of simulated − measured at each."""
+    found = ((number(row.get(label)), float(row[MEASURED])) for row in rows)
+    errors = tuple(None if value is None else measure(value - m, m) for value, m in found)
+    return scaled(rows, "energising_time", MICROSECOND), errors
+
+
+def _percent(error: float, measured: float) -> float:
+    return 100.0 * error / measured
+
+
+def _absolute(error: float, measured: float) -> float:
+    return error * MM3
+
+
+def _unlabelled(series: Sequence[Series], named: Sequence[Series]) -> tuple[Series, ...]:
+    """Series of a second panel: one entry in the legend for each model is enough."""
+    known = {s.label for s in named}
+    return tuple(replace(s, label="") if s.label in known else s for s in series)

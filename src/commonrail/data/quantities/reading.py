@@ -1,0 +1,329 @@
+"""Reading of quantity maps: chosen rows of a table, one operating point each, and dead times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, PlainValidator
+
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.base.hooks import note
+from commonrail.base.units import convert, parse, to_text
+from commonrail.data.noise import NOISE, Noise
+from commonrail.data.quantities.baselines import SisterModel
+from commonrail.data.repeats import averaged, groups_of
+from commonrail.data.study_block import Context, DataModel, drive_unit, mass_density
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.status import check_point
+from commonrail.physics.parameters import Domain
+from commonrail.readers.columns import Column, FileForm, FormModel, Table
+from commonrail.readers.fields import FileModel, Unit, fault
+from commonrail.readers.grid import read_grid
+from commonrail.readers.location import Place, located
+from commonrail.readers.mat import MatFile, find_mat_map
+from commonrail.readers.parquet import ParquetFile
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_column_map, find_map
+
+# Quantity map found in a file, a matrix or a table with other names, as the columns that a map is read from.
+
+_SI = {"rail pressure": "Pa", "energising time": "s"}
+_NO_MAP = (".mf4", ".mdf", ".lvm")
+_COLUMNS = (".parquet", ".pq")
+
+
+def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
+    """Columns rail_pressure, energising_time and quantity in SI units, a row for each point.
+
+    Parameters
+    ----------
+    path : Path
+        CSV or text table, workbook, MAT or Parquet file.
+    form : FileForm
+    given : GivenUnits
+        They count before those of the file.
+    quantity : str
+        Name of the column of the quantities.
+    matrix : bool
+        Whether only a matrix is taken.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, no map is found in it, or a number makes no sense.
+    """
+    suffix = path.suffix.lower()
+    if suffix in _NO_MAP or (matrix and suffix in _COLUMNS):
+        raise InputError(f"{path}: a matrix is read from CSV, Excel and MAT files; this format holds columns only.")
+    if suffix == ".mat":
+        found = find_mat_map(MatFile(path), given)
+    elif suffix in _COLUMNS:
+        found = find_column_map(ParquetFile(path), given)
+    else:
+        found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)
+    if matrix and not found.form.startswith("a matrix"):
+        raise InputError(f'{path}: this is {found.form} and no matrix; state layout = "found".')
+    note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")
+    return _table(path, found, quantity)
+
+
+def _table(path: Path, found: FoundMap, quantity: str) -> Table:
+    units = {kind: _SI.get(kind, "kg" if found.by_mass else "m3") for kind in found.units}
+    names = {"rail pressure": "rail_pressure", "energising time": "energising_time", "quantity": quantity}
+    content = {
+        "rail pressure": found.rail_pressure,
+        "energising time": found.energising_time,
+        "quantity": found.quantity,
+    }
+    with np.errstate(over="ignore"):
+        columns = {names[kind]: convert(v, found.units[kind], units[kind]) for kind, v in content.items()}
+    table = Table(
+        path,
+        columns,
+        {},
+        {names[kind]: unit for kind, unit in found.units.items()},
+        found.lines,
+        units={names[kind]: unit for kind, unit in units.items()},
+    )
+    outside = np.flatnonzero(~(np.isfinite(columns[quantity]) & Domain.NON_NEGATIVE.admits(columns[quantity])))
+    if len(outside):
+        raise table.place(quantity, int(outside[0])).error(f"the value must be {Domain.NON_NEGATIVE.value}")
+    return table
+
+
+Pressure = Annotated[float, Unit("Pa")]
+
+AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
+MOST_POINTS = 10_000
+SAME = 1e-6  # relative difference below which a row is at a pressure or time that was asked for
+
+
+def _quantity(item: Any) -> tuple[float, str]:
+    """Quantity and its unit, m3 or kg."""
+    try:
+        value, unit = parse(item, "kg"), "kg"
+    except InputError:
+        value, unit = Unit("m3").read(item), "m3"
+    if not value > 0.0:
+        raise fault(f"the quantity must be greater than zero, not {to_text(value, unit)}")
+    return value, unit
+
+
+class DeadTimesModel(FormModel):
+    """Energising times at which a small quantity is reached."""
+
+    file: str
+    quantity: Annotated[tuple[float, str], PlainValidator(_quantity)]
+    tolerance: Annotated[float, Unit("s")] | None = None
+    rail_pressure_unit: str | None = None
+    energising_time_unit: str | None = None
+
+
+class HoldOutModel(FileModel):
+    """Rail pressures and energising times whose rows are kept for validation."""
+
+    rail_pressure: list[Annotated[float, Unit("Pa")]] = Field(default=[], max_length=1000)
+    energising_time: list[Annotated[float, Unit("s")]] = Field(default=[], max_length=1000)
+
+
+class MapModel(DataModel):
+    """Keys of all maps of a quantity per stroke; rail_pressure and energising_time choose rows of a map."""
+
+    selects_rows: ClassVar[bool] = True
+    quantity_column: ClassVar[str]
+
+    layout: Literal["rows", "matrix", "found"] = "rows"
+    repeated: Literal["each", "mean"] = "each"
+    rail_pressure_unit: str | None = None
+    energising_time_unit: str | None = None
+    quantity_unit: str | None = None
+    rail_pressure: list[Pressure] | None = Field(default=None, min_length=1, max_length=1000)
+    energising_time: list[Annotated[float, Unit("s")]] | None = Field(default=None, min_length=1, max_length=1000)
+    hold_out: HoldOutModel | None = None
+    cylinder_pressure: Pressure
+    return_pressure: Pressure
+    absolute: Annotated[float, Unit("m3")] = 0.15e-9
+    relative: Annotated[float, Unit("1")] = 0.03
+
+    @property
+    def small_quantity(self) -> DeadTimesModel | None:
+        """Dead times of the map; None for a kind that has none."""
+        return None
+
+
+class QuantitiesModel(MapModel):
+    """A map of injected quantities."""
+
+    quantity_column: ClassVar[str] = "quantity"
+
+    kind: Literal["quantities"]
+    dead_times: DeadTimesModel | None = None
+    sister: SisterModel | None = None
+
+    @property
+    def small_quantity(self) -> DeadTimesModel | None:
+        """Dead times of the map."""
+        return self.dead_times
+
+    @property
+    def has_dead_times(self) -> bool:
+        """True if a second file has dead times."""
+        return self.dead_times is not None
+
+
+class _Row(NamedTuple):
+    """One operating point and its measured quantity in `unit` (m3 or kg)."""
+
+    point: OperatingPoint
+    quantity: float
+    unit: str
+    dead_time: bool
+
+
+class ReadMap(NamedTuple):
+    """Content of a map's files: points, volumes [m³], tolerances, dead times, density that made volumes of masses.
+
+    `dead_time_tolerance` [s] is None where dead times are judged by their quantity. `noise` has the standard error of
+    repeated quantities in multiples of the tolerance, `strokes` says how many there are.
+    """
+
+    points: tuple[OperatingPoint, ...]
+    quantity: Floats
+    absolute: float
+    relative: float
+    dead_time: Bools
+    mass_density: Floats | float
+    dead_time_tolerance: float | None
+    noise: Noise
+    strokes: str
+
+
+def read_map(model: MapModel, context: Context) -> ReadMap:
+    """Read a quantity map; see `DataSet.read`."""
+    injector, at = context.injector, context.at
+    if drive_unit(injector):
+        raise ConfigurationError(
+            f'{at}: the injector {injector.name} has drive_kind "{injector.variant.drive.value}", '
+            "which quantities cannot give; set it to regulated or pwm."
+        )
+    rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
+    if not (model.absolute > 0.0 and model.relative >= 0.0):
+        raise at.error("absolute must be greater than zero and relative zero or greater")
+    dead = model.small_quantity
+    if dead is not None and dead.tolerance is not None and not dead.tolerance > 0.0:
+        raise (at / "dead_times" / "tolerance").error("the tolerance must be greater than zero")
+    density = np.array([mass_density(injector, row.unit, row.point) for row in rows])
+    by_volume = np.isnan(density)
+    quantity = np.array([row.quantity for row in rows])
+    read = ReadMap(
+        tuple(row.point for row in rows),
+        quantity / np.where(by_volume, 1.0, density),
+        model.absolute,
+        model.relative,
+        np.array([row.dead_time for row in rows]),
+        math.nan if by_volume.all() else density,
+        None if dead is None else dead.tolerance,
+        NOISE,
+        "",
+    )
+    return _averaged(read) if model.repeated == "mean" else read
+
+
+def _averaged(read: ReadMap) -> ReadMap:
+    """The map with one row for the repeated quantities of each point; dead times stay apart."""
+    places = np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in read.points])
+    single = np.flatnonzero(~read.dead_time)
+    groups = [single[rows] for rows in groups_of(places[single], SAME)]
+    found = averaged(read.quantity, groups, read.absolute + read.relative * read.quantity)
+    dead = np.flatnonzero(read.dead_time)
+    first = np.concatenate([np.array([rows[0] for rows in groups], np.intp), dead])
+    density = np.asarray(read.mass_density)
+    least, most = int(found.counts.min()), int(found.counts.max())
+    return read._replace(
+        points=tuple(read.points[i] for i in first),
+        quantity=np.concatenate([found.mean, read.quantity[dead]]),
+        dead_time=read.dead_time[first],
+        mass_density=density[first] if density.ndim else float(density),
+        noise=NOISE if found.sigma is None else Noise(sigma=found.sigma, freedom=found.freedom),
+        strokes=f"means of {least} strokes" if least == most else f"means of {least} to {most} strokes",
+    )
+
+
+def _map_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
+    name = model.quantity_column
+    table = _map_table(model, context, at)
+    filters = {"rail_pressure": (model.rail_pressure, "Pa"), "energising_time": (model.energising_time, "s")}
+    quantity, unit = table.columns[name], table.units[name]
+    chosen = _choose(table, filters, at)
+    return [_Row(_point(table, i, model, context), float(quantity[i]), unit, False) for i in chosen]
+
+
+def _map_table(model: MapModel, context: Context, at: Place) -> Table:
+    name = model.quantity_column
+    if model.layout != "rows":
+        stated = (model.rail_pressure_unit, model.energising_time_unit, model.quantity_unit)
+        given = GivenUnits(*(unit or "" for unit in stated))
+        return found_table(context.path(model.file, at), model.form, given, name, matrix=model.layout == "matrix")
+    wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
+    return context.columns(model.file, at, wanted, 1, model.form)
+
+
+def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
+    dead = model.small_quantity
+    if dead is None:
+        return []
+    table = context.columns(dead.file, at / "dead_times", _point_columns(dead), 1, dead.form)
+    chosen = _choose(table, {"rail_pressure": (model.rail_pressure, "Pa")}, at / "dead_times")
+    return [_Row(_point(table, i, model, context), *dead.quantity, True) for i in chosen]
+
+
+def _point_columns(model: MapModel | DeadTimesModel) -> list[Column]:
+    return [
+        Column("rail_pressure", "Pa", model.rail_pressure_unit),
+        Column("energising_time", "s", model.energising_time_unit),
+    ]
+
+
+def _choose(table: Table, filters: Mapping[str, tuple[Sequence[float] | None, str]], at: Place) -> list[int]:
+    """Rows that are at one of the wanted values of every column that has any."""
+    keep = np.ones(len(table.rows), bool)
+    for column, (wanted, unit) in filters.items():
+        if wanted is None:
+            continue
+        values = table.columns[column]
+        near = np.array([np.isclose(values, value, rtol=SAME, atol=0.0) for value in wanted])
+        for value, hits in zip(wanted, near, strict=True):
+            if not hits.any():
+                there = ", ".join(to_text(float(v), unit) for v in np.unique(values)[:12])
+                raise ConfigurationError(
+                    f"{at / column}: {table.path} has no row at {to_text(value, unit)}; it has {there}."
+                )
+        keep &= near.any(axis=0)
+    if not keep.any():
+        raise ConfigurationError(
+            f"{at}: no row of {table.path} is at a rail pressure and an energising time that were asked for."
+        )
+    if np.count_nonzero(keep) > MOST_POINTS:
+        raise ConfigurationError(
+            f"{at}: {np.count_nonzero(keep)} rows of {table.path} would be simulated, and at most {MOST_POINTS} are; "
+            "choose some with rail_pressure and energising_time."
+        )
+    return [int(i) for i in np.flatnonzero(keep)]
+
+
+def _point(table: Table, row: int, model: MapModel, context: Context) -> OperatingPoint:
+    energising = float(table.columns["energising_time"][row])
+    rail = float(table.columns["rail_pressure"][row])
+    for column, value in (("energising_time", energising), ("rail_pressure", rail)):
+        if not value > 0.0:
+            raise table.place(column, row).error("the value must be greater than zero")
+    with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
+        point = OperatingPoint(
+            rail, energising, model.cylinder_pressure, model.return_pressure, horizon=energising + AFTER_ENERGISING
+        )
+        check_point(context.injector, point)
+        return point

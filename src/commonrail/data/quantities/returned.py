@@ -1,0 +1,153 @@
+"""Map of return quantities as a kind of measured data: fuel through the return line per stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from commonrail.base.arguments import Limits, amount, settle
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.units import to_text
+from commonrail.data.base import Role
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.page import MapView
+from commonrail.data.quantities.reading import MapModel, read_map
+from commonrail.data.simulator import Candidates
+from commonrail.data.study_block import Context
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import coefficients_at
+from commonrail.engine.solution import Batch
+from commonrail.physics.connections import guide_leak
+from commonrail.physics.flow.leakage import gap_conductance
+from commonrail.physics.injector import FUEL_TEMPERATURE
+from commonrail.physics.meters.signal import Given
+from commonrail.readers.fields import Unit
+from commonrail.readers.location import located
+
+PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]
+
+# Diameter, gap and length of the guides that leak into the return line.
+_GUIDES = (
+    ("plunger_diameter", "plunger_gap", "plunger_guide_length"),
+    ("guide_diameter", "needle_gap", "needle_guide_length"),
+)
+
+
+class ReturnsModel(MapModel):
+    """A map of return quantities."""
+
+    quantity_column: ClassVar[str] = "return_quantity"
+
+    kind: Literal["return quantities"]
+    stroke_period: Annotated[float, Unit("s")] | None = None
+
+
+@dataclass(frozen=True)
+class ReturnData(QuantityData):
+    """Measured quantities through the return line per stroke at several operating points.
+
+    What the valve drains and what the guides leak, as a bench collects it. A volume is one at the pressure at the end
+    of the return line and the fuel temperature of the injector, unless the meter has a density or a temperature of its
+    own.
+
+    Attributes
+    ----------
+    stroke_period : float or None
+        Time [s] between the starts of two strokes: beyond the simulated time the guides of the closed injector leak at
+        rail pressure. None counts the simulated time alone.
+
+    Raises
+    ------
+    ConfigurationError
+        As `QuantityData`; also if a row is a dead time, or the period is shorter than the simulated time.
+    """
+
+    kind: ClassVar[str] = "return quantities"
+    what: ClassVar[str] = "return quantity"
+    model: ClassVar[type[MapModel]] = ReturnsModel  # type: ignore[assignment]  # of its own columns
+    view: ClassVar[MapView] = MapView("return ", "Return quantity")
+    whole: ClassVar[bool] = True
+
+    stroke_period: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dead_time.any():
+            raise ConfigurationError(f"{self.name} holds return quantities, which have no dead times; remove them.")
+        if self.stroke_period is None:
+            return
+        settle(self, stroke_period=amount(self.stroke_period, "s", "stroke_period", PERIODS))
+        longest = max(point.duration for point in self.points)
+        if self.stroke_period < longest:
+            raise ConfigurationError(
+                f"The stroke_period of {self.name}, {to_text(self.stroke_period, 's')}, is shorter than the longest "
+                f"simulated time, {to_text(longest, 's')}; give the time between the starts of two strokes."
+            )
+
+    @classmethod
+    def read(cls, model: ReturnsModel, context: Context) -> Self:  # type: ignore[override]  # of its own columns
+        """Read a map of return quantities; see `DataSet.read`."""
+        rows = read_map(model, context)
+        labels = model.weight, "; ".join(filter(None, (model.source, rows.strokes))), model.synthetic
+        values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
+        with located(context.at):
+            return cls(
+                model.name,
+                Role(model.role),
+                rows.points,
+                *values,
+                *labels,
+                rows.mass_density,
+                meter=context.meter(model.meter),
+                noise=rows.noise,
+                stroke_period=model.stroke_period,
+            )
+
+    def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
+        """Mass per stroke through the return line, (candidates, points) [kg]; see `QuantityData.masses`."""
+        if self.stroke_period is None:
+            return batch.returned_mass
+        left = np.array([self.stroke_period - point.duration for point in points])
+        return np.asarray(batch.returned_mass + left * leak_at_rest(candidates, points))
+
+    def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
+        """Densities at the end of the return line, (1 or candidates, points) [kg/m³]; see `QuantityData.densities`."""
+        return candidates.densities([_at_the_end(point) for point in points], given)
+
+
+def _at_the_end(point: OperatingPoint) -> OperatingPoint:
+    """The point with the return line's pressure in the cylinder, where densities are taken."""
+    return replace(point, cylinder_pressure=point.return_pressure)
+
+
+def leak_at_rest(candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
+    """Leakage of the guides while all volumes are at rail pressure, Eq. (5), (candidates, points) [kg/s].
+
+    Parameters
+    ----------
+    candidates : Candidates
+    points : sequence of OperatingPoint
+    """
+    injector = candidates.simulator.injector
+    names, values = candidates.simulator.of_injector(candidates.values)
+    columns = {name: values[:, i] for i, name in enumerate(names)}
+
+    def of(name: str) -> Any:  # the laws are written for single numbers, and hold for arrays
+        return np.asarray(columns.get(name, np.full(len(values), injector.values[name])))
+
+    guides: Any = [gap_conductance(*(of(f"plunger_needle.{key}") for key in guide)) for guide in _GUIDES]
+    conductance = np.sum(guides, axis=0)
+    warmth, which = np.unique(of(FUEL_TEMPERATURE), return_inverse=True)
+    leaks = np.empty((len(values), len(points)))
+    for i, temperature in enumerate(warmth.tolist()):
+        warm, rows = injector.with_values({FUEL_TEMPERATURE: temperature}), which.reshape(-1) == i
+        for k, point in enumerate(points):
+            rail, _, low = point.initial_pressures()
+            leaks[rows, k] = guide_leak(
+                coefficients_at(warm, point, candidates.simulator.time_step), conductance[rows], rail, low
+            ).mass_flow
+    return leaks

@@ -1,0 +1,85 @@
+"""Records of data sets, as result.json and comparison.json hold them, read by the labels of the models in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import Points, Series
+from commonrail.base.text import number
+from commonrail.engine.operating_point import OperatingPoint
+
+Record = Mapping[str, Any]
+Texts = Mapping[str, str]  # of the labels, in order
+Traces = Mapping[str, Mapping[str, Floats]]  # by data set: "time_s", "measured", and rates by label
+
+MM3 = 1e9  # of 1 m³
+MM3_PER_MS = 1e6  # of 1 m³/s: the unit of the paper's J
+MICROSECOND = 1e6  # of 1 s
+MPA = 1e-6  # of 1 Pa
+
+# What a calibration compares, in the order in which a reader meets it; the paper says rigid, theoretical, optimised.
+MEAN = "mean"  # the label of what several optima predict on average
+LABELS = {"rigid": "rigid body", "start": "start values", "best": "calibrated", MEAN: "mean of the members"}
+JUDGED = "best"  # the label whose errors are told
+MEASURED = "measured"
+
+
+class Shown(NamedTuple):
+    """Look of a model in figures: text of the legend, and look and family of its `Series`."""
+
+    text: str
+    look: str
+    family: int | None = None
+
+
+Models = Mapping[str, Shown]  # by label, in order
+
+
+class Plotted(NamedTuple):
+    """Content of figures besides a record: models, and courses in time by data set."""
+
+    models: Models
+    traces: Traces
+
+
+def origin_of(data: Record) -> str:
+    """Word for the values of a data set: synthetic ones are never shown as measured."""
+    return "synthetic" if data.get("synthetic") else "measured"
+
+
+def point_record(point: OperatingPoint) -> dict[str, float]:
+    """Pressures [Pa] at time zero and first energising time [s] of an operating point."""
+    pulses = point.pulses
+    rail, cylinder, low = point.initial_pressures()
+    return {
+        "rail_pressure": rail,
+        "cylinder_pressure": cylinder,
+        "return_pressure": low,
+        "energising_time": pulses[0].duration if pulses else 0.0,
+    }
+
+
+def relative_error(value: float | None, measured: float) -> float | None:
+    """Error of a value in percent of the measured one; None where either is missing."""
+    return None if value is None or not measured else 100.0 * (value / measured - 1.0)
+
+
+def scaled(rows: Sequence[Record], key: str, scale: float) -> Points:
+    """Values of the rows for a series; None where there is no number.
+
+    Parameters
+    ----------
+    rows : sequence of Record
+    key : str
+    scale : float
+        Factor on the values.
+    """
+    found = (number(row.get(key)) for row in rows)
+    return tuple(None if value is None else value * scale for value in found)
+
+
+def present(series: Sequence[Series]) -> tuple[Series, ...]:
+    """Without models that have no number at all: the legend would promise a curve."""
+    return tuple(s for s in series if any(y is not None for y in s.y))

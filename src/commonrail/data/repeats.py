@@ -1,0 +1,115 @@
+"""Repeated measurements of one operating point: their mean, and the standard error of the mean."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, IndexArray
+
+SEEN = 9.0  # squared standard errors of an autocorrelation, below which it counts as none
+
+
+class Averaged(NamedTuple):
+    """Means of repeated values.
+
+    Attributes
+    ----------
+    mean : (points, …)
+    counts : (points,)
+        Values behind each mean.
+    sigma : float or None
+        Standard error of a mean, root mean square over all; None where nothing is repeated.
+    freedom : float
+        Degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one.
+    """
+
+    mean: Floats
+    counts: IndexArray
+    sigma: float | None
+    freedom: float = 0.0
+
+
+def groups_of(places: Floats, same: float) -> list[IndexArray]:
+    """Rows of equal places, in the order of their first rows.
+
+    Parameters
+    ----------
+    places : (n, k)
+        Positive coordinates of each row, such as rail pressure and energising time.
+    same : float
+        Relative distance of neighbouring values from which they count as different.
+    """
+    codes = np.zeros(len(places), np.intp)
+    for column in places.T:
+        order = np.argsort(column, kind="stable")
+        steps = np.diff(column[order]) > same * column[order][:-1]
+        rank = np.empty(len(column), np.intp)
+        rank[order] = np.concatenate(([0], np.cumsum(steps)))
+        codes = codes * (int(rank.max(initial=0)) + 1) + rank
+    _, first, which = np.unique(codes, return_index=True, return_inverse=True)
+    return [np.flatnonzero(which.reshape(-1) == i) for i in np.argsort(first)]
+
+
+def averaged(values: Floats, groups: list[IndexArray], scale: Floats | float = 1.0) -> Averaged:
+    """Means of groups of rows.
+
+    Parameters
+    ----------
+    values : (n, …)
+    groups : list of (k,) array of int
+        Rows of each mean.
+    scale : (n,) or float
+        Unit of the scatter, for each row.
+    """
+    mean = np.array([values[rows].mean(axis=0) for rows in groups])
+    counts = np.array([len(rows) for rows in groups], np.intp)
+    if counts.max(initial=0) < 2:
+        return Averaged(mean, counts, None)
+    scale = np.broadcast_to(scale, values.shape[:1])
+    deviations = np.concatenate([((values[rows] - mean[i]).T / scale[rows]).T for i, rows in enumerate(groups)])
+    deviations = _live(deviations, values)
+    # Variance of a single value, pooled over the groups, then of each mean.
+    spare = int(np.sum(counts - 1))
+    variance = float(np.sum(deviations**2)) / (spare * deviations[0].size)
+    sigma = float(np.sqrt(variance * np.mean(1.0 / counts))) or None
+    return Averaged(mean, counts, sigma, spare * _independent(deviations, spare) if sigma else 0.0)
+
+
+def _live(deviations: Floats, values: Floats) -> Floats:
+    """Deviations without the samples of courses that all rows state as exactly zero: these are no samples of the noise.
+
+    Parameters
+    ----------
+    deviations, values : (n, …)
+    """
+    found = (values.reshape(len(values), -1) != 0.0).any(axis=0)
+    return deviations if found.all() or not found.any() else deviations.reshape(len(deviations), -1)[:, found]
+
+
+def _independent(deviations: Floats, spare: int) -> float:
+    """Independent samples of a course in the mean of its squares: n/(1 + 2 Σ (1 − l/n) r_l²), by Satterthwaite.
+
+    All lags with an autocorrelation r_l that is more than chance count: that of a ringing meter passes through zero
+    and returns.
+
+    Parameters
+    ----------
+    deviations : (rows, …)
+        Of each course from its mean; numbers count as courses of one sample.
+    spare : int
+        Independent courses among them.
+    """
+    courses = deviations.reshape(len(deviations), -1)
+    n, energy = courses.shape[1], float(np.sum(courses**2))
+    total, chance = 1.0, SEEN / (spare * n)
+    unbroken = True
+    for lag in range(1, n):
+        left = 1.0 - lag / n
+        share = (float(np.sum(courses[:, lag:] * courses[:, :-lag])) / energy) ** 2 / left
+        unbroken = unbroken and share > chance
+        # Bartlett: once r_l has been zero, its scatter grows with what the others add up to
+        if unbroken or share > total * chance:
+            total += 2.0 * share
+    return n / min(total, float(n))

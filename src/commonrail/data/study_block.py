@@ -1,0 +1,174 @@
+"""Reading of a data set: shape of its block in a study file, and what it is read with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import AfterValidator, Discriminator, Field, Tag
+
+from commonrail.base.choices import Drive
+from commonrail.base.errors import nearest
+from commonrail.data.noise import NoiseModel
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import reference_density
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.meter import Meter
+from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Sheet, Table
+from commonrail.readers.fields import Unit, fault
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place
+from commonrail.readers.tables import LEAST_SAMPLES, open_sheet, read_columns
+
+LONGEST_NAME = 200
+
+
+class Context(NamedTuple):
+    """Surroundings in which a data set is read.
+
+    Attributes
+    ----------
+    injector : Injector
+    time_step : float
+        [s].
+    reach : Reach
+        Folders where its files may lie.
+    at : Place
+        Of its block in the study file.
+    meters : mapping of str to Meter
+        Those that the study describes, by name.
+    """
+
+    injector: Injector
+    time_step: float
+    reach: Reach
+    at: Place
+    meters: Mapping[str, Meter] = {}
+
+    def meter(self, name: str | None) -> Meter | None:
+        """Meter that a block names, or None; `InputError` if the study does not describe it."""
+        if name is None:
+            return None
+        if name not in self.meters:
+            raise (self.at / "meter").error(
+                f'there is no meter "{name}"{nearest(name, self.meters)}; describe it in a table [meters.{name}]'
+            )
+        return self.meters[name]
+
+    def path(self, file: str, at: Place) -> Path:
+        """Path of a file that a table names with the key "file".
+
+        Parameters
+        ----------
+        file : str
+            Its name in the study; `InputError` if it lies where the study may not look.
+        at : Place
+            Of the table.
+        """
+        return self.reach.path(self.reach.file.parent, file, at / "file")
+
+    def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
+        """File with named columns; see `open_sheet`.
+
+        Parameters
+        ----------
+        file : str
+            As in `path`.
+        at : Place
+        form : FileForm
+        """
+        return open_sheet(self.path(file, at), form)
+
+    def columns(
+        self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
+    ) -> Table:
+        """Columns of a file; see `read_columns`.
+
+        Parameters
+        ----------
+        file : str
+            Its name in the study; `InputError` if it lies where the study may not look.
+        at : Place
+            Of the table that names it with the key "file".
+        wanted : sequence of Column
+        least : int
+            Rows that the file must have.
+        form : FileForm
+        """
+        return read_columns(self.path(file, at), wanted, least, form)
+
+
+def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
+    """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `DataSet.mass_density`.
+
+    Parameters
+    ----------
+    injector : Injector
+    unit : str
+    point : OperatingPoint
+    """
+    return reference_density(injector, point) if unit.startswith("kg") else math.nan
+
+
+def drive_unit(injector: Injector) -> str:
+    """Unit of a measured drive: current or voltage as the injector is driven, empty if by neither."""
+    return {Drive.CURRENT: "A", Drive.VOLTAGE: "V"}.get(injector.variant.drive, "")
+
+
+def _name(item: str) -> str:
+    if not item.isprintable():
+        raise fault(f"this must be one line of characters that are printed, not {item!r}")
+    return item
+
+
+# What tables, legends and files call something.
+Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_name)]
+
+
+class TraceModel(FormModel):
+    """A course in time from a file, by default that of the data set."""
+
+    column: str
+    file: str | None = None
+    time: str | None = None
+    unit: str | None = None
+    time_unit: str | None = None
+
+
+class DriveModel(TraceModel):
+    """A measured drive; `zero_at_rest`: its mean before the first energising is the zero of the sensor."""
+
+    zero_at_rest: bool = False
+
+
+def _course_form(item: Any) -> str:
+    return "<trace>" if isinstance(item, (dict, TraceModel)) else "<value>"
+
+
+# A pressure: constant [Pa], or a course.
+Course = Annotated[
+    Annotated[float, Unit("Pa"), Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")], Discriminator(_course_form)
+]
+
+
+class DataModel(FormModel):
+    """Keys that the blocks of all kinds have; `selects_rows`: data sets of the kind may share a table."""
+
+    selects_rows: ClassVar[bool] = False
+
+    kind: str
+    name: Name
+    role: Literal["fit", "validation"]
+    file: str
+    weight: float = Field(default=1.0, gt=0.0)
+    meter: str | None = None
+    noise: NoiseModel = NoiseModel()
+    source: str = "no source stated"
+    synthetic: str = ""
+
+    @property
+    def has_dead_times(self) -> bool:
+        """True if a second file has dead times."""
+        return False

@@ -1,1 +1,0 @@
-"""Tables and charts as plain data, numbers as text, and results as notebooks show them; nothing is drawn here."""

@@ -1,0 +1,370 @@
+"""What the loop records of its lanes: crossings of the seat, samples of the rate, the end at rest, health, traces."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.choices import Actuation
+from commonrail.physics.connections import CLEAR_LIFT, RELAXED, REOPENED
+from commonrail.physics.law import physics
+from commonrail.physics.layout import layout_of
+from commonrail.physics.model import Inputs, Waves
+from commonrail.physics.variants import MODELS, Variant, wiring
+
+# Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
+#
+# Coefficients, state, the waves that leave and that arrive, and what the loop keeps of a lane, behind one pointer.
+
+
+class Progress(NamedTuple):
+    """Numbers that the loop keeps of each lane; instants are in steps, and zero is none.
+
+    Attributes
+    ----------
+    injected_before, injected_at_sample, injected_at_lift, injected_at_check : float
+        Mass injected [kg] before the step, at the end of the last sample, when the tip last left its seat, and at the
+        last check.
+    absolute, squared : float
+        Sums of the samples' errors [m³/s], [(m³/s)²].
+    density : float
+        Makes a volume of a sample [kg/m³].
+    greatest_lift, tip_before : float
+        Lift of the tip [m], the greatest and before the step.
+    opening, last_closing, first_closing : float
+        Instants.
+    is_open, has_ended : float
+        1 while the needle counts as open, and once the lane has ended.
+    checks_at_rest, longest_contact : float
+        Checks for which it has rested, and longest contact of a bouncing needle or valve in steps.
+    farthest_lift : float
+        Lift beyond the stop [m].
+    earliest_end, steps : float
+        First step at which the injection may have ended, and number of steps.
+    clock_turns : float
+        Turns of the clocks so far.
+    """
+
+    injected_before: float
+    injected_at_sample: float
+    absolute: float
+    squared: float
+    density: float
+    greatest_lift: float
+    opening: float
+    last_closing: float
+    first_closing: float
+    is_open: float
+    injected_at_lift: float
+    tip_before: float
+    checks_at_rest: float
+    injected_at_check: float
+    has_ended: float
+    longest_contact: float
+    farthest_lift: float
+    earliest_end: float
+    steps: float
+    clock_turns: float
+
+
+class Working(NamedTuple):
+    """All rows: a wave arrives between two slots of its ring, after a delay of whole steps and a fraction."""
+
+    coefficients: Any
+    state: Any
+    leaving: Waves
+    arriving: Waves
+    arriving_before: Waves
+    inputs: Inputs
+    progress: Progress
+    delay_steps: Waves
+    delay_fraction: Waves
+
+
+# rows that the loop itself reads: single ones of the state, first ones of groups
+_BOTH = {
+    "injected": "nozzle.injected",
+    "returned": "cumulative_flows.returned",
+    "supplied": "cumulative_flows.supplied",
+    "sac_pressure": "sac.pressure",
+    "accumulation_pressure": "accumulation.fuel.pressure",
+}
+_STATE = {
+    Actuation.SERVO: _BOTH
+    | {
+        "control_pressure": "control_chamber.fuel.pressure",
+        "return_pressure": "return_line.pressure",
+        "valve_lift": "valve.lift",
+    },
+    # The armature takes the valve's place. There is no control chamber that must refill before the injection has ended,
+    # and no return line: its wave stands still.
+    Actuation.DIRECT: _BOTH
+    | {
+        "control_pressure": "accumulation.fuel.pressure",
+        "return_pressure": "accumulation.fuel.pressure",
+        "valve_lift": "body.z.armature",
+    },
+}
+_DELAYS = {
+    Actuation.SERVO: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.back"},
+    Actuation.DIRECT: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.feed"},
+}
+_LOOP = {
+    **{name: name for name in Working._fields if name not in ("coefficients", "progress")},
+    **{name: f"inputs.{name}" for name in ("cylinder", "since_start", "since_end")},
+    **{name: f"progress.{name}" for name in Progress._fields},
+}
+
+
+def _paths(actuation: Actuation) -> dict[str, str]:
+    """Rows that the loop reads, by the names that it uses."""
+    return _LOOP | {name: f"state.{path}" for name, path in _STATE[actuation].items()} | _DELAYS[actuation]
+
+
+Rows = namedtuple("Rows", ("lanes", *_paths(Actuation.SERVO), "tip", "top", "end"))  # type: ignore[misc]
+
+
+def make_rows(variant: Variant, lanes: int) -> Any:
+    """`Rows` of a variant: the number of lanes, the rows by name, and how many there are."""
+    body, held = wiring(variant).body, MODELS[variant.actuation]
+    choices = (("coefficients", held.Coefficients), ("state", held.State), ("body", body.State))
+    rows = layout_of(Working, choices)
+    ends = (rows.row(f"state.body.{name}") for name in (body.TIP, body.TOP))
+    return Rows(lanes, *map(rows.row, _paths(variant.actuation).values()), *ends, len(rows.paths))  # type: ignore[call-arg]
+
+
+@physics
+def at(rows: Any, row: int, lane: int) -> int:
+    """Index of a row's lane."""
+    return row * rows.lanes + lane
+
+
+RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
+DRIBBLE = 1e-12, 1e-6  # largest injected mass per check that still counts as at rest: [kg], and share of the stroke
+
+
+class Outcome(NamedTuple):
+    """Figures of the simulations of a run, (candidates, points).
+
+    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
+    `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
+    finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
+    a needle on its seat and a SAC that had emptied when the simulation ended.
+    """
+
+    injected: Any
+    returned: Any
+    supplied: Any
+    opening: Any
+    closing: Any
+    greatest_lift: Any
+    absolute: Any
+    squared: Any
+    sound: Any
+    closed_at_start: Any
+    closed_at_end: Any
+    first_closing: Any
+
+
+FIGURE: Any = Outcome._make(range(len(Outcome._fields)))  # where each stands in `out`, (lanes, figures)
+
+
+class Sample(NamedTuple):
+    """Part of a step at which a sample ends, its width [s], target [m³/s] and weight."""
+
+    part: float
+    width: float
+    target: float
+    weight: float
+
+
+class StopRule(NamedTuple):
+    """When a lane ends: the present step, checks at rest that it takes (0: never), and steps between two checks."""
+
+    step: float
+    checks: int
+    every: int
+
+
+@physics
+def crossed(work, rows):  # type: ignore[no-untyped-def]
+    """Lanes whose tip has passed the seat or `CLEAR_LIFT` in this step, upwards or downwards."""
+    count = 0
+    for lane in range(rows.lanes):
+        old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
+        count += int((old <= 0.0) != (new <= 0.0)) + int((old <= CLEAR_LIFT) != (new <= CLEAR_LIFT))
+    return count
+
+
+@physics
+def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
+    """Keep the opening, the first and the last closing, in steps; zero is none.
+
+    The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
+    that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile: the
+    ringing of a closed needle and smaller bounces are neither.
+    """
+    old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
+    injected = work[at(rows, rows.injected, lane)]
+    if old <= 0.0 < new:
+        work[at(rows, rows.injected_at_lift, lane)] = injected
+    if old <= CLEAR_LIFT < new:
+        if work[at(rows, rows.opening, lane)] == 0.0:
+            work[at(rows, rows.opening, lane)] = count - (new - CLEAR_LIFT) / (new - old)
+        work[at(rows, rows.is_open, lane)] = 1.0
+        work[at(rows, rows.last_closing, lane)] = 0.0  # it has not closed for the last time
+    reopened = injected - work[at(rows, rows.injected_at_lift, lane)] > REOPENED * injected
+    counts = work[at(rows, rows.is_open, lane)] > 0.0 or reopened
+    if new <= 0.0 < old and work[at(rows, rows.opening, lane)] > 0.0 and counts:
+        work[at(rows, rows.last_closing, lane)] = count - new / (new - old)
+        if work[at(rows, rows.first_closing, lane)] == 0.0:
+            work[at(rows, rows.first_closing, lane)] = work[at(rows, rows.last_closing, lane)]
+        work[at(rows, rows.is_open, lane)] = 0.0
+
+
+@physics
+def set_densities(work, rows, candidates, points, density):  # type: ignore[no-untyped-def]
+    """Keep the density that makes a volume of each lane's samples; one row of `density` holds for all candidates."""
+    for lane in range(rows.lanes):
+        candidate = candidates[lane] if density.shape[0] > 1 else 0
+        work[at(rows, rows.density, lane)] = density[candidate, points[lane]]
+
+
+@physics
+def set_horizons(work, rows, points, steps, earliest_end):  # type: ignore[no-untyped-def]
+    """Keep the number of each lane's steps, and the first one at which its injection may have ended."""
+    for lane in range(rows.lanes):
+        work[at(rows, rows.steps, lane)] = steps[points[lane]]
+        work[at(rows, rows.earliest_end, lane)] = earliest_end[points[lane]]
+
+
+@physics
+def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
+    """Take the `Sample` that ends in the last step, and add up its misfit, by volume as the target."""
+    for lane in range(rows.lanes):
+        start = work[at(rows, rows.injected_before, lane)]
+        here = start + due.part * (work[at(rows, rows.injected, lane)] - start)
+        # a division: the compiler contracts a product and a difference in some lanes and not in others
+        gain, density = here - work[at(rows, rows.injected_at_sample, lane)], work[at(rows, rows.density, lane)]
+        error = gain / (due.width * density) - due.target
+        counts = 0.0 if first else due.weight
+        work[at(rows, rows.absolute, lane)] += counts * abs(error)
+        work[at(rows, rows.squared, lane)] += counts * error * error
+        work[at(rows, rows.injected_at_sample, lane)] = here
+
+
+@physics
+def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
+    """Report lanes that have ended; true once every lane has.
+
+    A lane ends when it has failed or, by a `StopRule`, when needle and valve have rested for that many checks and for
+    longer than a bouncing one touches its seat: what its neighbours do after that does not change its figures.
+    """
+    ended = 0
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.has_ended, lane)] == 0.0:
+            mass = work[at(rows, rows.injected, lane)]
+            gain = mass - work[at(rows, rows.injected_at_check, lane)]
+            work[at(rows, rows.injected_at_check, lane)] = mass
+            rests = rule.step >= work[at(rows, rows.earliest_end, lane)] and is_at_rest(work, rows, lane)
+            still = rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
+            checks = work[at(rows, rows.checks_at_rest, lane)] + 1.0 if still else 0.0
+            work[at(rows, rows.checks_at_rest, lane)] = checks
+            enough = checks > rule.checks and checks * rule.every > work[at(rows, rows.longest_contact, lane)]
+            if (rule.checks > 0 and enough) or not _is_sound(work, rows, lane):
+                _report(work, rows, lane, out)
+                work[at(rows, rows.has_ended, lane)] = 1.0
+        if work[at(rows, rows.has_ended, lane)] != 0.0:
+            ended += 1
+    return ended == rows.lanes
+
+
+@physics
+def is_at_rest(work, rows, lane):  # type: ignore[no-untyped-def]
+    """True for a needle on its seat with an empty SAC, a closed valve and a control chamber that has refilled.
+
+    A needle that has closed on a valve still in motion, or on a chamber that has not refilled, may open again.
+    """
+    recovered = RECOVERED * work[at(rows, rows.accumulation_pressure, lane)]
+    refilled = work[at(rows, rows.control_pressure, lane)] > recovered
+    return needle_rests(work, rows, lane) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and refilled
+
+
+@physics
+def needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
+    """True for a needle on its seat and a SAC that has emptied."""
+    excess = work[at(rows, rows.sac_pressure, lane)] - work[at(rows, rows.cylinder, lane)]
+    return work[at(rows, rows.tip, lane)] <= 0.0 and excess < RELAXED
+
+
+@physics
+def _is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
+    """True for a state that is finite and inside its stops."""
+    return (
+        abs(work[at(rows, rows.tip, lane)]) < work[at(rows, rows.farthest_lift, lane)]
+        and abs(work[at(rows, rows.top, lane)]) < work[at(rows, rows.farthest_lift, lane)]
+        and abs(work[at(rows, rows.injected, lane)]) < 1.0
+        and abs(work[at(rows, rows.sac_pressure, lane)]) < 1e10
+    )
+
+
+@physics
+def _instant(work, rows, row, lane):  # type: ignore[no-untyped-def]
+    """A recorded instant in steps; NaN where there was none."""
+    return work[at(rows, row, lane)] if work[at(rows, row, lane)] > 0.0 else np.nan
+
+
+@physics
+def _report(work, rows, lane, out):  # type: ignore[no-untyped-def]
+    """Write the figures of a lane, (lanes, figures)."""
+    out[lane, FIGURE.injected] = work[at(rows, rows.injected, lane)]
+    out[lane, FIGURE.returned] = work[at(rows, rows.returned, lane)]
+    out[lane, FIGURE.supplied] = work[at(rows, rows.supplied, lane)]
+    out[lane, FIGURE.opening] = _instant(work, rows, rows.opening, lane)
+    out[lane, FIGURE.closing] = _instant(work, rows, rows.last_closing, lane)
+    out[lane, FIGURE.first_closing] = _instant(work, rows, rows.first_closing, lane)
+    out[lane, FIGURE.greatest_lift] = work[at(rows, rows.greatest_lift, lane)]
+    out[lane, FIGURE.absolute] = work[at(rows, rows.absolute, lane)]
+    out[lane, FIGURE.squared] = work[at(rows, rows.squared, lane)]
+    out[lane, FIGURE.sound] = 1.0 if _is_sound(work, rows, lane) else 0.0
+    out[lane, FIGURE.closed_at_end] = 1.0 if needle_rests(work, rows, lane) else 0.0
+
+
+@physics
+def report_ended(work, rows, count, out):  # type: ignore[no-untyped-def]
+    """Report lanes that have run to their horizon, after `count` steps, and had not ended before."""
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.steps, lane)] <= count and work[at(rows, rows.has_ended, lane)] == 0.0:
+            _report(work, rows, lane, out)
+            work[at(rows, rows.has_ended, lane)] = 1.0
+
+
+@physics
+def report_remaining(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
+    """Write the figures of all lanes that have not ended, at the given cylinder pressure."""
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.has_ended, lane)] == 0.0:
+            work[at(rows, rows.cylinder, lane)] = cylinder
+            _report(work, rows, lane, out)
+
+
+@physics
+def next_horizon(work, rows, count):  # type: ignore[no-untyped-def]
+    """Number of steps, above `count`, after which a lane reaches its horizon; the last one's where all have."""
+    following = work[at(rows, rows.steps, 0)]
+    for lane in range(rows.lanes):
+        steps = work[at(rows, rows.steps, lane)]
+        if steps > count and (steps < following or following <= count):
+            following = steps
+    return following
+
+
+@physics
+def record(work, rows, trace):  # type: ignore[no-untyped-def]
+    """Copy state and leaving waves into a trace, (rows, lanes that are kept); of one row, the mass injected alone."""
+    first = rows.injected if trace.shape[0] == 1 else rows.state
+    for row in range(trace.shape[0]):
+        for lane in range(trace.shape[1]):
+            trace[row, lane] = work[at(rows, first + row, lane)]

@@ -1,0 +1,213 @@
+"""Boundary conditions of operating points as the fast engines take them: `Courses`, made from points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, Ints
+from commonrail.base.choices import Drive
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine.feed import NEVER
+from commonrail.engine.job import Courses
+from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.physics.injector import Injector
+
+# Boundary courses and the drive's schedule against time, for the reference.
+
+
+class Segment(NamedTuple):
+    """A stretch of time [s] in which the schedule does not change: energised, and in the peak phase (1 or 0)."""
+
+    start: float
+    stop: float
+    on: float
+    peak: float
+
+
+def courses(point: OperatingPoint) -> tuple[Course, Course, Course, Course]:
+    """Rail, cylinder and return pressure [Pa] and the drive's trace, zero if there is none."""
+    drive: Course = 0.0 if point.drive is None else point.drive
+    return point.rail_pressure, point.cylinder_pressure, point.return_pressure, drive
+
+
+def value_at(course: Course, t: float) -> float:
+    """Value of a course at a time [s]."""
+    return float(np.interp(t, course.time, course.value)) if isinstance(course, Trace) else course
+
+
+def knots(point: OperatingPoint) -> Floats:
+    """Times [s] at which the slope of a course may change."""
+    return np.array([t for course in courses(point) if isinstance(course, Trace) for t in course.time])
+
+
+def segments(point: OperatingPoint, peak_duration: float, start: float, stop: float) -> Sequence[Segment]:
+    """The schedule from `start` to `stop` [s], peak phases `peak_duration` [s] long."""
+    edges = {start, stop}
+    for pulse in point.pulses:
+        edges |= {pulse.start, pulse.start + pulse.duration, pulse.start + min(peak_duration, pulse.duration)}
+    inside = sorted(e for e in edges if start <= e <= stop)
+    return [Segment(a, b, *_schedule(point, peak_duration, 0.5 * (a + b))) for a, b in pairwise(inside)]
+
+
+def _schedule(point: OperatingPoint, peak_duration: float, t: float) -> tuple[float, float]:
+    for pulse in point.pulses:
+        if pulse.start <= t < pulse.start + pulse.duration:
+            return 1.0, float(t < pulse.start + peak_duration)
+    return 0.0, 0.0
+
+
+CHECK_AFTER = 100e-6  # earliest time after energising at which an injection may have ended [s]
+MAXIMUM_STEPS = 2_000_000
+ALMOST_ALL = 1.0 - 1e-9  # share of a step in which an energising must begin to count as begun in it
+_IDLE = -1.0  # clocks of a point without energisings [s]
+
+
+def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Courses:
+    """Boundary conditions of points.
+
+    Parameters
+    ----------
+    injector, points, dt
+        As in `plan.prepare`.
+
+    Raises
+    ------
+    ConfigurationError
+        If a point has too many steps, or no trace for a drive that needs one.
+    """
+    steps = np.array([_steps(point, dt) for point in points])
+    pulses = [point.pulses for point in points]
+    own_start = [point.start if its else None for point, its in zip(points, pulses, strict=True)]
+    starts = list(dict.fromkeys(own_start))
+    after = dt * np.arange(int(steps.max()))
+    times = np.array([after * 0.0 + _IDLE if start is None else start + after for start in starts])
+    row_of = {start: row for row, start in enumerate(starts)}
+    clock = np.array([row_of[start] for start in own_start])
+    count = np.array([max(len(its), 1) for its in pulses])
+    flat = np.array([pulse for its in pulses for pulse in its or [(0.0, 0.0)]])
+    first, turns, origins = _turns(np.stack([flat[:, 0], flat[:, 0] + flat[:, 1]]), count, (clock, steps), times, dt)
+    traced = [i for i, point in enumerate(points) if _is_traced(injector, point)]
+    trace, traces = np.full(len(points), -1), np.zeros((len(traced), len(after) if traced else 0, 4))
+    for row, i in enumerate(traced):
+        trace[i], traces[row] = row, _means(points[i], dt, int(steps[i]), len(after))
+    return Courses(
+        settings=np.array([point.initial_pressures() for point in points]),
+        steps=steps,
+        earliest_end=np.array([_earliest_end(point, dt) for point in points]),
+        times=times,
+        clock=clock,
+        first=first,
+        turns=turns,
+        origins=origins,
+        trace=trace,
+        traces=traces,
+    )
+
+
+def _steps(point: OperatingPoint, dt: float) -> int:
+    steps = max(round(point.duration / dt), 1)
+    if steps > MAXIMUM_STEPS:
+        raise ConfigurationError(
+            f"{point.duration:g} s in steps of {dt:g} s are {steps} steps; at most {MAXIMUM_STEPS} are allowed."
+        )
+    return steps
+
+
+def _earliest_end(point: OperatingPoint, dt: float) -> int:
+    last = max((p.start + p.duration for p in point.pulses), default=point.start)
+    if point.drive is not None:
+        last = max(last, point.drive.time[-1])
+    return round((last - point.start + CHECK_AFTER) / dt)
+
+
+def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt: float) -> tuple[Ints, Ints, Floats]:
+    """Places of the points' first turns, and steps and origins of all turns, as in `Courses`.
+
+    Parameters
+    ----------
+    pulses : (2, energisings)
+        Starts and ends [s], those of each point in order; a point without any has one that does not matter.
+    count : (points,) int
+        Energisings of each point.
+    at : ((points,), (points,)) of int
+        Row of the times, and number of steps.
+    times : (clocks, steps)
+        [s].
+    dt : float
+        [s].
+    """
+    point, place = np.repeat(np.arange(len(count)), count), np.arange(pulses.shape[1])
+    ordinal, row = place - (np.cumsum(count) - count)[point], at[0][point]
+    step = np.zeros(len(place), np.int64)
+    for i, own in enumerate(times):
+        step[row == i] = np.searchsorted(own + dt * ALMOST_ALL, pulses[0, row == i], side="right")
+    step[ordinal == 0] = 0
+    following = np.append(np.where(point[1:] == point[:-1], step[1:], NEVER), NEVER)
+    kept = (step < following) & (step < at[1][point])  # of several that begin in one step the last counts
+    now = times[row, np.minimum(step, times.shape[1] - 1)]
+    since = np.stack([now - pulses[0] + _still_on(pulses, ordinal, now, dt), now - pulses[1]])
+    each = np.bincount(point[kept], minlength=len(count)) + 1  # and one turn that never comes
+    first = np.cumsum(each) - each
+    where = first[point[kept]] + np.arange(int(kept.sum())) - (np.cumsum(each - 1) - (each - 1))[point[kept]]
+    turns, origins = np.full(int(each.sum()), NEVER), np.zeros((int(each.sum()), 4))
+    turns[where], origins[where] = step[kept], np.concatenate([pulses, since]).T[kept]
+    return first, turns, origins
+
+
+def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
+    """Time [s] for which earlier energisings still last in the step in which each one counts as begun.
+
+    A step that sees one energising end and the next begin is energised for as long as both together: the next counts
+    as begun so much earlier.
+
+    Parameters
+    ----------
+    pulses : (2, energisings)
+        Starts and ends [s].
+    ordinal : (energisings,) int
+        Number of earlier ones of the same point.
+    now : (energisings,)
+        Start of that step [s].
+    dt : float
+        [s].
+    """
+    lasting = np.zeros(len(now))
+    for back in range(int(ordinal.max()), 0, -1):
+        start, end = (np.concatenate([np.zeros(back), edge[:-back]]) for edge in pulses)
+        on = np.minimum(end, now + dt) - np.maximum(start, now)
+        lasting += np.where(ordinal >= back, np.maximum(on, 0.0), 0.0)
+    return lasting
+
+
+def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
+    """True if a pressure changes with time, or a trace drives the injector."""
+    driven = injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
+    if driven and point.drive is None:
+        raise ConfigurationError(
+            f"{injector.name} is driven by a {injector.variant.drive.value}, but the operating point gives none; "
+            "add its file, or set the injector's drive to regulated or pwm."
+        )
+    return driven or any(isinstance(pressure, Trace) for pressure in courses(point)[:3])
+
+
+def _means(point: OperatingPoint, dt: float, steps: int, length: int) -> Floats:
+    """Means of a traced point over its steps, (length, 4); its last ones stay behind its end.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+    dt : float
+        [s].
+    steps, length : int
+        Steps of the point, and rows.
+    """
+    begin: Floats = np.asarray(point.start + dt * np.arange(steps), float)
+    means = np.empty((length, 4))
+    for i, course in enumerate(courses(point)):
+        means[:steps, i] = course.mean(begin, np.asarray(begin + dt)) if isinstance(course, Trace) else course
+    means[steps:] = means[steps - 1]
+    return means

@@ -1,0 +1,1 @@
+"""Simulation in steps of a caller, with inputs that change between them."""

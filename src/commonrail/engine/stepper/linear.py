@@ -1,0 +1,221 @@
+"""Linear model of the coming sample, by central differences in every number that the step reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Actuation, Boundary
+from commonrail.engine.stepper.inputs import COLUMNS
+from commonrail.engine.stepper.loop import Loop
+from commonrail.physics.flow.volume import contents
+from commonrail.physics.model import Waves
+from commonrail.physics.variants import Variant
+
+# Rows that are no state of the linear model: sums that nothing reads, the PWM's transistor, which jumps, and what
+# follows from the density in a volume. The density is one beside the mass, because the volume moves with its walls.
+_SUMS = ("nozzle.injected", "cumulative_flows.returned", "cumulative_flows.supplied", "drive.conducting")
+_OF_DENSITY = ("pressure", "stiffness")
+# Differences by the end of a name: absolute [SI], and relative to the value.
+_STEPS = {
+    "mass": (0.0, 1e-5),
+    "density": (0.0, 1e-5),
+    "pressure": (1e3, 0.0),
+    "pressure_before": (1e3, 0.0),
+    "cavity": (1e-11, 0.0),
+    "flow": (1e-6, 0.0),
+    "flux": (1e-10, 1e-7),
+    "velocity": (1e-5, 0.0),
+    "v": (1e-5, 0.0),
+    "v_before": (1e-5, 0.0),
+    "z": (1e-9, 0.0),
+    "lift": (1e-9, 0.0),
+    "lift_reached": (1e-9, 0.0),
+    "waves": (1e3, 0.0),
+    "voltage": (1e-3, 0.0),
+    "current": (1e-4, 0.0),
+}
+KINK = 0.01  # share by which slopes to both sides may differ before a state is named
+
+
+class Operation(NamedTuple):
+    """State that is linearised, and how to continue from one like it.
+
+    Attributes
+    ----------
+    loop : Loop
+    memory : (numbers,)
+    ring : int
+        Slots of a ring of waves.
+    steps : int
+        Taken so far.
+    inputs : (steps of a sample, 6)
+    march : function (memory, inputs)
+    outputs : function (memory, inputs) -> mapping
+        Outputs after a march, by name.
+    coefficients, variant
+        Of the injector.
+    """
+
+    loop: Loop
+    memory: Floats
+    ring: int
+    steps: int
+    inputs: Floats
+    march: Callable[[Floats, Floats], None]
+    outputs: Callable[[Floats, Floats], Mapping[str, float]]
+    coefficients: Any
+    variant: Variant
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Linear model in deviations from the simulated course of one sample.
+
+    Attributes
+    ----------
+    a, b, c, d : matrices
+        x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k); y(k) belongs to the sample that u(k) drives.
+    errors : dict of str to matrix
+        Estimated error of each matrix "a", "b", "c", "d": a third of the change when all differences double, and half
+        the jump of the slope at the state itself.
+    states, inputs, outputs : tuple of str
+        Names of rows and columns. Waves in the pipes are states ``waves.down[-3]``: what left three steps ago.
+    sample : float
+        [s].
+    kinks : tuple of str
+        States and inputs whose difference bends a state or an output by more than 1 % of the largest move that any of
+        the differences gives it: a seat, a stop or a vapour pressure is there, and the linear model holds to one side
+        only. What hardly moves anything is not named; `errors` have its jump.
+    """
+
+    a: Floats
+    b: Floats
+    c: Floats
+    d: Floats
+    errors: dict[str, Floats]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    sample: float
+    kinks: tuple[str, ...]
+
+    def respond(self, inputs: Floats) -> Floats:
+        """Outputs (samples, outputs) of the linear model, from zero, to inputs (samples, inputs)."""
+        x, found = np.zeros(len(self.states)), np.empty((len(inputs), len(self.outputs)))
+        for k, u in enumerate(np.asarray(inputs, float)):
+            found[k] = self.c @ x + self.d @ u
+            x = self.a @ x + self.b @ u
+        return found
+
+
+class _Coordinate(NamedTuple):
+    """A number that is changed: its name, its place in the memory or column of the inputs, and the difference."""
+
+    name: str
+    at: int
+    step: float
+
+
+def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearModel:
+    """Linear model of a sample.
+
+    Parameters
+    ----------
+    o : Operation
+    dt : float
+        Time step [s].
+    inputs, outputs : tuple of str
+    """
+    states = _states(o, o.steps)
+    after = [one.at for one in _states(o, o.steps + len(o.inputs))]
+    driven = [_Coordinate(name, COLUMNS[name], _difference(name, 0.0)) for name in inputs]
+
+    def course(change: float, of: _Coordinate, is_input: bool) -> Floats:
+        memory, u = o.memory.copy(), o.inputs.copy()
+        if is_input:
+            u[:, of.at] += change
+        else:
+            _set(memory, o, of, memory[of.at] + change)
+        o.march(memory, u)
+        found = dict(o.outputs(memory, u[-1]))
+        gain = memory[o.loop.rows.injected] - o.memory[o.loop.rows.injected]
+        found["mass_rate"] = float(gain) / (len(u) * dt)
+        return np.concatenate([memory[after], [found[name] for name in outputs]])
+
+    middle = course(0.0, states[0], False)
+    columns, errors, bends = [], [], []
+    for is_input, coordinates in ((False, states), (True, driven)):
+        for one in coordinates:
+            up, down, high, low = (course(k * one.step, one, is_input) for k in (1.0, -1.0, 2.0, -2.0))
+            near, far = (up - down) / (2.0 * one.step), (high - low) / (4.0 * one.step)
+            bend = up - 2.0 * middle + down  # change of slope times the difference
+            # A smooth bend is four times as large over twice the difference, and does not touch a central difference.
+            jump = np.abs(4.0 * bend - (high - 2.0 * middle + low)) / (2.0 * one.step)
+            columns.append((4.0 * near - far) / 3.0)
+            errors.append(np.abs(near - far) / 3.0 + 0.5 * jump)
+            bends.append(np.abs(bend))
+    coordinates = [*states, *driven]
+    n = len(states)
+    slopes, wrong = np.array(columns).T, np.array(errors).T
+    return LinearModel(
+        *_parts(slopes, n),
+        dict(zip("abcd", _parts(wrong, n), strict=True)),
+        tuple(one.name for one in states),
+        inputs,
+        outputs,
+        len(o.inputs) * dt,
+        _kinks(coordinates, slopes, np.array(bends).T),
+    )
+
+
+def _parts(whole: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
+    return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
+
+
+def _kinks(coordinates: list[_Coordinate], slopes: Floats, bends: Floats) -> tuple[str, ...]:
+    """Names of the coordinates in which a difference bends an output by more than `KINK` of what it moves it."""
+    moved = np.abs(slopes) * np.array([one.step for one in coordinates])
+    scale = np.maximum(moved.max(axis=1, keepdims=True), np.finfo(float).tiny)
+    worst = np.max(bends / scale, axis=0)
+    return tuple(one.name for one, share in zip(coordinates, worst, strict=True) if share > KINK)
+
+
+def _states(o: Operation, steps: int) -> list[_Coordinate]:
+    """Coordinates of the state after so many steps: rows, and the slots of the rings that are still to arrive."""
+    first, found = o.loop.rows.state, []
+    ideal = o.variant.boundary is Boundary.IDEAL
+    for i, path in enumerate(o.loop.state):
+        volume, _, field = path.rpartition(".")
+        follows = field in _OF_DENSITY and f"{volume}.density" in o.loop.state
+        if not (follows or path in _SUMS or (ideal and path.startswith("rail."))):
+            found.append(_Coordinate(path, first + i, _difference(path, o.memory[first + i])))
+    for wave, name in enumerate(Waves._fields[: 2 if o.variant.actuation is Actuation.DIRECT else 3]):
+        start = o.loop.rows.end + wave * o.ring
+        for ago in range(1, int(o.memory[o.loop.rows.delay_steps + wave]) + 2):
+            at = start + ((steps - ago) & (o.ring - 1))
+            found.append(_Coordinate(f"waves.{name}[-{ago}]", at, _difference("waves", 0.0)))
+    return found
+
+
+def _difference(name: str, value: float) -> float:
+    parts = name.split(".")
+    known = next((_STEPS[part] for part in reversed(parts) if part in _STEPS), None)
+    if known is None:
+        known = next(step for part, step in _STEPS.items() if parts[-1].endswith(part))
+    absolute, relative = known
+    return max(absolute, relative * abs(float(value)))
+
+
+def _set(memory: Floats, o: Operation, of: _Coordinate, value: float) -> None:
+    """Write a number, and with the density in a volume what follows from it."""
+    memory[of.at] = value
+    if of.name.endswith(".density"):
+        found = contents(o.coefficients.fuel, value, 1.0)  # as if one cubic metre held it
+        for field in _OF_DENSITY:
+            row = o.loop.state.index(f"{of.name.removesuffix('density')}{field}")
+            memory[o.loop.rows.state + row] = getattr(found, field)

@@ -1,0 +1,335 @@
+"""An injector that its caller steps: for control design, co-simulation, and hardware beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import Quantity, flag, instance, number
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Actuation, Boundary
+from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.engine.operating_point import LONGEST, OperatingPoint
+from commonrail.engine.plan import coefficients_at
+from commonrail.engine.solution import all_channels
+from commonrail.engine.status import Status
+from commonrail.engine.stepper.inputs import COLUMNS, CoursePlan, Held, names_of, refuse_pressures, traced_input
+from commonrail.engine.stepper.linear import LinearModel, Operation, linearise
+from commonrail.engine.stepper.loop import Loop, make_loop
+from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step, step_advice
+from commonrail.physics.injector import Injector
+from commonrail.physics.reads import COMMAND, RAIL, RETURN, reader_of, unread_inputs
+
+# State of a stepper that its caller keeps.
+
+
+class Kept(NamedTuple):
+    """State of a `Stepper` at one instant: steps taken, memory of the loop, inputs that are held."""
+
+    steps: int
+    memory: Floats
+    held: Held
+
+
+def refuse_damaged(kept: Kept) -> None:
+    """Refuse a state that no `save` returns: one with other kinds of content, or with numbers that are not finite."""
+    memory = np.asarray(kept.memory)
+    sound = memory.dtype == np.float64 and isinstance(kept.held, Held) and isinstance(kept.steps, int)
+    if not (sound and kept.steps >= 0 and np.isfinite(memory).all()):
+        raise ConfigurationError(
+            "The state is damaged: it holds numbers that are not finite, or other content than a state of save; "
+            "restore one that save returned, unchanged."
+        )
+
+
+ROUNDING = 1e-6  # relative difference from a whole number of time steps that counts as rounding
+_UNITS = {"voltage": "V", "current": "A"}  # of the inputs; the others are pressures
+_CLOSED = ("tip", "valve_lift")  # rows that are below zero while needle and valve rest on their seats
+_PRESSURES = {
+    "control_pressure": "control_chamber.fuel.pressure",
+    "accumulation_pressure": "accumulation.fuel.pressure",
+    "sac_pressure": "sac.pressure",
+    "return_pressure": "return_line.pressure",
+}
+
+
+class Stepper:
+    """One injector at rest, to be stepped by its caller.
+
+    It runs the loop of `simulate` with the same time step: stepped through an operating point it gives the same
+    values, but for rounding.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+        Its initial pressures set the state at rest; its energisings, and pressures and drive that are traces, are
+        followed until the caller gives others. For an injector driven by a voltage or current its trace may be
+        missing: the coil is then without, until the caller gives it.
+    time_step : float or str
+        Inner time step [s], or text such as ``"1 us"``.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of the wrong kind or beyond its limits.
+    SimulationError
+        If needle or valve do not rest on their seats, or the time step is too long for the injector.
+
+    Examples
+    --------
+    >>> import commonrail as cr
+    >>> s = cr.Stepper(cr.load_injector("virtual-lino-2016"), cr.OperatingPoint("160 MPa", "700 us"))
+    >>> while s.time < 500e-6:
+    ...     out = s.step("10 us")
+    >>> out["needle_lift"] > 50e-6
+    True
+    """
+
+    def __init__(self, injector: Injector, point: OperatingPoint, time_step: Quantity = DEFAULT_STEP) -> None:
+        self.injector = instance(injector, Injector, "injector")
+        self.time_step = check_step(time_step)
+        self._variant = injector.wired()
+        self._plan = CoursePlan(injector, instance(point, OperatingPoint, "point"), self.time_step)
+        prepared = self._plan.prepared
+        self._theta = prepared.row[None]
+        self._ring = self._plan.ring
+        self._loop: Loop = make_loop(self._variant)
+        self._coefficients = coefficients_at(injector, prepared.points[0], self.time_step)
+        self._settings = np.array([*prepared.courses.settings[0], self.time_step])
+        self._refuse_long_steps()
+        self.reset()
+
+    def _refuse_long_steps(self) -> None:
+        longest = longest_step(self.injector, self._theta[0], self._plan.prepared.medium)
+        if self.time_step > longest:
+            raise SimulationError(
+                f"{self.injector.name}: {Status.STEP_UNSTABLE.sentence} {step_advice(longest)}",
+            )
+
+    def reset(self) -> None:
+        """Return to rest at the time and the pressures of the operating point's start."""
+        self._steps, self._held = 0, Held()
+        self._memory = np.zeros(self._loop.size(self._ring))
+        self._march(self._memory, np.empty((0, 6)))
+        rows = self._loop.rows
+        if not all(self._memory[getattr(rows, name)] < 0.0 for name in _CLOSED):
+            raise SimulationError(f"{self.injector.name}: {Status.NOT_CLOSED_AT_START.sentence}")
+
+    @property
+    def time(self) -> float:
+        """Instant reached [s]."""
+        return float(self._plan.instants(self._steps, 1)[0])
+
+    @property
+    def states(self) -> dict[str, float]:
+        """State by dotted name, SI."""
+        first = self._loop.rows.state
+        return {name: float(self._memory[first + i]) for i, name in enumerate(self._loop.state)}
+
+    @property
+    def channels(self) -> dict[str, float]:
+        """Channels of a `Solution` at this instant, SI, by name."""
+        return self._channels(self._memory, self._inputs(max(self._steps - 1, 0), 1)[0])
+
+    def step(
+        self,
+        duration: Quantity,
+        *,
+        command: bool | None = None,
+        rail_pressure: Quantity | None = None,
+        cylinder_pressure: Quantity | None = None,
+        return_pressure: Quantity | None = None,
+        voltage: Quantity | None = None,
+        current: Quantity | None = None,
+    ) -> dict[str, float]:
+        """Advance the injector.
+
+        What is given holds from now on, until another value is given.
+
+        Parameters
+        ----------
+        duration : float or str
+            [s]; a whole number of time steps.
+        command : bool, optional
+            True energises the coil from now on, False ends it; the operating point's energisings are then ignored.
+        rail_pressure, cylinder_pressure, return_pressure : float or str, optional
+            [Pa]. The rail's counts at the inlet of an ideal rail only.
+        voltage, current : float or str, optional
+            [V], [A] of an injector whose drive is a voltage or a current trace.
+
+        Returns
+        -------
+        outputs : dict of str to float
+            "time" [s]; "mass_rate", the mean of this call [kg/s]; "injected_mass" and "returned_mass" since the start
+            [kg]; then `channels`.
+
+        Raises
+        ------
+        ConfigurationError
+            If the duration is no whole number of time steps, or an input is beyond its limits or not one of this
+            injector's; the state is then unchanged.
+        SimulationError
+            If the simulation fails; the state is then that of before the call.
+        """
+        count = self._count(duration)
+        given = {
+            "rail_pressure": rail_pressure,
+            "cylinder_pressure": cylinder_pressure,
+            "return_pressure": return_pressure,
+            "voltage": voltage,
+            "current": current,
+        }
+        held = self._holding({name: value for name, value in given.items() if value is not None}, command)
+        inputs = self._inputs(self._steps, count, held)
+        refuse_pressures(self.injector, inputs)
+        memory = self._memory.copy()
+        self._march(memory, inputs)
+        self._refuse_failed(memory)
+        before = self._memory[self._loop.rows.injected]
+        self._memory, self._held, self._steps = memory, held, self._steps + count
+        injected, returned = memory[self._loop.rows.injected], memory[self._loop.rows.returned]
+        return {
+            "time": self.time,
+            "mass_rate": float(injected - before) / (count * self.time_step),
+            "injected_mass": float(injected),
+            "returned_mass": float(returned),
+            **self._channels(memory, inputs[-1]),
+        }
+
+    def save(self) -> Kept:
+        """Return a copy of the state, for `restore`."""
+        return Kept(self._steps, self._memory.copy(), self._held.copy())
+
+    def restore(self, kept: Kept) -> None:
+        """Return to a state of `save`, of this stepper or of one of the same injector, pressures and time step.
+
+        Parameters
+        ----------
+        kept : Kept
+
+        Raises
+        ------
+        ConfigurationError
+            If it is of another kind, of a stepper with another memory, or holds what no `save` returns, such as NaN.
+        """
+        instance(kept, Kept, "state")
+        if np.shape(kept.memory) != self._memory.shape:
+            raise ConfigurationError(
+                "The state is of a stepper with another wiring, pipe or time step; make one of the same to restore it."
+            )
+        refuse_damaged(kept)
+        self._steps, self._memory, self._held = kept.steps, kept.memory.copy(), kept.held.copy()
+
+    def linearise(
+        self, sample: Quantity, inputs: Sequence[str] = ("rail_pressure",), outputs: Sequence[str] = ("mass_rate",)
+    ) -> LinearModel:
+        """Linearise the coming sample at the present state: x' = A x + B u, y = C x + D u in deviations.
+
+        Parameters
+        ----------
+        sample : float or str
+            Sampling interval of the linear model [s]; a whole number of time steps.
+        inputs : sequence of str
+            Of "rail_pressure", "cylinder_pressure", "return_pressure", "voltage", "current".
+        outputs : sequence of str
+            Of "mass_rate" (mean over the sample) and the names of `channels` (at its end).
+
+        Raises
+        ------
+        ConfigurationError
+            If a name is unknown or not one of this injector's, or the names are no list.
+        """
+        count = self._count(sample)
+        inputs = names_of(inputs, tuple(COLUMNS), "input")
+        for name in inputs:
+            self._refuse_foreign(name)
+        outputs = names_of(outputs, ("mass_rate", *self.channels), "output")
+        operation = Operation(
+            self._loop,
+            self._memory,
+            self._ring,
+            self._steps,
+            self._inputs(self._steps, count),
+            self._march,
+            lambda memory, u: {"mass_rate": 0.0, **self._channels(memory, u)},
+            self._coefficients,
+            self._variant,
+        )
+        return linearise(operation, self.time_step, inputs, outputs)
+
+    def _count(self, duration: Quantity) -> int:
+        seconds = number(duration, "s", "duration of a step")
+        if seconds > LONGEST:
+            raise ConfigurationError(
+                f"The duration of a step must be at most {LONGEST:g} s, and {seconds:g} s was given; take several."
+            )
+        steps = seconds / self.time_step
+        count = round(steps)
+        if count < 1 or abs(steps - count) > ROUNDING * count:
+            raise ConfigurationError(
+                f"The duration must be a whole number of time steps of {self.time_step * 1e6:g} us, "
+                f"and {seconds * 1e6:g} us is {steps:.4g} of them."
+            )
+        return count
+
+    def _refuse_foreign(self, name: str) -> None:
+        """Refuse an input that this injector has not."""
+        if name in _UNITS and name != traced_input(self.injector):
+            raise ConfigurationError(
+                f"{self.injector.name} has a {self._variant.drive.value} drive, which takes no {name}; give "
+                f'command, or set the drive of the injector to "{name} trace".'
+            )
+        if name == RETURN and name in unread_inputs(self._variant):
+            raise ConfigurationError(f"{self.injector.name} is a direct injector, without a return: omit {name}.")
+        if name == COMMAND and name in unread_inputs(self._variant):
+            raise ConfigurationError(
+                f"{self.injector.name} is driven by a {self._variant.drive.value} and does not read a command; give "
+                f"{traced_input(self.injector)}, or take {reader_of(COMMAND)}."
+            )
+        if name == RAIL and name in unread_inputs(self._variant):
+            raise ConfigurationError(
+                f"{self.injector.name} is fed from a rail volume, whose pressure is simulated; set rail_boundary to "
+                '"ideal" to give it.'
+            )
+
+    def _holding(self, given: dict[str, Any], command: bool | None) -> Held:
+        """Inputs that are held from now on."""
+        held = self._held.copy()
+        for name, value in given.items():
+            self._refuse_foreign(name)
+            held.values[COLUMNS[name]] = number(value, _UNITS.get(name, "Pa"), name.replace("_", " "))
+        if command is not None:
+            self._refuse_foreign(COMMAND)
+            planned = self._plan.inputs(self._steps, 1)[0]
+            lasts = planned[4] if planned[4] >= 0.0 > planned[5] else -1.0
+            held.command(flag(command, "command"), self.time, float(lasts))
+        return held
+
+    def _inputs(self, first: int, count: int, held: Held | None = None) -> Floats:
+        inputs = self._plan.inputs(first, count)
+        (held or self._held).apply(inputs, self._plan.instants(first, count))
+        return inputs
+
+    def _march(self, memory: Floats, inputs: Floats) -> None:
+        """Take a memory on from the present step, or put it to rest where there are no inputs."""
+        self._loop.march(memory, self._ring, self._steps, self._theta, self._settings, inputs)
+
+    def _refuse_failed(self, memory: Floats) -> None:
+        rows = self._loop.rows
+        state = memory[rows.state : rows.leaving]
+        if not np.isfinite(state).all():
+            raise SimulationError(f"{self.injector.name}: {Status.NOT_FINITE.sentence}")
+        if max(abs(memory[rows.tip]), abs(memory[rows.top])) > memory[rows.farthest_lift]:
+            raise SimulationError(f"{self.injector.name}: {Status.RAN_AWAY.sentence}")
+
+    def _channels(self, memory: Floats, u: Floats) -> dict[str, float]:
+        first = self._loop.rows.state
+        states = {name: memory[first + i : first + i + 1] for i, name in enumerate(self._loop.state)}
+        pressures = {name: states[path] for name, path in _PRESSURES.items() if path in states}
+        volume = self._variant.boundary is Boundary.VOLUME and self._variant.actuation is Actuation.SERVO
+        pressures["rail_pressure"] = states["rail.pressure"] if volume else u[:1]
+        channels = all_channels(self._coefficients, self._variant, states, pressures)
+        return {name: float(values[0]) for name, values in channels.items()}

@@ -1,1 +1,0 @@
-"""Injectors of one type: what parts have in common, and the model of a new part from it."""

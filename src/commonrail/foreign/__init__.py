@@ -1,1 +1,0 @@
-"""Foreign FMUs as models: their parameters calibrated to measured curves and values."""

@@ -1,1 +1,0 @@
-"""Injection curves (EVI): measured rate of injection at one operating point."""

@@ -1,1 +1,0 @@
-"""Features of injections as measured data: delays, ramps, rates and quantities, each against its tolerance."""

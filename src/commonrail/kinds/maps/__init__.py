@@ -1,1 +1,0 @@
-"""Quantity maps: measured quantities per stroke at many operating points, and dead times."""

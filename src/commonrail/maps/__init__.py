@@ -1,1 +1,0 @@
-"""Quantity maps of an injector, their inverse, and sweeps of operating points."""

@@ -1,0 +1,1 @@
+"""What an injector is: fuel, flow laws, components, the equations dy/dt = f(t, y) and the fast step."""

@@ -1,0 +1,1 @@
+"""Components of an injector: parameters, coefficients, states and laws of each."""

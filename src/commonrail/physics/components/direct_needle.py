@@ -1,0 +1,236 @@
+"""Needle of a direct-acting injector, and its motion together with the armature that pushes it open.
+
+The armature travels its idle stroke alone, meets the needle, and lifts it until the armature is at its stop. The needle
+is not tied to the armature: it may fly on, and the armature may leave it when both return. Four one-sided contacts act
+between them and their seats: armature on its rest, on its stop and on the needle, needle on its seat.
+
+The rail pressure presses the needle on its seat with p − p_SAC on the seat's area; both masses are rigid.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from commonrail.physics.components import armature
+from commonrail.physics.components.plunger_needle import Motion, SeatContact
+from commonrail.physics.flow.contact import Contact, mean_overlap
+from commonrail.physics.law import physics
+from commonrail.physics.parameters import Domain, Q
+
+
+class Parameters(NamedTuple):
+    """Mass, spring and damping of the needle."""
+
+    mass: Annotated[float, Q("kg", "mass of the needle", usual=(0.05e-3, 0.05))]
+    spring_preload: Annotated[float, Q("N", "force of the needle spring, needle closed", usual=(0.5, 500.0))]
+    spring_stiffness: Annotated[
+        float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE, 0.0, usual=(100.0, 1e6))
+    ]
+    damping: Annotated[float, Q("N s/m", "viscous damping of the needle", Domain.NON_NEGATIVE, 0.0)]
+
+
+class Coefficients(NamedTuple):
+    """Inverse mass [1/kg], spring and damper."""
+
+    per_mass: float
+    spring_preload: float
+    spring_stiffness: float
+    damping: float
+
+
+class Pair(NamedTuple):
+    """One number of the armature and one of the needle, positive when opening."""
+
+    armature: float
+    needle: float
+
+
+class State(NamedTuple):
+    """Positions at t_n [m] and velocities at t_n − dt/2 [m/s]."""
+
+    z: Pair
+    v: Pair
+
+
+class Masses(NamedTuple):
+    """Coefficients of the two masses."""
+
+    armature: armature.Coefficients
+    needle: Coefficients
+
+
+class Loads(NamedTuple):
+    """Magnetic force on the armature and force of the pressures on the needle, both positive when opening [N]."""
+
+    magnetic: float
+    pressure: float
+
+
+class Contacts(NamedTuple):
+    """Contacts of the armature with rest, stop and needle, and of the needle with its seat."""
+
+    rest: Contact
+    stop: Contact
+    push: Contact
+    seat: Contact
+
+
+TOP, TIP = "z.armature", "z.needle"  # in `State`
+Positions = Pair
+
+
+@physics
+def coefficients(p: Parameters) -> Coefficients:
+    """Coefficients of the needle."""
+    return Coefficients(1.0 / p.mass, p.spring_preload, p.spring_stiffness, p.damping)
+
+
+@physics
+def lifts(z: Pair) -> Motion:
+    """Lifts of the armature, as the top, and of the needle, as shoulder and tip; also their velocities [m/s].
+
+    Parameters
+    ----------
+    z : Pair
+        Positions [m].
+    """
+    return Motion(z.armature, z.needle, z.needle)
+
+
+@physics
+def contact_along_path(depth: float, move: float, stiffness: float, factor: float) -> Contact:
+    """Contact force and damping with the overlap averaged along the path of a leapfrog step.
+
+    Parameters
+    ----------
+    depth : float
+        Overlap δ in the middle of the path [m], negative where the bodies are apart.
+    move : float
+        Half the path [m]; zero for the contact at an instant.
+    stiffness : float
+        k [N/m].
+    factor : float
+        Hunt–Crossley factor β [s/m].
+    """
+    elastic = stiffness * mean_overlap(depth, move)
+    return Contact(elastic, elastic * factor)
+
+
+@physics
+def contacts(m: Masses, seat: SeatContact, z: Pair, path: Pair) -> Contacts:
+    """All four contacts.
+
+    Parameters
+    ----------
+    m : Masses
+        The two masses.
+    seat : SeatContact
+        Contact of the needle seat.
+    z : Pair
+        Positions [m].
+    path : Pair
+        Half the paths of the step [m], zero at an instant.
+    """
+    a = m.armature
+    k, factor = a.contact_stiffness, a.contact_damping
+    return Contacts(
+        contact_along_path(-z.armature, path.armature, k, factor),
+        contact_along_path(z.armature - a.travel, path.armature, k, factor),
+        contact_along_path(z.armature - a.idle_stroke - z.needle, path.armature - path.needle, k, factor),
+        contact_along_path(-z.needle, path.needle, seat.stiffness, seat.damping),
+    )
+
+
+@physics
+def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
+    """Forces on both masses without damping [N], positive when opening.
+
+    Parameters
+    ----------
+    m : Masses
+        The two masses.
+    z : Pair
+        Positions [m].
+    load : Loads
+        Of magnet and pressures.
+    at : Contacts
+        Their contacts.
+    """
+    spring = m.needle.spring_preload + m.needle.spring_stiffness * z.needle
+    return Pair(
+        armature.free_force(m.armature, z.armature, load.magnetic) + at.rest.force - at.stop.force - at.push.force,
+        load.pressure - spring + at.push.force + at.seat.force,
+    )
+
+
+@physics
+def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
+    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step.
+
+    Parameters
+    ----------
+    m : Masses
+        The two masses.
+    seat : SeatContact
+        Contact of the needle seat.
+    s : State
+        State before.
+    load : Loads
+        Forces of magnet and pressures at t_n.
+    dt : float
+        Step [s].
+    """
+    at = contacts(m, seat, s.z, Pair(dt * s.v.armature, dt * s.v.needle))
+    force = forces(m, s.z, load, at)
+    a, n = dt * m.armature.per_mass, dt * m.needle.per_mass
+    own_a = 0.5 * a * (m.armature.damping + at.rest.damping + at.stop.damping + at.push.damping)
+    own_n = 0.5 * n * (m.needle.damping + at.seat.damping + at.push.damping)
+    by_needle, by_armature = 0.5 * a * at.push.damping, 0.5 * n * at.push.damping
+    gain_a = (1.0 - own_a) * s.v.armature + by_needle * s.v.needle + a * force.armature
+    gain_n = (1.0 - own_n) * s.v.needle + by_armature * s.v.armature + n * force.needle
+    per_determinant = 1.0 / ((1.0 + own_a) * (1.0 + own_n) - by_needle * by_armature)
+    v = Pair(
+        ((1.0 + own_n) * gain_a + by_needle * gain_n) * per_determinant,
+        ((1.0 + own_a) * gain_n + by_armature * gain_a) * per_determinant,
+    )
+    return State(Pair(s.z.armature + dt * v.armature, s.z.needle + dt * v.needle), v)
+
+
+@physics
+def accelerations(m: Masses, seat: SeatContact, z: Pair, v: Pair, load: Loads) -> Pair:
+    """Accelerations [m/s²], for a solver that has positions and velocities at one time.
+
+    Parameters
+    ----------
+    m, seat, load
+        As in `advance`.
+    z : Pair
+        Positions [m].
+    v : Pair
+        Velocities [m/s].
+    """
+    at = contacts(m, seat, z, Pair(0.0, 0.0))
+    force = forces(m, z, load, at)
+    approach = at.push.damping * (v.armature - v.needle)
+    held_a = (m.armature.damping + at.rest.damping + at.stop.damping) * v.armature + approach
+    held_n = (m.needle.damping + at.seat.damping) * v.needle - approach
+    return Pair(m.armature.per_mass * (force.armature - held_a), m.needle.per_mass * (force.needle - held_n))
+
+
+@physics
+def at_rest(m: Masses, seat: SeatContact, load: Loads) -> State:
+    """Both masses at rest, armature on its rest and needle on its seat, in closed form.
+
+    Parameters
+    ----------
+    m : Masses
+        The two masses; the idle stroke keeps them apart.
+    seat : SeatContact
+        Contact of the needle seat.
+    load : Loads
+        Of the pressures; no magnetic force.
+    """
+    a, n = m.armature, m.needle
+    held_a = a.spring_preload / (a.contact_stiffness + a.spring_stiffness)
+    held_n = (n.spring_preload - load.pressure) / (seat.stiffness + n.spring_stiffness)
+    return State(Pair(-held_a, -held_n), Pair(0.0, 0.0))

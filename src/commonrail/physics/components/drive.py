@@ -1,0 +1,412 @@
+"""Drive of the solenoid: boost, peak, hold and off, by an ideal regulator, PWM or free-wheel, or a measured trace.
+
+Each law returns the mean over a step of the coil's flux rate, N dφ/dt = v − R i (Eq. 11). A phase that holds for a
+share of the step relaxes over that share alone: what ends inside a step does not damp what begins there.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from commonrail.physics.components import solenoid
+from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.parameters import Domain, Q
+
+TINY_CURRENT = 1e-12  # what counts as no current [A]
+TINY_GAIN = 1e-12  # what counts as no current per volt over a step [A/V]
+UNLIMITED = 1e9  # voltage of a regulator that follows a measured current [V]
+
+
+class Parameters(NamedTuple):
+    """Current profile of the output stage."""
+
+    boost_voltage: Annotated[
+        float, Q("V", "boost voltage of the first rise, also applied backwards to switch off", usual=(10.0, 500.0))
+    ]
+    supply_voltage: Annotated[
+        float, Q("V", "voltage of the PWM after the first rise", Domain.POSITIVE, 14.0, usual=(5.0, 100.0))
+    ]
+    peak_current: Annotated[float, Q("A", "mean current of the peak phase", usual=(1.0, 100.0))]
+    peak_duration: Annotated[float, Q("s", "end of the peak phase after the start of energising", usual=(20e-6, 10e-3))]
+    hold_current: Annotated[float, Q("A", "mean current of the hold phase", usual=(0.5, 60.0))]
+    quench_voltage: Annotated[
+        float,
+        Q(
+            "V",
+            "voltage applied backwards while the current must fall during energising",
+            Domain.NON_NEGATIVE,
+            0.0,
+            usual=(1.0, 500.0),
+        ),
+    ]
+    peak_band: Annotated[
+        float, Q("A", "width of the PWM's current band, peak phase", Domain.POSITIVE, 2.0, usual=(0.05, 20.0))
+    ]
+    hold_band: Annotated[
+        float, Q("A", "width of the PWM's current band, hold phase", Domain.POSITIVE, 2.0, usual=(0.05, 20.0))
+    ]
+    regulator_gain: Annotated[
+        float, Q("V/A", "gain of the ideal regulator and of a measured current", Domain.POSITIVE, 100.0)
+    ]
+    diode_voltage: Annotated[
+        float,
+        Q("V", "forward voltage of the free-wheel diode", Domain.NON_NEGATIVE, 0.7, usual=(0.1, 5.0)),
+    ]
+
+
+class State(NamedTuple):
+    """Voltage of the PWM: 2 boost (first rise), 1 supply, 0 off."""
+
+    conducting: float
+
+
+class Schedule(NamedTuple):
+    """Share of the step in which the coil is energised, and in which it is in the peak phase [1]."""
+
+    on: float
+    peak: float
+
+
+class Rate(NamedTuple):
+    """dφ/dt under one voltage [V] with the gap of mid-step and of its end, and its decay −∂(dφ/dt)/∂φ [1/s]."""
+
+    flux_rate: float
+    at_end: float
+    decay: float
+
+
+class Change(NamedTuple):
+    """Mean of dφ/dt over the step [V], and the PWM's transistor after it."""
+
+    flux_rate: float
+    conducting: float
+
+
+class Backward(NamedTuple):
+    """Voltages that reduce the current while energising goes on, and after its end [V]."""
+
+    falling: float
+    off: float
+
+
+class Supply(NamedTuple):
+    """Inputs of a drive: its schedule, and a measured trace (mean voltage [V] or current [A])."""
+
+    schedule: Schedule
+    trace: float
+
+
+@physics
+def clamp(x: float, low: float, high: float) -> float:
+    """Value nearest to x between two limits.
+
+    Parameters
+    ----------
+    x : float
+        In any unit.
+    low, high : float
+        Limits in the same unit; `high` prevails where they contradict.
+    """
+    return min(max(x, low), high)
+
+
+@physics
+def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> Schedule:
+    """Mean of the schedule over a step.
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    since_start, since_end : float
+        Start of the step after start and end of energising [s]; negative before them.
+    dt : float
+        Step [s].
+    """
+    per_step = 1.0 / dt
+    begun = clamp(since_start * per_step + 1.0, 0.0, 1.0)
+    ended = clamp(since_end * per_step + 1.0, 0.0, 1.0)
+    past_peak = clamp((since_start - p.peak_duration) * per_step + 1.0, 0.0, 1.0)
+    return Schedule(begun - ended, max(begun - max(past_peak, ended), 0.0))
+
+
+@physics
+def during(share: float, rate: Rate) -> Rate:
+    """Rate that holds for a share of the step, as a mean over the step.
+
+    Parameters
+    ----------
+    share : float
+        Share of the step [1], from 0 to 1.
+    rate : Rate
+        Rate during that share.
+    """
+    return Rate(share * rate.flux_rate, share * rate.at_end, share * rate.decay)
+
+
+@physics
+def relaxed(rate: Rate, dt: float) -> float:
+    """Mean over the step of dφ/dt [V] while the flux relaxes and the gap keeps closing.
+
+    With y = dt · decay: (r + y/6 r_end)/(1 + 2y/3 + y²/6), `relaxation` for a gap at rest. A rate that changes linearly
+    by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
+    (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
+
+    Parameters
+    ----------
+    rate : Rate
+        Rate at the start of the step, its value with the gap of the end, and its decay.
+    dt : float
+        Step [s].
+    """
+    return risen(rate, dt) / damped(rate, dt)
+
+
+@physics
+def risen(rate: Rate, dt: float) -> float:
+    """Numerator of `relaxed` [V].
+
+    Parameters
+    ----------
+    rate, dt
+        As in `relaxed`.
+    """
+    return rate.flux_rate + dt * rate.decay * (1.0 / 6.0) * rate.at_end
+
+
+@physics
+def damped(rate: Rate, dt: float) -> float:
+    """Denominator of `relaxed` [1].
+
+    Parameters
+    ----------
+    rate, dt
+        As in `relaxed`.
+    """
+    y = dt * rate.decay
+    return 1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0))
+
+
+@physics
+def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> Rate:
+    """Flux rate under a given voltage, Eq. (11).
+
+    Parameters
+    ----------
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    voltage : float
+        v at the coil [V].
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    """
+    resistance = c.resistance * c.per_turn
+    rate = voltage * c.per_turn - resistance * now.current
+    return Rate(rate, rate + resistance * now.drift, resistance * now.slope)
+
+
+@physics
+def regulated(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Change:
+    """Ideal regulator: v = R i* + G (i* − i) between −quench and +boost; after the end −boost until i = 0.
+
+    Peak, hold and off count by their shares of the step, so a switching may fall anywhere inside it: the
+    current is a smooth function of the parameters, as a fit needs it.
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    s : State
+        State of the output stage.
+    supply : Supply
+        Schedule, and measured trace.
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    dt : float
+        Step [s].
+    """
+    return _held(p, c, Backward(p.quench_voltage, p.boost_voltage), supply, now, dt)
+
+
+@physics
+def free_wheel(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Change:
+    """Ideal regulator without a voltage backwards: a current that must fall decays through a diode.
+
+    It does so from the peak to the hold current and after the end of energising: N dφ/dt = −R i − V_d until i = 0.
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
+    """
+    return _held(p, c, Backward(p.diode_voltage, p.diode_voltage), supply, now, dt)
+
+
+@physics
+def _held(
+    p: Parameters, c: solenoid.Coefficients, backward: Backward, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Change:
+    """Mean flux rate of an ideal regulator with given voltages backwards.
+
+    Parameters
+    ----------
+    p, c, supply, now, dt
+        As in `regulated`.
+    backward : Backward
+        Voltages that reduce the current.
+    """
+    plan = supply.schedule
+    peak = _towards(c, p.peak_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
+    hold = _towards(c, p.hold_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
+    held = plan.on - plan.peak
+    live = Rate(
+        plan.peak * peak.flux_rate + held * hold.flux_rate,
+        plan.peak * peak.at_end + held * hold.at_end,
+        plan.peak * peak.decay + held * hold.decay,
+    )
+    off = during(1.0 - plan.on, _towards(c, 0.0, p.regulator_gain, -backward.off, 0.0, now))
+    per_live, per_off = reciprocals(damped(live, dt), damped(off, dt))
+    return Change(risen(live, dt) * per_live + risen(off, dt) * per_off, 1.0)
+
+
+@physics
+def _towards(
+    c: solenoid.Coefficients, target: float, gain: float, low: float, high: float, now: solenoid.Circuit
+) -> Rate:
+    """Flux rate of a regulator with limits of voltage.
+
+    Parameters
+    ----------
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    target : float
+        Wanted current i* [A].
+    gain : float
+        Gain G [V/A], > 0.
+    low, high : float
+        Limits of the voltage [V].
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    """
+    stiff = c.resistance + gain
+    free = stiff * (target - now.current) * c.per_turn
+    lowest = (low - c.resistance * now.current) * c.per_turn
+    highest = (high - c.resistance * now.current) * c.per_turn
+    rate = clamp(free, lowest, highest)
+    resistance = (stiff if rate == free else c.resistance) * c.per_turn
+    return Rate(rate, rate + resistance * now.drift, resistance * now.slope)
+
+
+@physics
+def switched_off(p: Parameters, c: solenoid.Coefficients, now: solenoid.Circuit) -> Rate:
+    """Flux rate after the end of energising: −boost until the current has gone.
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    """
+    return _towards(c, 0.0, p.regulator_gain, -p.boost_voltage, 0.0, now)
+
+
+@physics
+def pwm_voltage(p: Parameters, conducting: float) -> float:
+    """Voltage that a state of the PWM applies [V].
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    conducting : float
+        State of the PWM [1]: 2 boost, 1 supply, 0 off.
+    """
+    return p.boost_voltage if conducting > 1.5 else (p.supply_voltage if conducting > 0.5 else -p.quench_voltage)
+
+
+@physics
+def turned(conducting: float) -> float:
+    """State of the PWM after its current has met a limit [1].
+
+    Parameters
+    ----------
+    conducting : float
+        State before [1].
+    """
+    return 0.0 if conducting > 0.5 else 1.0
+
+
+@physics
+def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Change:
+    """Two-point current control: first rise by +boost, then +supply and −quench in turn, switching inside the step.
+
+    `now` has the gap of mid-step; the armature's motion is taken off both ends, so that the current is compared with
+    its limit where the step begins and where energising or the step ends. The instant at which it meets the limit is
+    interpolated between them, and the voltage averaged. Where the rest of the step would carry the current past the
+    other limit too, it switches in turn there: on the average it stays at that limit.
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
+    """
+    plan = supply.schedule
+    in_peak = plan.peak >= 0.5 * plan.on
+    mean = p.peak_current if in_peak else p.hold_current
+    half_band = 0.5 * (p.peak_band if in_peak else p.hold_band)
+    conducting = s.conducting > 0.5
+    voltage = pwm_voltage(p, s.conducting)
+    limit = mean + half_band if conducting else mean - half_band
+    trial = during(plan.on, applied(c, voltage, now))
+    per_damped, per_gain = reciprocals(damped(trial, dt), max(dt * plan.on * c.per_turn * now.slope, TINY_GAIN))
+    first = now.current + now.drift
+    change = dt * risen(trial, dt) * per_damped * now.slope - 2.0 * now.drift
+    after = first + change
+    crossed = after > limit if conducting else after < limit
+    # distance to the limit, negative where the step begins beyond it: the band has moved, wherever the current goes
+    left = limit - first if conducting else first - limit
+    before = clamp(left / max(abs(change), TINY_CURRENT), 0.0, 1.0) if crossed else 1.0
+    other = pwm_voltage(p, 0.0 if conducting else 1.0)
+    hold, band = c.resistance * limit, 2.0 * half_band * per_gain  # voltages at the limit, and across the band
+    swing = clamp((1.0 - before) * (other - hold), -band, band)
+    live = during(plan.on, applied(c, before * voltage + (1.0 - before) * hold + swing, now))
+    off = during(1.0 - plan.on, switched_off(p, c, now))
+    flag = (turned(s.conducting) if crossed else s.conducting) if plan.on > 0.0 else 2.0
+    return Change(risen(live, dt) * per_damped + relaxed(off, dt), flag)
+
+
+@physics
+def voltage_trace(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Change:
+    """Mean flux rate under a measured coil voltage v(t).
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
+    """
+    return Change(relaxed(applied(c, supply.trace, now), dt), 1.0)
+
+
+@physics
+def current_trace(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Change:
+    """Mean flux rate that follows a measured coil current i(t), by the regulator without limits of voltage.
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
+    """
+    return Change(relaxed(_towards(c, supply.trace, p.regulator_gain, -UNLIMITED, UNLIMITED, now), dt), 1.0)

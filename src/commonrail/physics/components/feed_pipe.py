@@ -1,0 +1,139 @@
+"""Feed pipe: from the injector's inlet (or the rail) to the accumulation volume, Eq. (6)."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from commonrail.physics.flow.pipe import friction_resistance, impedance, pipe_area
+from commonrail.physics.law import physics
+from commonrail.physics.parameters import Domain, Q
+
+SIXTH = 1.0 / 6.0  # weight of each end in Simpson's rule; the middle has four
+
+
+class Parameters(NamedTuple):
+    """Drawing of the pipe."""
+
+    length: Annotated[float, Q("m", "length of the feed pipe", usual=(0.01, 10.0))]
+    diameter: Annotated[float, Q("m", "bore of the feed pipe", usual=(0.5e-3, 15e-3))]
+    friction_factor: Annotated[float, Q("1", "Darcy friction factor f of Eq. (6)", Domain.NON_NEGATIVE)]
+
+
+class Coefficients(NamedTuple):
+    """Impedance a/A [Pa s/kg] and its inverse, friction R of the pipe [Pa s²/kg²], travel time L/a [s]."""
+
+    impedance: float
+    admittance: float
+    resistance: float
+    travel_time: float
+
+
+class State(NamedTuple):
+    """Mass flow at the two ends [kg/s], positive towards the accumulation volume."""
+
+    inlet_flow: float
+    end_flow: float
+
+
+class Travelling(NamedTuple):
+    """Waves p + Z q down the pipe, towards the accumulation volume, and p − Z q up it [Pa]."""
+
+    down: float
+    up: float
+
+
+@physics
+def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficients:
+    """Coefficients of the pipe, Eq. (6), constant during a simulation.
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing.
+    density : float
+        ρ at the rail pressure of time zero [kg/m³].
+    sound_speed : float
+        a at that pressure [m/s].
+    """
+    z = impedance(sound_speed, pipe_area(p.diameter))
+    return Coefficients(
+        z,
+        1.0 / z,
+        friction_resistance(p.friction_factor, p.length, p.diameter, density),
+        p.length / sound_speed,
+    )
+
+
+@physics
+def end_loss(c: Coefficients, flow: float) -> float:
+    """Share of the friction ∫ R q|q| dx/L that Simpson's rule gives to the flow at one end [Pa].
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this pipe.
+    flow : float
+        q at that end [kg/s]; the loss has its sign.
+    """
+    return SIXTH * c.resistance * flow * abs(flow)
+
+
+@physics
+def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
+    """Share of the friction that Simpson's rule gives to the flow in mid-pipe [Pa], the same for both waves.
+
+    The wave that reaches one end now has met in mid-pipe the one that reaches the other end now: the two give the
+    flow there, (down − up)/(2 Z), corrected for the friction up to the middle. That friction is computed
+    from the flows at the ends: exact for a steady flow.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this pipe.
+    ends : State
+        Flows at both ends [kg/s].
+    down, up : float
+        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    """
+    near = end_loss(c, ends.inlet_flow) + end_loss(c, ends.end_flow)
+    flow = 0.5 * c.admittance * (down - up - 2.0 * near)
+    return 4.0 * end_loss(c, flow)
+
+
+@physics
+def arrive(c: Coefficients, ends: State, down: float, up: float) -> Travelling:
+    """Waves at the ends that they reach, the friction of Eq. (6) taken off but for that of the flow there now.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this pipe.
+    ends : State
+        Flows at both ends [kg/s].
+    down, up : float
+        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    """
+    mid_pipe_loss = middle_loss(c, ends, down, up)
+    return Travelling(
+        down - mid_pipe_loss - end_loss(c, ends.end_flow), up + mid_pipe_loss + end_loss(c, ends.inlet_flow)
+    )
+
+
+@physics
+def leave(c: Coefficients, ends: State, inlet: float, end: float) -> Travelling:
+    """Waves that leave both ends, the friction of the flow there taken off.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this pipe.
+    ends : State
+        Mean flows at both ends over the step [kg/s].
+    inlet, end : float
+        Mean pressures at both ends over the step [Pa].
+    """
+    z = c.impedance
+    return Travelling(
+        inlet + z * ends.inlet_flow - end_loss(c, ends.inlet_flow),
+        end - z * ends.end_flow + end_loss(c, ends.end_flow),
+    )

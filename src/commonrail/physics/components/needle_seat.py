@@ -1,0 +1,76 @@
+"""Needle seat: flow section between needle cone and body, and their contact."""
+
+from __future__ import annotations
+
+import math
+from math import pi
+from typing import Annotated, NamedTuple
+
+from commonrail.physics.flow.orifice import laminar_offset
+from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.law import physics
+from commonrail.physics.parameters import Domain, Q
+
+
+class Parameters(NamedTuple):
+    """Drawing of the seat."""
+
+    diameter: Annotated[float, Q("m", "seat diameter", usual=(0.3e-3, 10e-3))]
+    cone_angle: Annotated[float, Q("rad", "full angle of the seat cone", Domain.CONE, usual=(0.35, 2.6))]
+    discharge: Annotated[float, Q("1", "discharge coefficient of the seat gap", Domain.COEFFICIENT, 0.8)]
+    contact_stiffness: Annotated[
+        float, Q("N/m", "stiffness of needle on seat", Domain.POSITIVE, 2e8, usual=(1e6, 1e10))
+    ]
+    contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the seat", Domain.NON_NEGATIVE, 0.2)]
+    transition_reynolds: Annotated[
+        float, Q("1", "Reynolds number at which viscous and inertial loss are equal", Domain.POSITIVE, 10.0)
+    ]
+
+
+class Coefficients(NamedTuple):
+    """Area inside the seat line [m²], gap geometry, laminar offset [kg/s], contact."""
+
+    area: float
+    gap_slope: float
+    gap_curvature: float
+    offset: float
+    contact_stiffness: float
+    contact_damping: float
+
+
+@physics
+def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
+    """Coefficients of gap and contact.
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing.
+    dynamic_viscosity : float
+        η at the rail pressure of time zero [Pa s].
+    """
+    sine, cosine = math.sin(0.5 * p.cone_angle), math.cos(0.5 * p.cone_angle)
+    return Coefficients(
+        pipe_area(p.diameter),
+        p.discharge * pi * sine * p.diameter,
+        p.discharge * pi * sine * sine * cosine,
+        laminar_offset(dynamic_viscosity, p.transition_reynolds, 0.5 * pi * p.diameter),
+        p.contact_stiffness,
+        p.contact_damping,
+    )
+
+
+@physics
+def gap_cda2(c: Coefficients, lift: float) -> float:
+    """(c_d A)² of the seat gap, for Eq. (4) [m⁴]: frustum A = π z sin(α/2) (d − z sin(α/2) cos(α/2)).
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this seat.
+    lift : float
+        z of the needle's tip [m]; shut at zero and below.
+    """
+    z = max(lift, 0.0)
+    effective = z * (c.gap_slope - c.gap_curvature * z)
+    return effective * effective

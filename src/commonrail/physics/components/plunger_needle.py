@@ -1,0 +1,485 @@
+"""Plunger and needle as a chain of nine masses, Eq. (7), (8), (10), Fig. 1.
+
+Masses 1…6 are the plunger's five cylinders (springs k1…k5), masses 7…9 the needle's two (k6, k7). An
+inner mass takes half of each neighbouring cylinder, an end mass half of its one. Positions are measured
+from the unloaded, touching chain with the tip on its seat, positive when the needle opens. Eq. (10) as printed
+ties mass 1 to the ground; here k1 acts between masses 1 and 2, as mass 2's line demands. Between 6 and 7
+there is only contact: the plunger can leave its needle. Friction of the guides: `guide_friction`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from commonrail.physics.components.chain import Nine, Seven, across, around, each, nodal_forces
+from commonrail.physics.flow.contact import Contact, contact, next_velocity
+from commonrail.physics.flow.leakage import gap_conductance
+from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.parameters import Domain, Q
+
+_MASS = "mass of cylinder"
+_USUAL_STIFFNESS, _USUAL_MASS = (2e6, 5e9), (2e-5, 0.3)  # [N/m], [kg]: see `furniture.Q`
+_STIFFNESS = "axial stiffness E A/l of cylinder"
+
+
+class Parameters(NamedTuple):
+    """Drawing and stiffness of plunger and needle."""
+
+    k1: Annotated[float, Q("N/m", f"{_STIFFNESS} 1 (plunger, control chamber end)", usual=_USUAL_STIFFNESS)]
+    k2: Annotated[float, Q("N/m", f"{_STIFFNESS} 2 (plunger)", usual=_USUAL_STIFFNESS)]
+    k3: Annotated[float, Q("N/m", f"{_STIFFNESS} 3 (plunger)", usual=_USUAL_STIFFNESS)]
+    k4: Annotated[float, Q("N/m", f"{_STIFFNESS} 4 (plunger)", usual=_USUAL_STIFFNESS)]
+    k5: Annotated[float, Q("N/m", f"{_STIFFNESS} 5 (plunger, needle end)", usual=_USUAL_STIFFNESS)]
+    k6: Annotated[float, Q("N/m", f"{_STIFFNESS} 6 (needle guide)", usual=_USUAL_STIFFNESS)]
+    k7: Annotated[float, Q("N/m", f"{_STIFFNESS} 7 (needle stem)", usual=_USUAL_STIFFNESS)]
+    m1: Annotated[float, Q("kg", f"{_MASS} 1", usual=_USUAL_MASS)]
+    m2: Annotated[float, Q("kg", f"{_MASS} 2", usual=_USUAL_MASS)]
+    m3: Annotated[float, Q("kg", f"{_MASS} 3", usual=_USUAL_MASS)]
+    m4: Annotated[float, Q("kg", f"{_MASS} 4", usual=_USUAL_MASS)]
+    m5: Annotated[float, Q("kg", f"{_MASS} 5", usual=_USUAL_MASS)]
+    m6: Annotated[float, Q("kg", f"{_MASS} 6", usual=_USUAL_MASS)]
+    m7: Annotated[float, Q("kg", f"{_MASS} 7", usual=_USUAL_MASS)]
+    joint_stiffness: Annotated[
+        float, Q("N/m", "contact stiffness between plunger and needle", Domain.POSITIVE, 1e8, usual=(1e6, 1e10))
+    ]
+    damping_ratio: Annotated[float, Q("1", "ξ of c = 2 ξ sqrt(k M)", Domain.NON_NEGATIVE, 0.005)]
+    plunger_diameter: Annotated[float, Q("m", "plunger diameter in the control chamber", usual=(0.5e-3, 30e-3))]
+    guide_diameter: Annotated[float, Q("m", "needle guide diameter", usual=(0.5e-3, 30e-3))]
+    stem_diameter: Annotated[float, Q("m", "needle stem diameter", usual=(0.5e-3, 30e-3))]
+    plunger_gap: Annotated[float, Q("m", "radial gap of the plunger guide", Domain.NON_NEGATIVE, usual=(0.2e-6, 50e-6))]
+    plunger_guide_length: Annotated[float, Q("m", "length of the plunger guide", usual=(1e-3, 0.2))]
+    needle_gap: Annotated[float, Q("m", "radial gap of the needle guide", Domain.NON_NEGATIVE, usual=(0.2e-6, 50e-6))]
+    needle_guide_length: Annotated[float, Q("m", "length of the needle guide", usual=(1e-3, 0.2))]
+    spring_preload: Annotated[
+        float, Q("N", "force of the needle spring, needle closed and unloaded", Domain.NON_NEGATIVE, usual=(1.0, 2e3))
+    ]
+    spring_stiffness: Annotated[
+        float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE, usual=(500.0, 2e6))
+    ]
+    stop_lift: Annotated[float, Q("m", "distance from the unloaded plunger top to the upper stop", usual=(20e-6, 5e-3))]
+    stop_stiffness: Annotated[float, Q("N/m", "stiffness of the upper stop", Domain.POSITIVE, 1.5e8, usual=(1e6, 1e10))]
+    stop_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the upper stop", Domain.NON_NEGATIVE, 0.2)]
+    viscous: Annotated[
+        float,
+        Q(
+            "N s/m",
+            "viscous friction of plunger and needle, each guide",
+            Domain.NON_NEGATIVE,
+            0.0,
+            usual=(0.05, 200.0),
+        ),
+    ]
+    friction: Annotated[
+        float,
+        Q("N", "dry friction of plunger and needle, each guide", Domain.NON_NEGATIVE, 0.0, usual=(0.05, 100.0)),
+    ]
+
+
+class Guides(NamedTuple):
+    """Pressure areas [m²], gap conductances of Eq. (5) [m³], needle spring, upper stop, friction of each guide."""
+
+    plunger_area: float
+    guide_area: float
+    stem_area: float
+    plunger_leak: float
+    needle_leak: float
+    spring_preload: float
+    spring_stiffness: float
+    stop_lift: float
+    stop_stiffness: float
+    stop_damping: float
+    viscous: float
+    friction: float
+
+
+class Coefficients(NamedTuple):
+    """Springs, dampers, inverse masses [1/kg] and step over mass [s/kg] of the chain, its mass [kg], and the guides."""
+
+    k: Seven
+    c: Seven
+    per_mass: Nine
+    impulse: Nine
+    joint_stiffness: float
+    total_mass: float
+    guides: Guides
+
+
+class State(NamedTuple):
+    """Positions at t_n, velocities at t_n − dt/2 and t_n − 3dt/2."""
+
+    z: Nine
+    v: Nine
+    v_before: Nine
+
+
+class Motion(NamedTuple):
+    """Lifts of the plunger's top, the needle's shoulder and its tip [m], which change the fuel's volumes."""
+
+    top: float
+    shoulder: float
+    tip: float
+
+
+class Loads(NamedTuple):
+    """Pressure forces on masses 1, 6, 7, 8 and 9 [N], positive when they open; the spring's preload is in `head`."""
+
+    top: float
+    foot: float
+    head: float
+    shoulder: float
+    tip: float
+
+
+class SeatContact(NamedTuple):
+    """Stiffness [N/m] and Hunt–Crossley factor [s/m] of the needle seat."""
+
+    stiffness: float
+    damping: float
+
+
+@physics
+def cylinder_stiffness(elastic_modulus: float, diameter: float, length: float) -> float:
+    """Axial stiffness of a cylinder k = E A/l0 [N/m], Eq. (8).
+
+    Parameters
+    ----------
+    elastic_modulus : float
+        E [Pa].
+    diameter : float
+        Of the cylinder [m].
+    length : float
+        l0 [m].
+    """
+    return elastic_modulus * pipe_area(diameter) / length
+
+
+@physics
+def cylinder_mass(density: float, diameter: float, length: float) -> float:
+    """Mass of a cylinder ρ A l0 [kg].
+
+    Parameters
+    ----------
+    density : float
+        ρ of the steel [kg/m³].
+    diameter : float
+        Of the cylinder [m].
+    length : float
+        l0 [m].
+    """
+    return density * pipe_area(diameter) * length
+
+
+@physics
+def damper(damping_ratio: float, stiffness: float, mass: float) -> float:
+    """Damping coefficient of a cylinder c = 2 ξ sqrt(k M) [N s/m], text below Eq. (8).
+
+    Parameters
+    ----------
+    damping_ratio : float
+        ξ [1], ≥ 0.
+    stiffness : float
+        k [N/m].
+    mass : float
+        M of the cylinder [kg].
+    """
+    return 2.0 * damping_ratio * math.sqrt(stiffness * mass)
+
+
+_dampers = each(Seven, damper, shared="damping_ratio")
+_inverse = each(Nine, lambda doubled: 2.0 / doubled)
+_scaled = each(Nine, lambda factor, x: factor * x, shared="factor")
+
+
+@physics
+def coefficients(p: Parameters, dt: float) -> Coefficients:
+    """Coefficients of chain, guides, spring and stop.
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing.
+    dt : float
+        Step of the leapfrog [s].
+    """
+    k = Seven(i1=p.k1, i2=p.k2, i3=p.k3, i4=p.k4, i5=p.k5, i6=p.k6, i7=p.k7)
+    m = Seven(i1=p.m1, i2=p.m2, i3=p.m3, i4=p.m4, i5=p.m5, i6=p.m6, i7=p.m7)
+    per_mass = _inverse(around(m))
+    guides = Guides(
+        plunger_area=pipe_area(p.plunger_diameter),
+        guide_area=pipe_area(p.guide_diameter),
+        stem_area=pipe_area(p.stem_diameter),
+        plunger_leak=gap_conductance(p.plunger_diameter, p.plunger_gap, p.plunger_guide_length),
+        needle_leak=gap_conductance(p.guide_diameter, p.needle_gap, p.needle_guide_length),
+        spring_preload=p.spring_preload,
+        spring_stiffness=p.spring_stiffness,
+        stop_lift=p.stop_lift,
+        stop_stiffness=p.stop_stiffness,
+        stop_damping=p.stop_damping,
+        viscous=p.viscous,
+        friction=p.friction,
+    )
+    return Coefficients(
+        k=k,
+        c=_dampers(p.damping_ratio, k, m),
+        per_mass=per_mass,
+        impulse=_scaled(dt, per_mass),
+        joint_stiffness=p.joint_stiffness,
+        total_mass=m.i1 + m.i2 + m.i3 + m.i4 + m.i5 + m.i6 + m.i7,
+        guides=guides,
+    )
+
+
+@physics
+def loads(g: Guides, seat_area: float, control: float, accumulation: float, sac: float, low: float) -> Loads:
+    """Forces F1…F9 of Eq. (10): pressure on every area normal to the axis, positive when opening.
+
+    Parameters
+    ----------
+    g : Guides
+        Areas and spring.
+    seat_area : float
+        Of the needle seat [m²].
+    control : float
+        Pressure in the control chamber [Pa].
+    accumulation : float
+        Pressure in the accumulation volume [Pa].
+    sac : float
+        Pressure in the SAC [Pa].
+    low : float
+        Return pressure, between plunger and needle [Pa].
+    """
+    return Loads(
+        -control * g.plunger_area,
+        low * g.plunger_area,
+        -low * g.guide_area - g.spring_preload,
+        accumulation * (g.guide_area - g.stem_area),
+        accumulation * (g.stem_area - seat_area) + sac * seat_area,
+    )
+
+
+_in_cylinders = each(Seven, lambda k, c, stretch, speed: k * stretch + c * speed)
+
+
+@physics
+def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
+    """Sum of spring, damper and pressure forces on each mass [N], Eq. (10), without seat and stop.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of the chain.
+    z : Nine
+        Positions [m].
+    v : Nine
+        Velocities [m/s] at the same time.
+    load : Loads
+        Pressure forces.
+    """
+    joint = c.joint_stiffness * min(z.i6 - z.i7, 0.0)
+    f = nodal_forces(_in_cylinders(c.k, c.c, across(z), across(v)), joint)
+    head = f.i7 + load.head - c.guides.spring_stiffness * z.i7
+    return Nine(
+        i1=f.i1 + load.top,
+        i2=f.i2,
+        i3=f.i3,
+        i4=f.i4,
+        i5=f.i5,
+        i6=f.i6 + load.foot,
+        i7=head,
+        i8=f.i8 + load.shoulder,
+        i9=f.i9 + load.tip,
+    )
+
+
+@physics
+def with_ends(f: Nine, top: float, tip: float) -> Nine:
+    """Forces [N] with those on the ends, where stop and seat act, replaced.
+
+    Parameters
+    ----------
+    f : Nine
+        Forces on the masses [N].
+    top : float
+        Force on mass 1 [N].
+    tip : float
+        Force on mass 9 [N].
+    """
+    return Nine(i1=top, i2=f.i2, i3=f.i3, i4=f.i4, i5=f.i5, i6=f.i6, i7=f.i7, i8=f.i8, i9=tip)
+
+
+class Needle(NamedTuple):
+    """Forces on masses 6 to 9 [N]."""
+
+    foot: float
+    head: float
+    shoulder: float
+    tip: float
+
+
+@physics
+def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Needle:
+    """dt²/12 d²F/dt² of the springs from the joint to the seat [N].
+
+    Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger's own springs go without,
+    as their waves hardly move the needle.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of the chain.
+    seat : SeatContact
+        Contact of the needle seat.
+    z : Nine
+        Positions [m].
+    gain : Nine
+        dt times the accelerations [m/s].
+    dt : float
+        Step [s].
+    """
+    share = dt * (1.0 / 12.0)
+    joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
+    guide, stem = c.k.i6 * (gain.i7 - gain.i8), c.k.i7 * (gain.i8 - gain.i9)
+    rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
+    return Needle(-share * joint, share * (joint - guide), share * (guide - stem), share * (stem - rest))
+
+
+_extrapolated = each(Nine, lambda v, before: 1.5 * v - 0.5 * before)
+
+
+@physics
+def at_stop(g: Guides, top: float) -> Contact:
+    """Contact with the upper stop.
+
+    Parameters
+    ----------
+    g : Guides
+        Of plunger and needle.
+    top : float
+        Lift of the plunger's top [m].
+    """
+    return contact(top - g.stop_lift, g.stop_stiffness, g.stop_damping)
+
+
+@physics
+def on_seat(seat: SeatContact, tip: float) -> Contact:
+    """Contact with the needle seat.
+
+    Parameters
+    ----------
+    seat : SeatContact
+        Contact of the needle seat.
+    tip : float
+        Lift of the needle's tip [m].
+    """
+    return contact(-tip, seat.stiffness, seat.damping)
+
+
+_product = each(Nine, lambda x, y: x * y)
+_advanced = each(Nine, lambda x, step, rate: x + step * rate, shared="step")
+_sum = each(Nine, lambda x, y: x + y)
+
+
+@physics
+def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
+    """State after one leapfrog step; dampers see the velocity extrapolated to t_n.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of the chain.
+    seat : SeatContact
+        Contact of the needle seat.
+    s : State
+        State before.
+    load : Loads
+        Pressure forces at t_n.
+    dt : float
+        Step [s].
+    """
+    f = forces(c, s.z, _extrapolated(s.v, s.v_before), load)
+    stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
+    m = c.impulse
+    half1, half9 = 0.5 * m.i1 * stop.damping, 0.5 * m.i9 * rest.damping
+    per1, per9 = reciprocals(1.0 + half1, 1.0 + half9)
+    gain = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
+    correction = numerov_correction(c, seat, s.z, gain, dt)
+    v = _sum(s.v, gain)
+    u = Nine(
+        i1=next_velocity(s.v.i1, gain.i1, half1, per1),
+        i2=v.i2,
+        i3=v.i3,
+        i4=v.i4,
+        i5=v.i5,
+        i6=v.i6 + m.i6 * correction.foot,
+        i7=v.i7 + m.i7 * correction.head,
+        i8=v.i8 + m.i8 * correction.shoulder,
+        i9=next_velocity(s.v.i9, gain.i9 + m.i9 * correction.tip, half9, per9),
+    )
+    return State(_advanced(s.z, dt, u), u, s.v)
+
+
+@physics
+def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
+    """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that has z and v at one time.
+
+    Parameters
+    ----------
+    c, seat, load
+        As in `advance`.
+    z : Nine
+        Positions [m].
+    v : Nine
+        Velocities [m/s].
+    """
+    f = forces(c, z, v, load)
+    stop, rest = at_stop(c.guides, z.i1), on_seat(seat, z.i9)
+    top = f.i1 - stop.force - stop.damping * v.i1
+    return _product(c.per_mass, with_ends(f, top, f.i9 + rest.force - rest.damping * v.i9))
+
+
+TOP, TIP = "z.i1", "z.i9"  # in `State`
+Positions = Nine
+
+
+@physics
+def lifts(z: Nine) -> Motion:
+    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses.
+
+    Parameters
+    ----------
+    z : Nine
+        Positions [m].
+    """
+    return Motion(z.i1, z.i8, z.i9)
+
+
+@physics
+def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
+    """Chain at rest on its seat under static loads, in closed form (spring by spring).
+
+    Parameters
+    ----------
+    c, seat, load
+        As in `advance`; the loads press the needle into its seat.
+    """
+    k = c.k
+    push = -load.top  # compression of k1…k5
+    joint = push - load.foot
+    bare = joint - load.head  # compression of k6 without the spring's stiffness
+    below = 1.0 / seat.stiffness + 1.0 / k.i7 + 1.0 / k.i6
+    offset = (bare - load.shoulder - load.tip) / seat.stiffness + (bare - load.shoulder) / k.i7 + bare / k.i6
+    z7 = -offset / (1.0 + c.guides.spring_stiffness * below)
+    f6 = bare + c.guides.spring_stiffness * z7
+    f7 = f6 - load.shoulder
+    z9 = -(f7 - load.tip) / seat.stiffness
+    z8 = z9 - f7 / k.i7
+    z6 = z7 - joint / c.joint_stiffness
+    z5 = z6 - push / k.i5
+    z4 = z5 - push / k.i4
+    z3 = z4 - push / k.i3
+    z2 = z3 - push / k.i2
+    z1 = z2 - push / k.i1
+    still = Nine(i1=0.0, i2=0.0, i3=0.0, i4=0.0, i5=0.0, i6=0.0, i7=0.0, i8=0.0, i9=0.0)
+    return State(Nine(i1=z1, i2=z2, i3=z3, i4=z4, i5=z5, i6=z6, i7=z7, i8=z8, i9=z9), still, still)

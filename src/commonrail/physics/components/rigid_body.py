@@ -1,0 +1,106 @@
+"""Plunger and needle as one rigid mass: the variant that the paper compares with (its Ref. [8]).
+
+Same drawing, same guides, spring, seat and stop as the chain of nine masses; no deformation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.physics.components.plunger_needle import Coefficients, Loads, Motion, SeatContact, at_stop, on_seat
+from commonrail.physics.flow.contact import next_velocity
+from commonrail.physics.law import physics
+
+
+class State(NamedTuple):
+    """Position at t_n [m] and velocity at t_n − dt/2 [m/s]."""
+
+    z: float
+    v: float
+
+
+@physics
+def force(c: Coefficients, z: float, load: Loads) -> float:
+    """Sum of pressure and spring forces [N], positive when opening, without seat and stop.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of plunger and needle.
+    z : float
+        Lift [m].
+    load : Loads
+        Pressure forces.
+    """
+    return load.top + load.foot + load.head + load.shoulder + load.tip - c.guides.spring_stiffness * z
+
+
+@physics
+def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
+    """State after one leapfrog step.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of plunger and needle.
+    seat : SeatContact
+        Contact of the needle seat.
+    s : State
+        State before.
+    load : Loads
+        Pressure forces at t_n.
+    dt : float
+        Step [s].
+    """
+    stop, rest = at_stop(c.guides, s.z), on_seat(seat, s.z)
+    per_mass = dt / c.total_mass
+    impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
+    half = 0.5 * per_mass * (rest.damping + stop.damping)
+    v = next_velocity(s.v, impulse, half, 1.0 / (1.0 + half))
+    return State(s.z + dt * v, v)
+
+
+@physics
+def accelerations(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
+    """Acceleration with seat and stop [m/s²], for a solver that has z and v at one time.
+
+    Parameters
+    ----------
+    c, seat, load
+        As in `advance`.
+    z : float
+        Lift [m], positive when opening.
+    v : float
+        Velocity [m/s].
+    """
+    stop, rest = at_stop(c.guides, z), on_seat(seat, z)
+    resting = rest.force - stop.force - (rest.damping + stop.damping) * v
+    return (force(c, z, load) + resting) / c.total_mass
+
+
+TOP = TIP = "z"  # in `State`
+Positions = float
+
+
+@physics
+def lifts(z: float) -> Motion:
+    """Lifts at top, shoulder and tip: all equal. Also their velocities [m/s], from that of the body.
+
+    Parameters
+    ----------
+    z : float
+        Lift [m].
+    """
+    return Motion(z, z, z)
+
+
+@physics
+def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
+    """Body at rest on its seat under static loads, in closed form.
+
+    Parameters
+    ----------
+    c, seat, load
+        As in `advance`; the loads press the needle into its seat.
+    """
+    return State(force(c, 0.0, load) / (seat.stiffness + c.guides.spring_stiffness), 0.0)

@@ -1,0 +1,247 @@
+"""Electro-hydraulic valve: armature and shutter as one mass between seat and stop, and its flow section."""
+
+from __future__ import annotations
+
+import math
+from math import pi
+from typing import Annotated, NamedTuple
+
+from commonrail.physics.flow.contact import contact, contact_over_step, next_velocity
+from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.law import physics
+from commonrail.physics.parameters import Domain, Q
+
+
+class Parameters(NamedTuple):
+    """Moving mass, springs and seat of the valve."""
+
+    mass: Annotated[float, Q("kg", "mass of armature and shutter", usual=(0.1e-3, 0.1))]
+    lift: Annotated[float, Q("m", "lift from seat to stop", usual=(5e-6, 1e-3))]
+    spring_preload: Annotated[float, Q("N", "force of the valve spring, valve closed", usual=(1.0, 1e3))]
+    spring_stiffness: Annotated[
+        float, Q("N/m", "stiffness of the valve spring", Domain.NON_NEGATIVE, usual=(500.0, 2e6))
+    ]
+    damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
+    seat_diameter: Annotated[float, Q("m", "diameter of the valve seat", usual=(0.1e-3, 10e-3))]
+    seat_angle: Annotated[
+        float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, pi / 4, usual=(0.17, 1.57))
+    ]
+    seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.COEFFICIENT, 0.8)]
+    contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7, usual=(1e6, 1e10))]
+    contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
+    seat_land: Annotated[
+        float,
+        Q(
+            "m",
+            "length of the seat's land, along which friction acts (0: none)",
+            Domain.NON_NEGATIVE,
+            0.0,
+            usual=(1e-6, 1e-3),
+        ),
+    ]
+
+
+class Coefficients(NamedTuple):
+    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact, land.
+
+    `land` is 12 l/(π d sin³ θ) of the seat's land [1].
+    """
+
+    per_mass: float
+    lift: float
+    spring_preload: float
+    spring_stiffness: float
+    damping: float
+    seat_area: float
+    gap_slope: float
+    contact_stiffness: float
+    contact_damping: float
+    land: float
+
+
+class State(NamedTuple):
+    """Lift [m] and velocity half a step before [m/s], both positive when opening."""
+
+    lift: float
+    velocity: float
+
+
+TINY_GAP = 1e-9  # below this lift the resistance of the land stays finite; what flows there is nothing [m]
+TYPICAL = State(1e-5, 1e-1)  # sizes for a solver's absolute tolerances
+
+
+@physics
+def coefficients(p: Parameters) -> Coefficients:
+    """Coefficients of the valve."""
+    return Coefficients(
+        per_mass=1.0 / p.mass,
+        lift=p.lift,
+        spring_preload=p.spring_preload,
+        spring_stiffness=p.spring_stiffness,
+        damping=p.damping,
+        seat_area=pipe_area(p.seat_diameter),
+        gap_slope=p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
+        contact_stiffness=p.contact_stiffness,
+        contact_damping=p.contact_damping,
+        land=12.0 * p.seat_land / (pi * p.seat_diameter * math.sin(p.seat_angle) ** 3),
+    )
+
+
+@physics
+def at_rest(c: Coefficients, seat_pressure: float) -> State:
+    """Closed valve at rest, its lift below zero by what spring and pressure press into the seat.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    seat_pressure : float
+        Excess over the return pressure on the seat area [Pa].
+    """
+    held = c.spring_preload - c.seat_area * seat_pressure
+    return State(-held / (c.contact_stiffness + c.spring_stiffness), 0.0)
+
+
+@physics
+def air_gap(c: Coefficients, s: State) -> float:
+    """Air gap that the armature leaves above the residual one [m].
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    s : State
+        Lift and velocity.
+    """
+    return c.lift - s.lift
+
+
+@physics
+def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, dt: float) -> State:
+    """State after one leapfrog step.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    s : State
+        Lift at t_n, velocity half a step before.
+    magnetic_force : float
+        Magnetic force F_ev at t_n [N].
+    seat_pressure : float
+        Excess over the return pressure on the seat area [Pa].
+    dt : float
+        Step [s].
+    """
+    force, damping = forces_over_step(c, s, magnetic_force, seat_pressure, dt)
+    per_mass = dt * c.per_mass
+    half = 0.5 * per_mass * damping
+    velocity = next_velocity(s.velocity, per_mass * force, half, 1.0 / (1.0 + half))
+    return State(s.lift + dt * velocity, velocity)
+
+
+@physics
+def rates(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float) -> State:
+    """Rates of lift and velocity [m/s], [m/s²], for a solver that has both at one time.
+
+    Parameters
+    ----------
+    c, magnetic_force, seat_pressure
+        As in `forces`.
+    s : State
+        Lift and velocity at one time.
+    """
+    force, damping = forces(c, s.lift, magnetic_force, seat_pressure)
+    return State(s.velocity, c.per_mass * (force - damping * s.velocity))
+
+
+@physics
+def forces(c: Coefficients, lift: float, magnetic_force: float, seat_pressure: float) -> tuple[float, float]:
+    """Force [N], positive when opening, without the damping, and damping coefficient [N s/m].
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    lift : float
+        Lift [m], negative where it is pressed into its seat.
+    magnetic_force : float
+        Magnetic force F_ev [N].
+    seat_pressure : float
+        Excess over the return pressure on the seat area [Pa].
+    """
+    seat = contact(-lift, c.contact_stiffness, c.contact_damping)
+    stop = contact(lift - c.lift, c.contact_stiffness, c.contact_damping)
+    force = free_force(c, lift, magnetic_force, seat_pressure) + seat.force - stop.force
+    return force, c.damping + seat.damping + stop.damping
+
+
+@physics
+def forces_over_step(
+    c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, dt: float
+) -> tuple[float, float]:
+    """Force [N] and damping coefficient [N s/m] over a leapfrog step: `forces` with the nearer contact averaged.
+
+    Parameters
+    ----------
+    c, magnetic_force, seat_pressure
+        As in `forces`.
+    s : State
+        Lift at the start of the step, velocity half a step before.
+    dt : float
+        Step [s].
+    """
+    middle = 0.5 * c.lift
+    side = s.lift - middle
+    sign = 1.0 if side > 0.0 else -1.0  # to the stop, or to the seat
+    free = free_force(c, s.lift, magnetic_force, seat_pressure)
+    near = contact_over_step(
+        abs(side) - middle, sign * s.velocity, sign * free, c.per_mass, (c.contact_stiffness, c.contact_damping), dt
+    )
+    return free - sign * near.force, c.damping + near.damping
+
+
+@physics
+def free_force(c: Coefficients, lift: float, magnetic_force: float, seat_pressure: float) -> float:
+    """Force of magnet, spring and pressure [N], positive when opening.
+
+    Parameters
+    ----------
+    c, lift, magnetic_force, seat_pressure
+        As in `forces`.
+    """
+    return magnetic_force - (c.spring_preload + c.spring_stiffness * lift) + c.seat_area * seat_pressure
+
+
+@physics
+def gap_cda2(c: Coefficients, lift: float) -> float:
+    """(c_d A)² of the seat gap, for Eq. (4) [m⁴].
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    lift : float
+        Lift [m], small against the seat's diameter; shut at zero and below.
+    """
+    effective = c.gap_slope * max(lift, 0.0)
+    return effective * effective
+
+
+@physics
+def land_resistance(c: Coefficients, lift: float, fluidity: float) -> float:
+    """Pressure per mass flow through the laminar film on the seat's land, 12 ν l/(π d h³) [Pa s/kg].
+
+    Reynolds' equation for a film whose thickness h = lift · sin θ is small against the seat's diameter d.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    lift : float
+        Lift [m].
+    fluidity : float
+        1/ν of the fuel in the film [s/m²].
+    """
+    h = max(lift, TINY_GAP)
+    return c.land / (fluidity * h * h * h)

@@ -1,0 +1,278 @@
+"""Laws between the components at one instant, without any time step: the fast step and the equations use them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from commonrail.physics import fuel_kernel as fuel
+from commonrail.physics.components import needle_seat, sac, valve
+from commonrail.physics.components.nozzle import RESIDUAL_LIFT
+from commonrail.physics.components.plunger_needle import Motion
+from commonrail.physics.flow.leakage import leakage_slope
+from commonrail.physics.flow.orifice import Flow, Restriction, choked, jet, orifice, series
+from commonrail.physics.flow.volume import Contents
+from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.model import Coefficients
+from commonrail.physics.setup import accumulation_volume, control_volume
+
+# Pressure drop below which the film on the valve's land counts as at this one, for a finite quotient [Pa].
+LEAST_DROP = 1.0
+
+# A seated needle whose SAC has come this near to cylinder pressure has ended its injection [Pa].
+RELAXED = 1e5
+
+PER_RESIDUAL, PER_RELAXED = 1.0 / RESIDUAL_LIFT, 1.0 / RELAXED  # in single precision every division is carried out
+
+
+class Volumes(NamedTuple):
+    """Volumes of control chamber, accumulation and SAC [m³]."""
+
+    control: float
+    accumulation: float
+    sac: float
+
+
+class Drain(NamedTuple):
+    """(c_d A)² Δp of A-hole and valve [m⁴ Pa], and its derivatives in the pressure before and behind them [m⁴]."""
+
+    cda2_dp: float
+    cda2: float
+    line_cda2: float
+
+
+# A needle is open once its tip has risen this far; what stays below is ringing of the closed or just closed needle [m].
+CLEAR_LIFT = 5e-6
+
+# A reopening below that lift counts too if more than this share of all that was injected flows meanwhile [1].
+REOPENED = 1e-3
+
+
+@physics
+def middle(a: float, b: float) -> float:
+    """Mean of two values."""
+    return 0.5 * (a + b)
+
+
+@physics
+def seat_pressure(c: Coefficients, gap_cda2: float, upstream: float, behind: float) -> float:
+    """Pressure [Pa] that opens the valve: what A-hole and seat, in series, leave in front of the seat.
+
+    Parameters
+    ----------
+    c : Coefficients
+    gap_cda2 : float
+        (c_d A)² of the valve's gap [m⁴].
+    upstream, behind : float
+        Pressures in the control chamber and behind the valve [Pa].
+    """
+    hole = c.control_chamber.a_cda2
+    per_series, per_gap = reciprocals(hole + gap_cda2, max(gap_cda2, 1e-3 * hole))
+    cavitating = c.control_chamber.a_cda2_choked * (upstream - c.fuel.vapour_pressure) * per_gap
+    return min((upstream - behind) * hole * per_series, cavitating)
+
+
+@physics
+def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
+    """Volumes that the plunger–needle leaves to the fuel."""
+    return Volumes(
+        control_volume(c, lifts),
+        accumulation_volume(c, lifts),
+        sac.volume(c.sac, c.needle_seat.area, lifts.tip),
+    )
+
+
+@physics
+def seat_cda2(c: Any, upstream: float, sac_pressure: float, tip: float) -> Restriction:
+    """Restriction of the needle seat's gap, and its derivative in either pressure; of either actuation.
+
+    Parameters
+    ----------
+    c
+        Coefficients.
+    upstream, sac_pressure : float
+        Pressures in front of the seat and in the SAC [Pa].
+    tip : float
+        Lift of the needle's tip [m].
+    """
+    cda2 = needle_seat.gap_cda2(c.needle_seat, tip)
+    return Restriction(cda2 * (upstream - sac_pressure), cda2)
+
+
+@physics
+def nozzle_cda2(c: Any, pressure: float, cylinder: float, discharge: float) -> Restriction:
+    """Restriction of the nozzle's holes, cavitation included, with its derivative in the SAC's pressure.
+
+    Parameters
+    ----------
+    c
+        Coefficients.
+    pressure, cylinder : float
+        Pressures in SAC and cylinder [Pa].
+    discharge : float
+        c_d of Eq. (9) [1].
+    """
+    cda2, cavitating = c.nozzle.area_squared * discharge * discharge, c.nozzle.cda2_choked
+    return choked(
+        Restriction(cda2 * (pressure - cylinder), cda2),
+        Restriction(cavitating * (pressure - c.fuel.vapour_pressure), cavitating),
+    )
+
+
+@physics
+def seat_flow(c: Any, upstream: Contents, sac: Contents, tip: float) -> Flow:
+    """Flow through the needle seat, Eq. (4), from the accumulation volume into the SAC at a lift of the tip [m]."""
+    return orifice(seat_cda2(c, upstream.pressure, sac.pressure, tip), upstream.density, c.needle_seat.offset)
+
+
+@physics
+def nozzle_flow(c: Any, sac: Contents, cylinder: float, discharge: float) -> Flow:
+    """Flow through the nozzle's holes, Eq. (4), into the cylinder's pressure [Pa] at a coefficient c_d [1]."""
+    return orifice(nozzle_cda2(c, sac.pressure, cylinder, discharge), sac.density, c.nozzle.offset)
+
+
+@physics
+def guide_leak(c: Coefficients, conductance: float, pressure: float, low: float) -> Flow:
+    """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure."""
+    slope = leakage_slope(conductance, fuel.fluidity(c.fuel, middle(pressure, low)))
+    return Flow(slope * (pressure - low), slope)
+
+
+@physics
+def fading_share(tip: float, excess: float) -> float:
+    """Share of the memory of c_d that fades [1]: all on the seat with an empty SAC, none from `RESIDUAL_LIFT` on.
+
+    Linear in the lift and in the SAC's pressure up to `RELAXED`, which is about what a gap of that lift lets through:
+    so neither a touch of the seat nor the step in which it falls makes a jump.
+
+    Parameters
+    ----------
+    tip : float
+        Lift of the needle [m].
+    excess : float
+        Of the SAC over cylinder pressure [Pa].
+    """
+    return min(max(1.0 - tip / RESIDUAL_LIFT, 0.0), 1.0) * relaxed_share(excess)
+
+
+@physics
+def relaxed_share(excess: float) -> float:
+    """Share of `fading_share` that the SAC leaves [1]: all of it at cylinder pressure, none from `RELAXED` on.
+
+    Parameters
+    ----------
+    excess : float
+        Of the SAC over cylinder pressure [Pa].
+    """
+    return min(max(1.0 - excess * PER_RELAXED, 0.0), 1.0)
+
+
+@physics
+def remembered_lift(c: Any, s: Any, tip: float, cylinder: float) -> float:
+    """Lift that c_d remembers over a step [m]: on the seat the exact decay of `memory_rate`; of either actuation.
+
+    Parameters
+    ----------
+    c, s
+        Coefficients and state.
+    tip : float
+        Lift of the needle at the middle of the step [m].
+    cylinder : float
+        Pressure in the cylinder [Pa].
+    """
+    # with the tip last: it comes late, and all of the injection waits for this lift
+    most = s.nozzle.lift_reached
+    lost = most * (c.delays.memory_lag_fraction * relaxed_share(s.sac.pressure - cylinder))
+    least = most - lost
+    return min(max(least + lost * PER_RESIDUAL * tip, least), most)
+
+
+@physics
+def memory_rate(c: Any, lift_reached: float, tip: float, rise: float, excess: float) -> float:
+    """Rate of the lift that c_d remembers [m/s]: it follows a rising needle, and fades at rest; of either actuation.
+
+    It fades by no more than a touch of the seat lasts; with a reset the quantity would jump at the first touch.
+
+    Parameters
+    ----------
+    c
+        Coefficients.
+    lift_reached : float
+        Lift that c_d remembers [m].
+    tip, rise : float
+        Lift [m] and speed [m/s] of the needle.
+    excess : float
+        Of the SAC over cylinder pressure [Pa].
+    """
+    rising = max(rise, 0.0) if tip >= lift_reached else 0.0
+    return rising - fading_share(tip, excess) * lift_reached / c.nozzle.memory
+
+
+@physics
+def plain_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+    """(c_d A)² of the valve's gap, for Eq. (4) [m⁴]; signature as of `land_gap_cda2`."""
+    return valve.gap_cda2(c.valve, lift)
+
+
+@physics
+def land_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+    """(c_d A)² of the valve's gap with the film on its land [m⁴], at the present pressures.
+
+    A-hole, gap and film in series pass Δp = q²/(2 ρ g) + R q, 1/g = 1/g_A + 1/g_s, at most what the cavitating A-hole
+    passes. The gap that takes the same pressure at this flow is 1/(1/g_s + 2 ρ R/q).
+
+    Parameters
+    ----------
+    c : Coefficients
+    chamber : Contents
+        Of the control chamber.
+    behind : float
+        Pressure behind the valve [Pa].
+    lift : float
+        Of the valve [m].
+    """
+    hole, gap = c.control_chamber, valve.gap_cda2(c.valve, lift)
+    resistance = valve.land_resistance(c.valve, lift, fuel.fluidity(c.fuel, middle(chamber.pressure, behind)))
+    cda2 = series(hole.a_cda2, gap)
+    drop = max(abs(chamber.pressure - behind), LEAST_DROP)
+    offset = chamber.density * cda2 * resistance
+    # 2 ρ g_s/q, free and cavitating; without cancellation where friction rules
+    free = (jet(cda2 * drop, chamber.density, offset).root + offset) * (1.0 + gap / hole.a_cda2) / drop
+    vapour = hole.a_cda2_choked * max(chamber.pressure - c.fuel.vapour_pressure, LEAST_DROP)
+    cavitating = gap * math.sqrt(2.0 * chamber.density / vapour)
+    return gap / (1.0 + resistance * max(free, cavitating))
+
+
+@physics
+def drain_cda2(c: Coefficients, pressure: float, behind: float, gap_cda2: float) -> Drain:
+    """Restriction of A-hole and valve in series, cavitation in the A-hole included.
+
+    Parameters
+    ----------
+    c : Coefficients
+    pressure, behind : float
+        In the control chamber and behind the valve [Pa].
+    gap_cda2 : float
+        (c_d A)² of the valve's gap [m⁴].
+    """
+    hole = c.control_chamber
+    cda2 = series(hole.a_cda2, gap_cda2)
+    free = Restriction(cda2 * (pressure - behind), cda2)
+    cavitating = Restriction(hole.a_cda2_choked * (pressure - c.fuel.vapour_pressure), hole.a_cda2_choked)
+    through = choked(free, cavitating)
+    return Drain(through.cda2_dp, through.cda2, cda2 if through.cda2_dp == free.cda2_dp else 0.0)
+
+
+@physics
+def z_hole_cda2(c: Coefficients, feed: float, pressure: float) -> Restriction:
+    """Restriction of the Z-hole, cavitation included; its derivative in the chamber's pressure.
+
+    Parameters
+    ----------
+    c : Coefficients
+    feed, pressure : float
+        In front of the hole and in the control chamber [Pa].
+    """
+    hole = c.control_chamber
+    free = Restriction(hole.z_cda2 * (feed - pressure), hole.z_cda2)
+    return choked(free, Restriction(hole.z_cda2_choked * (feed - c.fuel.vapour_pressure), 0.0))

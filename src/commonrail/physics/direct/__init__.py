@@ -1,0 +1,1 @@
+"""Injector whose solenoid acts on the needle itself."""

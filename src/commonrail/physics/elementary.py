@@ -1,0 +1,134 @@
+"""Elementary functions and sums of products whose bits do not depend on the processor, of arrays and in kernels.
+
+NumPy and the C library have several versions of exp, log, pow and sin and take one by processor; BLAS does the same
+with products of matrices. These here are additions, multiplications, divisions and roots of arrays in a stated order,
+each rounded once, and so are the same everywhere. They are exact to a few roundings. `sine`, `cosine` and `exponential`
+are also those of the kernels, which compile them in place of the C library's (`commonrail.compiler.lower`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonrail.base.arrays import Floats
+
+# ln 2 in two parts; the first has so few digits that its product with the exponent of a number is exact
+_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+_PER_LN2 = 1.44269504088896338700
+_EXP = tuple(1.0 / math.factorial(k) for k in range(15))  # Taylor: to ln 2/2 exact to rounding
+_EXPM1 = tuple(1.0 / math.factorial(k + 1) for k in range(19))  # to 1 exact to rounding
+_LOG = tuple(1.0 / (2 * k + 1) for k in range(13))  # area tangent, for mantissas from √½ to √2
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(12))  # Taylor: to π/2 exact to rounding
+_RANGE = 800.0  # beyond, an exponential is zero or infinite
+_SMALLEST = -708.0  # the exponential below is no normal number
+
+
+def _series(coefficients: tuple[float, ...], x: Floats) -> Floats:
+    """Polynomial of ascending coefficients, by Horner's scheme."""
+    total = np.full(x.shape, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        total = coefficient + x * total
+    return total
+
+
+def exp(x: ArrayLike) -> Floats:
+    """Return the exponential of an array."""
+    bounded = np.clip(np.asarray(x, dtype=np.float64), -_RANGE, _RANGE)
+    power_of_two = np.rint(bounded * _PER_LN2)
+    rest = (bounded - power_of_two * _LN2_HIGH) - power_of_two * _LN2_LOW
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        return np.ldexp(_series(_EXP, rest), np.nan_to_num(power_of_two).astype(np.int32))
+
+
+def expm1(x: ArrayLike) -> Floats:
+    """Return exp(x) − 1 of an array, exact near zero too."""
+    at = np.asarray(x, dtype=np.float64)
+    small = np.clip(at, -1.0, 1.0)
+    return np.where(np.abs(at) < 0.7, small * _series(_EXPM1, small), exp(at) - 1.0)
+
+
+def log(x: ArrayLike) -> Floats:
+    """Return the natural logarithm of an array; −∞ at zero, NaN below it."""
+    at = np.asarray(x, dtype=np.float64)
+    mantissa, exponent = np.frexp(at)
+    low = mantissa < math.sqrt(0.5)
+    mantissa, exponent = np.where(low, 2.0 * mantissa, mantissa), exponent - low
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = (mantissa - 1.0) / (mantissa + 1.0)
+        found = exponent * _LN2_HIGH + (2.0 * ratio * _series(_LOG, ratio * ratio) + exponent * _LN2_LOW)
+        found = np.where(at > 0.0, found, np.where(at == 0.0, -np.inf, np.nan))
+    return np.where(at == np.inf, np.inf, found)
+
+
+def power(base: ArrayLike, exponent: ArrayLike) -> Floats:
+    """Return base to an exponent, base ≥ 0; an error of the exponent's product with the logarithm in roundings."""
+    b, e = np.asarray(base, dtype=np.float64), np.asarray(exponent, dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        found = exp(e * log(b))
+    return np.where(e == 0.0, 1.0, found)
+
+
+def quarter_sine(x: Any) -> Any:
+    """Return sin x of angles from −π/2 to π/2 [rad], a number or an array."""
+    square = x * x
+    total = _SINE[11]
+    for k in range(10, -1, -1):
+        total = _SINE[k] + square * total
+    return x * total
+
+
+def sine(x: float) -> float:
+    """Return sin x of an angle from −π/2 to 3π/2 [rad]; beyond, accuracy is lost."""
+    return quarter_sine(x if x <= 0.5 * math.pi else math.pi - x)  # type: ignore[no-any-return]
+
+
+def cosine(x: Any) -> Any:
+    """Return cos x of angles from −π to π [rad], a number or an array."""
+    return quarter_sine(0.5 * math.pi - abs(x))
+
+
+def exponential(x: float) -> float:
+    """Return exp x of a decay, 0 where it is no normal number; for kernels, which have no `ldexp`.
+
+    Parameters
+    ----------
+    x : float
+        Exponent [1], not above 0; the series takes what ln 2 leaves, halvings the rest.
+    """
+    if x < _SMALLEST:
+        return 0.0
+    halvings = int(0.5 - x / _LN2_HIGH)
+    rest = (x + halvings * _LN2_HIGH) + halvings * _LN2_LOW
+    total = _EXP[13]
+    for k in range(12, -1, -1):
+        total = _EXP[k] + rest * total
+    factor = 0.5
+    while halvings > 0:
+        if halvings & 1:
+            total *= factor
+        factor *= factor
+        halvings >>= 1
+    return total
+
+
+def product(left: Floats, right: Floats) -> Floats:
+    """Product (…, n) of an array (…, d) and a matrix (d, n), summed from the first of d to the last.
+
+    Parameters
+    ----------
+    left : (…, d)
+    right : (d, n)
+    """
+    total = np.zeros((*left.shape[:-1], right.shape[1]))
+    for k, row in enumerate(right):
+        total += left[..., k, None] * row
+    return total
+
+
+def norm(vector: Floats) -> float:
+    """Root of the sum of squares of a vector."""
+    return float(np.sqrt(np.sum(vector * vector)))

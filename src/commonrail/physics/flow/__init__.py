@@ -1,0 +1,1 @@
+"""Laws of flow through orifices and gaps, of volumes, pipes and contacts."""

@@ -1,0 +1,117 @@
+"""One-sided contact with Hunt–Crossley damping, at an instant and as the mean of a leapfrog step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.physics.law import physics
+
+
+class Contact(NamedTuple):
+    """Elastic force [N], pushing only, and its damping coefficient [N s/m], acting against the approach."""
+
+    force: float
+    damping: float
+
+
+@physics
+def contact(depth: float, stiffness: float, damping_factor: float) -> Contact:
+    """Force between two bodies that overlap, zero when they are apart.
+
+    F = k δ (1 + β δ̇) (Hunt & Crossley 1975, doi:10.1115/1.3423596): the damping grows with the overlap,
+    so the force does not jump at touch. k δ and k δ β are returned apart, because the step is implicit
+    in the second.
+
+    Parameters
+    ----------
+    depth : float
+        Overlap δ [m], negative where the bodies are apart; small against their size.
+    stiffness : float
+        k [N/m], > 0.
+    damping_factor : float
+        β [s/m], ≥ 0: about 1.5 (1 − restitution)/speed.
+    """
+    elastic = stiffness * max(depth, 0.0)
+    return Contact(elastic, elastic * damping_factor)
+
+
+@physics
+def mean_overlap(depth: float, move: float) -> float:
+    """Mean of max(δ, 0) [m] over a path from `depth` − `move` to `depth` + `move`, weighted 1 − |s| as leapfrog does.
+
+    Midpoint rule on the four quarters of the path: exact where the bodies touch or part at none of them.
+
+    Parameters
+    ----------
+    depth : float
+        Overlap δ in the middle of the path [m].
+    move : float
+        Half the path [m]; its sign does not matter.
+    """
+    near = max(depth - 0.25 * move, 0.0) + max(depth + 0.25 * move, 0.0)
+    far = max(depth - 0.75 * move, 0.0) + max(depth + 0.75 * move, 0.0)
+    return 0.375 * near + 0.125 * far
+
+
+@physics
+def contact_over_step(
+    depth: float, speed: float, outer: float, per_mass: float, law: tuple[float, float], dt: float
+) -> Contact:
+    """Contact force of a single mass over a leapfrog step: third order while bodies touch, where `contact` is second.
+
+    Leapfrog changes the velocity from t − dt/2 to t + dt/2 by the mean of the force under the weight 1 − |s|, s from
+    −1 to 1 being time in steps; up to dt⁴ that is F + dt²/12 F″. The overlap is averaged along the path, so
+    that touching and parting may fall anywhere inside a step, and the rest follows from δ̈ and
+    m δ⃛ = −k δ̇ − k β (δ̇² + δ δ̈):
+
+        elastic force  k δ̄ + (k + c²/m) dt²/12 δ̈,      c = k β δ̄
+        damping        c (1 + (k + k β δ̇) dt²/(12 m)) + k β dt²/4 δ̈
+
+    the damping being applied to the mean of the velocities before and after the step, which is δ̇ + dt²/6 δ⃛. In these
+    small terms δ̇ is that of half a step before, and the rate of the other forces is neglected: hence third order. A
+    step in which bodies touch or part remains second order, with an error some seven times smaller (`mean_overlap`).
+
+    Parameters
+    ----------
+    depth : float
+        Overlap δ at the start of the step [m].
+    speed : float
+        dδ/dt, half a step before [m/s].
+    outer : float
+        All other forces on the mass [N], positive when they increase the overlap.
+    per_mass : float
+        1/m [1/kg].
+    law : (float, float)
+        Stiffness k [N/m] and Hunt–Crossley factor β [s/m].
+    dt : float
+        Step [s]; k dt² < 4 m.
+    """
+    stiffness, factor = law
+    per_step = dt * dt * per_mass
+    overlap = mean_overlap(depth, dt * speed)
+    damper = stiffness * factor
+    damping = damper * overlap
+    resisting = stiffness + damper * speed
+    curvature = per_step * (outer - resisting * overlap) if depth > 0.0 else 0.0  # dt² δ̈
+    return Contact(
+        stiffness * overlap + (stiffness + damping * damping * per_mass) * curvature * (1.0 / 12.0),
+        max(damping * (1.0 + per_step * resisting * (1.0 / 12.0)) + 0.25 * damper * curvature, 0.0),
+    )
+
+
+@physics
+def next_velocity(v: float, gain: float, half: float, per_one_plus_half: float) -> float:
+    """Velocity [m/s] after a step whose contact damping is taken at mid-step (implicit, never unstable).
+
+    Parameters
+    ----------
+    v : float
+        Velocity half a step before [m/s].
+    gain : float
+        dt F/m [m/s].
+    half : float
+        dt c/(2 m) [1].
+    per_one_plus_half : float
+        1/(1 + half) [1].
+    """
+    return (v * (1.0 - half) + gain) * per_one_plus_half

@@ -1,0 +1,172 @@
+"""An injector as the user holds it: values by name, fuel, variant, and where each number comes from."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
+
+from commonrail.base.arguments import Quantity, instance, mapping, number, plain_text, settle
+from commonrail.base.choices import Actuation, Laws
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.physics.fuel import Fuel
+from commonrail.physics.layout import field_paths
+from commonrail.physics.parameters import Domain, Q, describe
+from commonrail.physics.variants import EXTENDING, MODELS, Variant
+
+FUEL_TEMPERATURE = "fuel.temperature"
+
+
+class Source(NamedTuple):
+    """Source of a number: mark M, C, F or E (measured, ECU calibration, fitted, estimate) and text."""
+
+    mark: str
+    text: str
+
+
+@functools.cache
+def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
+    """Dotted name → unit, meaning and domain of every parameter, in the order of the components.
+
+    Parameters
+    ----------
+    actuation : Actuation, optional
+        Of the injector; by default the parameters of all injectors, those of the servo injector first.
+    """
+    kinds = tuple(Actuation) if actuation is None else (actuation,)
+    components: dict[str, Any] = {}
+    for kind in kinds:
+        components = {**components, **get_type_hints(MODELS[kind].Parameters)}
+    named = {f"{component}.{name}": q for component, kind in components.items() for name, q in describe(kind).items()}
+    named[FUEL_TEMPERATURE] = Q("K", "temperature of the fuel", Domain.POSITIVE)
+    return named
+
+
+@functools.cache
+def parameter_paths(actuation: Actuation = Actuation.SERVO) -> tuple[str, ...]:
+    """Dotted names of the parameters of an actuation in the order of a flat vector."""
+    return tuple(field_paths(MODELS[actuation].Parameters))
+
+
+@dataclass(frozen=True)
+class Injector:
+    """An injector.
+
+    Attributes
+    ----------
+    name, title : str
+        Identifier, and a line that says what it is.
+    values : mapping of str to float
+        SI value of every parameter by dotted name (`quantities`), "fuel.temperature" included.
+    fuel : Fuel
+    variant : Variant
+        Body, boundary at the rail and kind of drive.
+    sources : mapping of str to Source
+        Origin of values by dotted name.
+    synthetic : str
+        What about it is not measured, empty if nothing.
+
+    Raises
+    ------
+    ConfigurationError
+        If a parameter is unknown, missing or outside its domain, or an argument is of another kind. Values may be
+        given as texts with their units, ``"75 N"``.
+    """
+
+    name: str
+    title: str
+    values: Mapping[str, float]
+    fuel: Fuel
+    variant: Variant = Variant()
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    synthetic: str = field(default="", kw_only=True)
+
+    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+
+        def __init__(
+            self,
+            name: str,
+            title: str,
+            values: Mapping[str, Quantity],
+            fuel: Fuel,
+            variant: Variant = Variant(),
+            sources: Mapping[str, Source] = {},
+            *,
+            synthetic: str = "",
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        settle(self, variant=Variant(*instance(self.variant, Variant, "variant")))
+        known = self.quantities
+        for what in ("name", "title", "synthetic"):
+            plain_text(getattr(self, what), f"{what} of an injector")
+        values = {path: _read(self.name, path, value, known) for path, value in _named(self.values).items()}
+        settle(self, values=values)
+        instance(self.fuel, Fuel, "fuel")
+        mapping(self.sources, "sources", '{"nozzle.holes": Source("M", "drawing")}')
+        missing = [path for path in known if path not in self.values]
+        if missing:
+            raise ConfigurationError(f"{self.name}: no value for {missing[0]}; give one in the injector's file.")
+
+    @property
+    def quantities(self) -> Mapping[str, Q]:
+        """`parameter_quantities` of its actuation."""
+        return parameter_quantities(self.variant.actuation)
+
+    @property
+    def parameters(self) -> Any:
+        """Values as the NamedTuple that the physics reads."""
+        kind = MODELS[self.variant.actuation].Parameters
+        flat = iter([self.values[path] for path in parameter_paths(self.variant.actuation)])
+        return kind(**{component: _take(one, flat) for component, one in get_type_hints(kind).items()})
+
+    def wired(self, names: Iterable[str] = ()) -> Variant:
+        """Variant that computes this injector: with the extended laws if a value or a varying name needs them.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Dotted names of the parameters that vary.
+        """
+        needed = set(EXTENDING).intersection(names) or any(self.values.get(name, 0.0) != 0.0 for name in EXTENDING)
+        return self.variant._replace(laws=Laws.EXTENDED) if needed else self.variant
+
+    def with_values(self, values: Mapping[str, Quantity]) -> Injector:
+        """The same injector with some values changed.
+
+        Parameters
+        ----------
+        values : mapping of str to float or str
+            SI numbers, or texts with their units such as ``"75 N"``, by dotted name.
+
+        Raises
+        ------
+        ConfigurationError
+            If a name is unknown, or a value is of another kind or outside its domain.
+        """
+        return replace(self, values={**self.values, **_named(values)})
+
+
+def _take(kind: Any, flat: Iterator[float]) -> Any:
+    return kind._make([next(flat) for _ in kind._fields])
+
+
+def _named(values: object) -> Mapping[str, Any]:
+    return mapping(values, "values of parameters", '{"valve.spring_preload": "75 N"}')
+
+
+def _read(name: str, path: str, value: object, known: Mapping[str, Q]) -> float:
+    if path not in known:
+        raise ConfigurationError(
+            f"{name}: there is no parameter {path}{nearest(path, known)}; commonrail.parameter_quantities() lists them."
+        )
+    quantity = known[path]
+    found = value if isinstance(value, float) else number(value, quantity.unit, f"{name}, {path}")
+    if not (abs(found) < float("inf") and quantity.domain.admits(found)):
+        raise ConfigurationError(
+            f"{name}: {path} ({quantity.meaning}) must be {quantity.domain.value}, not "
+            f"{found:g} {quantity.unit.removesuffix('1')}".rstrip()
+            + "."
+        )
+    return float(found)

@@ -1,0 +1,1 @@
+"""Meters, which stand between the injection and what is recorded."""

@@ -1,0 +1,307 @@
+"""A meter of a bench: what it is called, its law and its quantities."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from commonrail.base.arguments import Quantity, chosen, mapping, number, plain_text, settle, whole
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.units import to_text
+from commonrail.physics.injector import Source, parameter_quantities
+from commonrail.physics.parameters import Domain, Q
+
+# Low-passes and lags of signals with equal intervals; each keeps the sum of a signal that comes back to rest.
+#
+# Signals are arrays (..., samples). Every function treats each signal by itself: the same bits alone or among others.
+
+_TAIL = 30.0  # e-foldings after which the response of the zero-phase filter has died away, below rounding
+_SEEN = 7.0  # e-foldings of it that a simulation must reach beyond the last sample: 0.1 %
+_FASTEST = 0.49  # largest cut-off of a Butterworth filter, as a share of the sampling frequency
+
+
+class LowPass(StrEnum):
+    """Laws of a low-pass of order n with the cut-off frequency f_c."""
+
+    BUTTERWORTH = "butterworth"
+    """Causal, 1/√2 of the amplitude at f_c (bilinear transform)."""
+
+    CASCADE = "cascade"
+    """Causal, n equal first-order lags in a row, each with 1/√2 of the amplitude at f_c."""
+
+    ZERO_PHASE = "zero-phase"
+    """Amplitude 1/(1 + (f/f_c)^2n), 1/2 at f_c, without phase: a filter applied to a recorded signal."""
+
+
+def low_pass(signal: Floats, interval: float, law: LowPass, order: int, cutoff: float) -> Floats:
+    """Filtered signals; each rests at zero before its first sample and after its last.
+
+    Parameters
+    ----------
+    signal : (..., samples)
+    interval : float
+        Time between samples [s].
+    law : LowPass
+    order : int
+        n, 1 or greater.
+    cutoff : float
+        f_c [Hz]; infinite for no filter. A Butterworth filter above 0.49 of the sampling frequency takes that.
+    """
+    if math.isinf(cutoff):
+        return signal
+    if law is LowPass.ZERO_PHASE:
+        return _zero_phase(signal, interval, order, cutoff)
+    if law is LowPass.BUTTERWORTH:
+        return _butterworth(signal, interval, order, cutoff)
+    for _ in range(order):
+        signal = first_order(signal, 2.0 * math.pi * cutoff * interval)
+    return signal
+
+
+def first_order(signal: Floats, decay: float, rest: float = 0.0) -> Floats:
+    """First-order lag: means over the intervals of a signal constant over each, or values of one linear between them.
+
+    Both cases have the same recursion, with e = exp(−d) and m = (1 − e)/d:
+    y_k = (1 − m) u_k + (m − e) u_(k−1) + e y_(k−1).
+
+    Parameters
+    ----------
+    signal : (..., samples)
+    decay : float
+        d, interval over time constant; infinite for no lag.
+    rest : float
+        Value before the first sample.
+    """
+    if math.isinf(decay):
+        return signal
+    from scipy.signal import lfilter  # takes a third of a second to import
+
+    keep, mean = math.exp(-decay), -math.expm1(-decay) / decay
+    before = np.full((*signal.shape[:-1], 1), mean * rest)
+    return np.asarray(lfilter([1.0 - mean, mean - keep], [1.0, -keep], signal, zi=before)[0])
+
+
+def look_ahead(law: LowPass, order: int, cutoff: float) -> float:
+    """Time [s] that a filter sees ahead of a sample; zero for a causal one.
+
+    Parameters
+    ----------
+    law, order, cutoff
+        As in `low_pass`.
+    """
+    if law is not LowPass.ZERO_PHASE or math.isinf(cutoff):
+        return 0.0
+    return _SEEN * _slowest(order, cutoff)
+
+
+def _slowest(order: int, cutoff: float) -> float:
+    """Time constant [s] of the slowest part of the zero-phase filter's response."""
+    return 1.0 / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * order)))
+
+
+def _butterworth(signal: Floats, interval: float, order: int, cutoff: float) -> Floats:
+    from scipy.signal import butter, sosfilt
+
+    sections = butter(order, min(cutoff * interval, _FASTEST), fs=1.0, output="sos")
+    return np.asarray(sosfilt(sections, signal))
+
+
+def _zero_phase(signal: Floats, interval: float, order: int, cutoff: float) -> Floats:
+    """Product with the amplitude in the frequency domain; zeros behind the signal keep its ends apart."""
+    samples = signal.shape[-1]
+    tail = math.ceil(_TAIL * _slowest(order, cutoff) / interval)
+    padded = 1 << (samples + min(tail, 16 * samples) - 1).bit_length()
+    frequency = np.fft.rfftfreq(padded, interval)
+    amplitude = 1.0 / (1.0 + (frequency / cutoff) ** (2 * order))
+    return np.asarray(np.fft.irfft(np.fft.rfft(signal, padded) * amplitude, padded)[..., :samples])
+
+
+# Quantities of a meter: unit, meaning, domain and neutral value of each, and their names as free parameters.
+
+PREFIX = "meter"  # of the dotted name of a free quantity: meter.bench.delay
+
+_INF = float("inf")
+_ECHO = "echo of the signal in the meter's tube"
+_SECOND = "second echo of the signal in the meter's tube"
+
+# A quantity without a default is absent unless it is given.
+QUANTITIES: Mapping[str, Q] = {
+    "delay": Q("s", "delay of the signal behind the flow", Domain.ANY, 0.0),
+    "gain": Q("1", "factor on the rate or the quantity", Domain.POSITIVE, 1.0),
+    "offset": Q("m3/s", "rate that is shown without flow", Domain.ANY, 0.0),
+    "quantity_offset": Q("m3", "quantity per stroke that is shown without an injection", Domain.ANY, 0.0),
+    "cutoff": Q("Hz", "cut-off frequency of the low-pass", Domain.POSITIVE, _INF),
+    "late_cutoff": Q("Hz", "cut-off frequency of the low-pass after the opening peak", Domain.POSITIVE),
+    "blend": Q("s", "time from the opening peak in which the late cut-off replaces the first", Domain.POSITIVE, 2e-4),
+    "echo_share": Q("1", f"share of the {_ECHO}", Domain.ANY, 0.0),
+    "echo_delay": Q("s", f"delay of the {_ECHO}", Domain.NON_NEGATIVE, 0.0),
+    "echo_lag": Q("s", f"time constant of the {_ECHO}", Domain.NON_NEGATIVE, 0.0),
+    "second_echo_share": Q("1", f"share of the {_SECOND}", Domain.ANY, 0.0),
+    "second_echo_delay": Q("s", f"delay of the {_SECOND}", Domain.NON_NEGATIVE, 0.0),
+    "second_echo_lag": Q("s", f"time constant of the {_SECOND}", Domain.NON_NEGATIVE, 0.0),
+    "zeroing": Q("1", "share of the direct signal's peak below which the signal is set to zero", Domain.UNIT, 0.0),
+    "density": Q("kg/m3", "density that makes the meter's volumes of masses", Domain.POSITIVE),
+    "temperature": Q("K", "temperature of the fuel in the meter", Domain.POSITIVE),
+}
+
+
+def parameter_name(meter: str, quantity: str) -> str:
+    """Dotted name of a quantity as a free parameter: meter.bench.delay."""
+    return f"{PREFIX}.{meter}.{quantity}"
+
+
+def is_of_meter(name: str) -> bool:
+    """True for the dotted name of a meter's quantity, False for that of an injector's parameter."""
+    return name.startswith(f"{PREFIX}.")
+
+
+def parts_of(name: str) -> tuple[str, str]:
+    """Meter and quantity of a dotted name."""
+    _, meter, quantity = name.split(".", 2)
+    return meter, quantity
+
+
+def known_quantity(name: str) -> Q:
+    """Unit, meaning and domain of a free parameter, of an injector or of a meter.
+
+    Raises
+    ------
+    KeyError
+        If there is none of that name.
+    """
+    return QUANTITIES[parts_of(name)[1]] if is_of_meter(name) else parameter_quantities()[name]
+
+
+HIGHEST_ORDER = 8  # of a low-pass
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,59}")
+
+
+@dataclass(frozen=True)
+class Meter:
+    """A meter, through which simulated rates or quantities are seen before they are compared with measured ones.
+
+    Attributes
+    ----------
+    name : str
+        Letters, digits and underscores; data sets that name the same meter share its quantities.
+    values : mapping of str to float
+        Quantities by the names of `QUANTITIES` [SI]; what is not given is neutral. Texts with units are read. Those
+        that a study fits (parameters such as ``meter.bench.delay``) start from here.
+    law : LowPass
+        Of the low-pass: "butterworth", "cascade" or "zero-phase".
+    order : int
+        Of the low-pass, 1 to 8.
+    sources : mapping of str to Source
+        Mark and source of quantities.
+
+    Raises
+    ------
+    ConfigurationError
+        If a quantity is unknown or outside its domain, both density and temperature are given, the shares of the echoes
+        leave nothing of the direct signal, a late cut-off is given with a law that delays, or the name is no name.
+    """
+
+    name: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    law: LowPass = LowPass.BUTTERWORTH
+    order: int = 2
+    sources: Mapping[str, Source] = field(default_factory=dict)
+
+    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+
+        def __init__(
+            self,
+            name: str,
+            values: Mapping[str, Quantity] = {},
+            law: LowPass | str = LowPass.BUTTERWORTH,
+            order: int = 2,
+            sources: Mapping[str, Source] = {},
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(plain_text(self.name, "name of a meter")):
+            raise ConfigurationError(
+                f'The name of a meter must be letters, digits and underscores, such as "bench", not "{self.name}".'
+            )
+        given = mapping(self.values, f"quantities of the meter {self.name}", '{"delay": "5 us"}')
+        values = {key: self._read(key, value) for key, value in given.items()}
+        if {"density", "temperature"} <= set(values):
+            raise ConfigurationError(f"The meter {self.name} has a density and a temperature; keep one of them.")
+        echoes = values.get("echo_share", 0.0) + values.get("second_echo_share", 0.0)
+        if echoes >= 1.0:
+            raise ConfigurationError(
+                f"The shares of the echoes of the meter {self.name} add up to {echoes:g}, which leaves nothing of the "
+                "direct signal; they must add up to less than 1."
+            )
+        law = chosen(self.law, LowPass, f"law of the meter {self.name}")
+        if "late_cutoff" in values and law is not LowPass.ZERO_PHASE:
+            raise ConfigurationError(
+                f'The late_cutoff of the meter {self.name} needs the law "zero-phase", not "{law.value}": filters that '
+                'delay by different times change the volume when they are blended; take "zero-phase", or remove '
+                "late_cutoff."
+            )
+        mapping(self.sources, f"sources of the meter {self.name}", '{"delay": Source("M", "data sheet")}')
+        settle(
+            self,
+            values=values,
+            law=law,
+            order=whole(self.order, f"order of the meter {self.name}", 1, HIGHEST_ORDER),
+        )
+
+    def _read(self, key: str, value: object) -> float:
+        if key not in QUANTITIES:
+            raise ConfigurationError(
+                f"The meter {self.name} has no {key}{nearest(key, QUANTITIES)}; its quantities are "
+                f"{', '.join(QUANTITIES)}."
+            )
+        q = QUANTITIES[key]
+        found = number(value, q.unit, f"{key} of the meter {self.name}")
+        if not q.domain.admits(found):
+            raise ConfigurationError(
+                f"The {key} of the meter {self.name} ({q.meaning}) must be {q.domain.value}, not "
+                f"{to_text(found, q.unit)}."
+            )
+        return found
+
+    @property
+    def neutral(self) -> bool:
+        """True if it shows what it is given."""
+        return all(QUANTITIES[key].default == value for key, value in self.values.items())
+
+    @property
+    def ahead(self) -> float:
+        """Time [s] beyond the last sample that must be simulated; twice what the given values need."""
+        cutoffs = [self.values[key] for key in ("cutoff", "late_cutoff") if key in self.values]
+        seen = [look_ahead(self.law, self.order, cutoff) for cutoff in cutoffs]
+        return 2.0 * (max(seen, default=0.0) + max(-self.values.get("delay", 0.0), 0.0))
+
+    def parameter(self, quantity: str) -> str:
+        """Name of a quantity as a free parameter."""
+        return parameter_name(self.name, quantity)
+
+    def owns(self, name: str) -> bool:
+        """True for the dotted name of a quantity of this meter."""
+        return is_of_meter(name) and parts_of(name)[0] == self.name
+
+    def with_best(self, best: Mapping[str, float], source: Source | None = None) -> Meter:
+        """The same meter with what a fit has found.
+
+        Parameters
+        ----------
+        best : mapping of str to float
+            Values [SI] by the names of free parameters; those that are not the meter's are left out.
+        source : Source, optional
+            Of these values.
+        """
+        found = {parts_of(name)[1]: value for name, value in best.items() if self.owns(name)}
+        if not found:
+            return self
+        sources = dict(self.sources) | ({} if source is None else dict.fromkeys(found, source))
+        return replace(self, values={**self.values, **found}, sources=sources)

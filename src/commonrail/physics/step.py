@@ -1,0 +1,427 @@
+"""One time step of the whole injector: discretises the equations of `engine.rates`, and fixes their order.
+
+Positions, pressures and flux stand at t_n, velocities at t_n − dt/2. First everything that moves is
+carried to t_n + dt under the forces of t_n (leapfrog); then each volume is filled with the geometry of
+mid-step, the SAC first, because it is the stiff one: what flows through the seat is its balance, and
+goes on to the accumulation volume. A flow is computed once and counted on both sides, so mass is
+conserved to rounding. Waves are means over a step. The variants (chain or rigid body, ideal rail or rail
+volume, kind of drive) are handed in as functions.
+
+Each volume is filled in three parts: the balance dm/dt = Σ q at t_n, its linearisation in the volume's own
+pressure, q = q_n + s (p − p_n), and the implicit mean over the step, p − p_n = δ of `mean_departure_of`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from commonrail.physics.components import (
+    accumulation,
+    control_chamber,
+    drive,
+    feed_pipe,
+    flux_decay,
+    nozzle,
+    return_line,
+    solenoid,
+    valve,
+)
+from commonrail.physics.components.plunger_needle import Loads, Motion, loads
+from commonrail.physics.connections import (
+    Volumes,
+    drain_cda2,
+    guide_leak,
+    middle,
+    nozzle_cda2,
+    remembered_lift,
+    seat_cda2,
+    seat_pressure,
+    volumes_of,
+    z_hole_cda2,
+)
+from commonrail.physics.flow.orifice import Flow, jet, orifice_pair
+from commonrail.physics.flow.volume import Contents, contents, mean_departure
+from commonrail.physics.law import physics, three_reciprocals
+from commonrail.physics.model import Coefficients, CumulativeFlows, Inputs, State, Waves
+from commonrail.physics.protocols import Advance, Discharge, Draw, DriveLaw, Inlet, ValveGap
+from commonrail.physics.setup import ambient_density, seat_contact
+
+
+class StepGeometry(NamedTuple):
+    """Lifts and volumes at both ends of the step, the valve's gap (c_d A)² at mid-step [m⁴], and the step [s]."""
+
+    old: Motion
+    new: Motion
+    before: Volumes
+    after: Volumes
+    gap_cda2: float
+    dt: float
+
+
+class AirGap(NamedTuple):
+    """Air gap that the armature leaves at mid-step, and its decrease over half a step [m]."""
+
+    middle: float
+    closing: float
+
+
+class SacFlows(NamedTuple):
+    """Mean flows through seat and nozzle [kg/s] and the SAC's mass after the step [kg]."""
+
+    seat: float
+    nozzle: float
+    mass: float
+
+
+class ChamberFlows(NamedTuple):
+    """Mean flows of Z-hole, A-hole and guide [kg/s] and the chamber's mass after the step [kg]."""
+
+    z_hole: float
+    a_hole: float
+    leak: float
+    mass: float
+
+
+class AccumulationFlows(NamedTuple):
+    """Mean pressure [Pa], mean flows of pipe and guide [kg/s] and the volume's mass after the step [kg]."""
+
+    pressure: float
+    pipe: float
+    leak: float
+    mass: float
+
+
+@physics
+def mean_departure_of(here: Contents, balance: Flow, before: float, after: float, dt: float) -> float:
+    """Implicit mean over the step of p − p_n [Pa] in a volume; each flow's mean is q_n + s (p − p_n).
+
+    Parameters
+    ----------
+    here : Contents
+        At t_n.
+    balance : Flow
+        Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)].
+    before, after : float
+        Volume at both ends of the step [m³].
+    dt : float
+        Step [s].
+    """
+    growth = here.density * (after - before) / dt
+    return mean_departure(balance.mass_flow, balance.slope, here.stiffness, middle(before, after), growth, dt)
+
+
+@physics
+def body_loads(c: Coefficients, s: State, low: float) -> Loads:
+    """Forces F1…F9 of Eq. (10) at t_n."""
+    return loads(
+        c.plunger_needle.guides,
+        c.needle_seat.area,
+        s.control_chamber.fuel.pressure,
+        s.accumulation.fuel.pressure,
+        s.sac.pressure,
+        low,
+    )
+
+
+@physics
+def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.State:
+    """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
+
+    Parameters
+    ----------
+    c, s
+        Coefficients and state.
+    gap_cda2 : float
+        (c_d A)² of the seat's gap at its start [m⁴].
+    dt : float
+        Step [s].
+    """
+    pressure = seat_pressure(c, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
+    return valve.advance(c.valve, s.valve, solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux), pressure, dt)
+
+
+@physics
+def advance_flux(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[float, float]:
+    """Flux after the step [Wb], Eq. (11): N dφ/dt = v − R i, and the PWM's transistor; of either actuation.
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients, state and inputs.
+    gap : AirGap
+    drive_law : law
+        Of the variant: mean of dφ/dt over the step, implicit in the flux.
+    dt : float
+        Step [s].
+    """
+    now = solenoid.circuit(c.solenoid, s.solenoid.flux, gap.middle, gap.closing)
+    supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
+    change = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
+    return s.solenoid.flux + dt * change.flux_rate, change.conducting
+
+
+@physics
+def magnetise(
+    c: Coefficients, s: State, u: Inputs, lift: float, drive_law: DriveLaw, dt: float
+) -> tuple[solenoid.State, float]:
+    """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients, state and inputs.
+    lift : float
+        Armature's at mid-step [m].
+    drive_law : law
+        Of the variant.
+    dt : float
+        Step [s].
+    """
+    flux, conducting = advance_flux(c, s, u, AirGap(c.valve.lift - lift, lift - s.valve.lift), drive_law, dt)
+    fraction = c.delays.eddy_lag_fraction
+    lagged = flux_decay.lagged(middle(s.solenoid.flux, flux), s.solenoid.pulling_flux, fraction, fraction)
+    return solenoid.State(flux, lagged if fraction < 1.0 else flux), conducting
+
+
+@physics
+def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geometry: StepGeometry) -> SacFlows:
+    """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, both by Eq. (4); of either actuation.
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients and state, of either actuation, and inputs.
+    upstream : float
+        Pressure in the accumulation volume [Pa].
+    discharge : float
+        Discharge coefficient of the nozzle [1].
+    geometry : StepGeometry
+    """
+    here, before, dt = s.sac, s.accumulation.fuel.density, geometry.dt
+    # balance at t_n, and its slopes in the SAC's pressure: −s_seat of the inflow, s_nozzle of the outflow
+    seat, spray = orifice_pair(
+        seat_cda2(c, upstream, here.pressure, middle(geometry.old.tip, geometry.new.tip)),
+        nozzle_cda2(c, here.pressure, u.cylinder, discharge),
+        density=(before, here.density),
+        offset=(c.needle_seat.offset, c.nozzle.offset),
+    )
+    balance = Flow(seat.mass_flow - spray.mass_flow, seat.slope + spray.slope)
+    # implicit mean over the step
+    departure = mean_departure_of(here, balance, geometry.before.sac, geometry.after.sac, dt)
+    inflow = seat.mass_flow - seat.slope * departure
+    outflow = spray.mass_flow + spray.slope * departure
+    # limits of the linearisation: what is cut off is taken from the flow that was too large
+    filled = here.mass + dt * (inflow - outflow)
+    limited = _not_past_accumulation(here, upstream, before, filled, geometry.after.sac)
+    inflow = inflow - (filled - limited) / dt
+    mass = _not_past_cylinder(c, here, u.cylinder, limited, geometry)
+    return SacFlows(inflow, inflow - (mass - here.mass) / dt, mass)
+
+
+@physics
+def _not_past_accumulation(here: Contents, upstream: float, density: float, mass: float, volume: float) -> float:
+    """A SAC that draws near to the pressure of the accumulation volume stops at it, from either side.
+
+    The linearised root of Eq. (4) carries a drop of pressure that is four times its balance to the other side of the
+    seat, and from there back again: through a wide seat the two would swing about one another, more and more.
+    """
+    alike = density * volume
+    below, above = min(mass, max(alike, here.mass)), max(mass, min(alike, here.mass))
+    return below if here.pressure <= upstream else above
+
+
+@physics
+def _not_past_cylinder(c: Any, here: Contents, cylinder: float, mass: float, geometry: StepGeometry) -> float:
+    """A SAC that empties stops at cylinder pressure; the linearised root of Eq. (4) would pass it."""
+    rest = ambient_density(c.cylinder, cylinder) * geometry.after.sac
+    emptying = here.pressure >= cylinder and geometry.after.sac <= geometry.before.sac
+    return max(mass, min(rest, here.mass)) if emptying else mass
+
+
+@physics
+def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2: float) -> tuple[Flow, Flow]:
+    """Flows of Z-hole and A-hole at t_n, Eq. (4), and minus and plus their slopes in the chamber's pressure.
+
+    The return line answers the A-hole's flow q with the pressure `filling` + Z q, or with the vapour pressure where
+    that is higher; q is taken linear in it.
+
+    Parameters
+    ----------
+    c, s
+        Coefficients and state.
+    feed : float
+        Pressure in front of the Z-hole [Pa].
+    filling : float
+        Pressure behind the valve without flow [Pa].
+    gap_cda2 : float
+        (c_d A)² of the valve's gap [m⁴].
+    """
+    here, hole, behind = s.control_chamber.fuel, c.control_chamber, s.return_line.pressure
+    density = ambient_density(c.source, feed)
+    through_z = z_hole_cda2(c, feed, here.pressure)
+    z = jet(through_z.cda2_dp, density, hole.z_offset)
+    drain = drain_cda2(c, here.pressure, behind, gap_cda2)
+    a = jet(drain.cda2_dp, here.density, hole.a_offset)
+    line = here.density * drain.line_cda2
+    # the line's answer divides the outflow by 1 + Z ρ (c_d A)²/root; a cavity lets through what flows into vapour
+    per_z, per_full, per_open = three_reciprocals(z.root, a.root + c.return_line.impedance * line, a.root)
+    full = (a.mass_flow * a.root + line * (behind - filling)) * per_full
+    a_flow = min(full, a.mass_flow + line * (behind - c.fuel.vapour_pressure) * per_open)
+    a_slope = here.density * drain.cda2 * (per_open if a_flow < full else per_full)
+    return Flow(z.mass_flow, density * through_z.cda2 * per_z), Flow(a_flow, a_slope)
+
+
+@physics
+def fill_control_chamber(
+    c: Coefficients, s: State, u: Inputs, feed: float, filling: float, geometry: StepGeometry
+) -> ChamberFlows:
+    """Control chamber, Eq. (3) in mass: dm/dt = q_Z − q_A − q_leak, by Eq. (4), (4) and (5).
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients, state and inputs.
+    feed, filling : float
+        As of `hole_flows` [Pa].
+    geometry : StepGeometry
+    """
+    here, dt = s.control_chamber.fuel, geometry.dt
+    # balance at t_n, and its slopes in the chamber's pressure
+    z, a = hole_flows(c, s, feed, filling, geometry.gap_cda2)
+    leak = guide_leak(c, c.plunger_needle.guides.plunger_leak, here.pressure, u.low)
+    balance = Flow(z.mass_flow - a.mass_flow - leak.mass_flow, z.slope + a.slope + leak.slope)
+    # implicit mean over the step
+    departure = mean_departure_of(here, balance, geometry.before.control, geometry.after.control, dt)
+    z_flow = z.mass_flow - z.slope * departure
+    a_flow = a.mass_flow + a.slope * departure
+    leak_flow = leak.mass_flow + leak.slope * departure
+    return ChamberFlows(z_flow, a_flow, leak_flow, here.mass + dt * (z_flow - a_flow - leak_flow))
+
+
+@physics
+def fill_accumulation(
+    c: Any, s: Any, wave: float, outflow: float, leak: Flow, geometry: StepGeometry
+) -> AccumulationFlows:
+    """Accumulation volume, Eq. (3) in mass: dm/dt = q_pipe − q_out − q_leak; of either actuation.
+
+    The pipe's end follows Eq. (6) by characteristics: q_pipe = (wave − p)/Z.
+
+    Parameters
+    ----------
+    c, s
+        Coefficients and state, of either actuation.
+    wave : float
+        Arriving in the feed pipe, its friction taken off [Pa].
+    outflow : float
+        Mean flow into SAC and Z-hole, known before [kg/s].
+    leak : Flow
+        Of the needle's guide at t_n, Eq. (5); none in a direct-acting injector.
+    geometry : StepGeometry
+    """
+    here, admittance, dt = s.accumulation.fuel, c.feed_pipe.admittance, geometry.dt
+    # balance at t_n, and its slopes in the volume's pressure
+    pipe = (wave - here.pressure) * admittance
+    balance = Flow(pipe - outflow - leak.mass_flow, admittance + leak.slope)
+    # implicit mean over the step
+    departure = mean_departure_of(here, balance, geometry.before.accumulation, geometry.after.accumulation, dt)
+    pipe_flow = pipe - admittance * departure
+    leak_flow = leak.mass_flow + leak.slope * departure
+    mass = here.mass + dt * (pipe_flow - outflow - leak_flow)
+    return AccumulationFlows(here.pressure + departure, pipe_flow, leak_flow, mass)
+
+
+class StepLaws(NamedTuple):
+    """Laws in which variants differ.
+
+    Attributes
+    ----------
+    advance, lifts : law
+        Motion of plunger and needle, and its lifts.
+    drive : law
+        Flux rate of the solenoid's drive.
+    inlet, draw : law
+        Boundary at the rail, and what it takes from the rail.
+    discharge : law
+        Discharge coefficient of the nozzle.
+    gap_cda2 : law
+        (c_d A)² of the valve's seat.
+    """
+
+    advance: Advance
+    lifts: Callable[[Any], Motion]
+    drive: DriveLaw
+    inlet: Inlet
+    draw: Draw
+    discharge: Discharge
+    gap_cda2: ValveGap
+
+
+def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
+    """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
+    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law = laws
+
+    @physics
+    def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
+        """State at t_n + dt, and the waves that leave."""
+        here, behind = s.control_chamber.fuel, s.return_line.pressure
+        # valve (Newton's second law) and solenoid, Eq. (11), (12)
+        moved_valve = move_valve(c, s, gap_law(c, here, behind, s.valve.lift), dt)
+        lift = middle(s.valve.lift, moved_valve.lift)
+        magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
+
+        # plunger and needle, Eq. (10)
+        body = advance(c.plunger_needle, seat_contact(c), s.body, body_loads(c, s, u.low), dt)
+        old, new = lifts(s.body.z), lifts(body.z)
+
+        # SAC: Eq. (3), (4), c_d by Eq. (9); the accumulation's pressure is extrapolated to mid-step
+        store, from_inlet = s.accumulation.fuel, c.control_chamber.z_inlet_fraction
+        upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
+        reached = remembered_lift(c, s, middle(old.tip, new.tip), u.cylinder)
+        # here, not above: the compiler orders as it reads, and f32 took 11 % longer with the geometry first
+        gap_cda2 = gap_law(c, here, behind, lift)
+        geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), gap_cda2, dt)
+        passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
+        sac = fill_sac(c, s, u, upstream, passing, geometry)
+
+        # feed pipe, Eq. (6), at its inlet
+        arrived = feed_pipe.arrive(c.feed_pipe, s.feed_pipe, arriving.down, arriving.up)
+        inlet = inlet_law(c, s, u, arrived.up)
+
+        # control chamber: Eq. (3), (4), (5), and the return line, Eq. (6); a line of length zero is the tank itself
+        feed = from_inlet * inlet.pressure + (1.0 - from_inlet) * upstream
+        back = 2.0 * u.low - arriving.back if c.return_line.impedance > 0.0 else u.low
+        filling = return_line.without_flow(c.return_line, s.return_line, back)
+        chamber = fill_control_chamber(c, s, u, feed, filling, geometry)
+        outlet = return_line.advance(c.return_line, filling, c.fuel.vapour_pressure, chamber.a_hole)
+
+        # accumulation volume: Eq. (3), (5), and the feed pipe's end, Eq. (6)
+        leak = guide_leak(c, c.plunger_needle.guides.needle_leak, store.pressure, u.low)
+        outflow = sac.seat + (1.0 - from_inlet) * chamber.z_hole
+        filled = fill_accumulation(c, s, arrived.down, outflow, leak, geometry)
+
+        drawn = dt * (inlet.flow + from_inlet * chamber.z_hole)
+        ends = feed_pipe.State(inlet.flow, filled.pipe)
+        away = feed_pipe.leave(c.feed_pipe, ends, inlet.pressure, filled.pressure)
+        volumes = geometry.after
+        per_control, per_store, per_sac = three_reciprocals(volumes.control, volumes.accumulation, volumes.sac)
+        after = State(
+            rail=draw(c, s, drawn),
+            feed_pipe=ends,
+            control_chamber=control_chamber.State(contents(c.fuel, chamber.mass, per_control), chamber.z_hole),
+            valve=moved_valve,
+            solenoid=magnet,
+            drive=drive.State(conducting),
+            return_line=outlet,
+            accumulation=accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
+            body=body,
+            sac=contents(c.fuel, sac.mass, per_sac),
+            nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * sac.nozzle),
+            cumulative_flows=CumulativeFlows(
+                returned=s.cumulative_flows.returned + dt * (chamber.a_hole + chamber.leak + filled.leak),
+                supplied=s.cumulative_flows.supplied + drawn,
+            ),
+        )
+        return after, Waves(away.down, away.up, 2.0 * outlet.pressure - back)
+
+    return step

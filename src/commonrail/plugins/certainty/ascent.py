@@ -1,0 +1,119 @@
+"""Ascent to the most likely values by damped least squares of the innovations, from many starts in one batch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.calibration.optimisers.polish import Descents, FeasibleSet, Model, Rules, advance, answered
+from commonrail.plugins.certainty.likelihood import Likelihood
+
+FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one
+FEW = 5  # free parameters, up to which steps are straight: bending them saves no step and costs a third of the points
+
+
+class Ascent(NamedTuple):
+    """Ends of ascents.
+
+    Attributes
+    ----------
+    unit : (k, d)
+        Positions between the bounds.
+    cost : (k,)
+        −2 ln of likelihood and priors, without constants; +inf where the start failed.
+    errors : (k, n)
+        Residuals there.
+    slopes : (k, d, n)
+        One-sided derivatives there; NaN of an ascent that does not know them, zero for a fixed parameter.
+    """
+
+    unit: Floats
+    cost: Floats
+    errors: Floats
+    slopes: Floats
+
+
+class _Criterion(NamedTuple):
+    """−2 ln of likelihood and priors, as damped least squares lowers it; innovations end with those of the priors."""
+
+    likelihood: Likelihood
+
+    def innovations(self, residuals: Floats, unit: Floats) -> Floats:
+        own = self.likelihood
+        known = np.isfinite(residuals).all(axis=-1, keepdims=True)
+        data = np.where(known, own.whiten(np.where(known, residuals, 0.0)), np.nan)
+        priors = own.priors.residuals(own.space.from_unit(unit.reshape(-1, unit.shape[-1])))
+        return np.concatenate([data, priors.reshape(*unit.shape[:-1], -1)], axis=-1)
+
+    def tangents(self, slopes: Floats, unit: Floats) -> Floats:
+        own = self.likelihood
+        priors = [own.prior_slopes(point).T for point in unit]
+        return np.concatenate([own.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
+
+    def costs(self, innovations: Floats) -> Floats:
+        own, n = self.likelihood, self.likelihood.size
+        cost = own.block_costs(innovations[..., :n]).sum(axis=-1) + np.sum(innovations[..., n:] ** 2, axis=-1)
+        return np.where(np.isfinite(cost), cost, np.inf)
+
+    def weights(self, innovations: Floats) -> Floats:
+        found = np.ones_like(innovations)
+        n = self.likelihood.size
+        found[:, :n] = self.likelihood.weights(innovations[:, :n])
+        return found
+
+    def curvature(self, innovations: Floats) -> Floats:
+        return np.ones(len(innovations))
+
+
+def climb(
+    likelihood: Likelihood,
+    unit: Floats,
+    fixed: IndexArray | None = None,
+    *,
+    errors: Floats | None = None,
+    slopes: Floats | None = None,
+    turns: int = 25,
+    tolerance: float = 1e-2,
+) -> Ascent:
+    """Ascend from positions to the most likely values that each leads to.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        With its noise.
+    unit : (k, d)
+        Positions between the bounds, within the constraints.
+    fixed : (k,) or (k, h), optional
+        Parameters that each ascent leaves where they are.
+    errors : (k, n), optional
+        Residuals at the positions, if they are known.
+    slopes : (k, d, n), optional
+        Their one-sided derivatives, as those of `Ascent`.
+    turns : int
+        Largest number of steps.
+    tolerance : float
+        Fall of −2 ln L that counts as none: where the linear model promises no more, or two steps in a row bring no
+        more, an ascent ends.
+    """
+    if errors is None:
+        errors = likelihood.residuals(likelihood.space.from_unit(unit))
+    free = np.ones(unit.shape, bool)
+    if fixed is not None:
+        free[np.arange(len(unit))[:, None], fixed.reshape(len(unit), -1)] = False
+    bent = bool(free.sum(axis=1).max(initial=0) > FEW)
+    criterion, rules = _Criterion(likelihood), Rules(likelihood.forward, tolerance, FACTORS, bent, free)
+    ends = Descents.begin(unit, errors, slopes)
+    for _ in range(turns):
+        if not ends.running.any():
+            break
+        ends = answered(advance(likelihood.space, ends, criterion, rules), likelihood.residuals)
+    cost = criterion.costs(criterion.innovations(ends.residuals, ends.unit))
+    return Ascent(ends.unit, cost, ends.residuals, ends.slopes)
+
+
+def linearised(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats) -> Model:
+    """Quadratic model of −2 ln of likelihood and priors about a position (d,), by slopes (d, n) and errors (n,)."""
+    now = Descents.begin(unit[None], errors[None], slopes[None])
+    return Model.of(FeasibleSet.of(likelihood.space), _Criterion(likelihood), now)

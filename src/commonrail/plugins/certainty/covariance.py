@@ -1,0 +1,206 @@
+"""Covariance of the most likely values, from the curvature of the prewhitened likelihood.
+
+With whitened derivatives J_b of block b, the bread is B = Σ m_b J_bᵀJ_b, m_b being the mean slope of its law, and the
+covariance is V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹ with τ_b = K² Σψ²/ν_b (Huber's factor K): that of the estimator in use,
+whatever its law. A Gaussian block has m = τ = 1. Priors are a block with stated deviations. Bounds and constraints are
+not projected out. Of a block under Student's t the noise's part is replaced at the end, see `integrated`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from commonrail.base.arrays import Bools, Floats
+from commonrail.data.noise import Law
+from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.noise import unequal
+
+NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direction counts as unseen
+
+
+class Covariance(NamedTuple):
+    """Covariance of the estimates in positions between the bounds.
+
+    Attributes
+    ----------
+    inverse : (d, d)
+        Inverse of the bread, see above.
+    noise : (d, d)
+        By noise alone; +inf on the diagonal where nothing holds a parameter.
+    nuisances : (k, d)
+        Change of the estimates for one standard deviation of each uncertain quantity; large ones from fits, see
+        `refits`.
+    discrepancy : (d, d)
+        By what the model cannot do, as the blocks state it.
+    shares : (blocks + 1, d)
+        Parts of the variance by noise that come from each block, the priors last.
+    freedom : (d,)
+        Degrees of freedom of each standard error by noise (Satterthwaite).
+    alone : (d,)
+        Standard errors where all other parameters are known.
+    used : (blocks,)
+        Parameters that each block pays for.
+    ratios : (blocks,)
+        Mean slope over scatter of ψ of each block, by which differences of its cost are scaled.
+    beyond : (d,)
+        Standard errors by noise over those of the likelihood's curvature, 1 at least; more only where outliers were
+        integrated out.
+    """
+
+    inverse: Floats
+    noise: Floats
+    nuisances: Floats
+    discrepancy: Floats
+    shares: Floats
+    freedom: Floats
+    alone: Floats
+    used: Floats
+    ratios: Floats
+    beyond: Floats
+
+    @property
+    def root(self) -> Floats:
+        """Root R (d, d) of the covariance by noise, R Rᵀ; zero where nothing holds a parameter."""
+        finite = np.isfinite(np.diag(self.noise))
+        values, vectors = np.linalg.eigh(np.where(np.outer(finite, finite), self.noise, 0.0))
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+    @property
+    def total(self) -> Floats:
+        """Covariance (d, d) by noise, uncertain quantities and discrepancy."""
+        return np.asarray(self.noise + self.nuisances.T @ self.nuisances + self.discrepancy)
+
+
+def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts: Floats, pulls: Floats) -> Covariance:
+    """Covariance at the most likely values.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        With its noise.
+    slopes : (d, n)
+        Derivatives of the residuals with respect to the positions.
+    errors : (n,)
+        Residuals.
+    shifts : (k, n)
+        Changes of the residuals for one standard deviation of each uncertain quantity.
+    pulls : (p, d)
+        Derivatives of the residuals of the priors.
+    """
+    tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(errors)
+    parts = [tangents[:, b.rows] @ tangents[:, b.rows].T for b in likelihood.blocks]
+    prior = pulls.T @ pulls
+    bread, used, meat, ratios = _bread(likelihood, parts, prior, innovations)
+    inverse, loose = _inverse(bread)
+    spread = [inverse @ (t * part) @ inverse for t, part in zip(meat, parts, strict=True)]
+    spread.append(inverse @ prior @ inverse)
+    shares = np.array([np.diag(part) for part in spread])
+    shares = shares / np.maximum(shares.sum(axis=0), 1e-300)
+    freedom = combined_freedom(shares, [noise.freedom for noise in likelihood.noises])
+    noise = np.sum(spread, axis=0)
+    noise[loose, loose] = np.inf
+    with np.errstate(divide="ignore"):
+        alone = 1.0 / np.sqrt(np.diag(bread))
+    moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
+    held = _discrepancy(likelihood, inverse, tangents, innovations)
+    return Covariance(inverse, noise, moved, held, shares, freedom, alone, used, ratios, np.ones(len(bread)))
+
+
+def combined_freedom(shares: Floats, freedoms: Sequence[float]) -> Floats:
+    """Degrees of freedom (d,) of variances with shares (blocks + 1, d), the last of which is exactly known."""
+    parts = np.array([*freedoms, np.inf])
+    return np.asarray(1.0 / np.maximum(np.sum(shares**2 / parts[:, None], axis=0), 1e-300))
+
+
+def _bread(
+    likelihood: Likelihood, parts: list[Floats], prior: Floats, innovations: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Bread (d, d), parameters that each block pays for, scatter of ψ, and slope over scatter."""
+    many = len(parts)
+    sizes = np.empty(many)
+    slope, mean_square, spread = np.ones(many), np.ones(many), np.zeros(many)
+    for i, (block, noise) in enumerate(zip(likelihood.blocks, likelihood.noises, strict=True)):
+        u = unequal(innovations[block.rows])
+        sizes[i] = len(u)
+        slopes = noise.density.slope(u)
+        slope[i] = max(float(slopes.mean()), 0.05)
+        spread[i] = float(slopes.var()) / slope[i] ** 2
+        if not (noise.known and noise.law is Law.GAUSSIAN):
+            mean_square[i] = float(np.mean((u * noise.density.weight(u)) ** 2))
+    bread = np.sum([m * part for m, part in zip(slope, parts, strict=True)], axis=0) + prior
+    inverse, _ = _inverse(bread)
+    used = np.array([m * np.sum(inverse * part) for m, part in zip(slope, parts, strict=True)])
+    huber = (1.0 + used / sizes * spread) ** 2
+    known = np.array([noise.known and noise.law is Law.GAUSSIAN for noise in likelihood.noises])
+    meat = np.where(known, 1.0, huber * mean_square * sizes / np.maximum(sizes - used, 1.0))
+    with np.errstate(divide="ignore"):
+        return bread, used, meat, slope / meat
+
+
+def _inverse(matrix: Floats) -> tuple[Floats, Bools]:
+    """Pseudo-inverse of a symmetric matrix, scaled to a unit diagonal, and the parameters that it does not hold."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    held = values > NEGLIGIBLE * max(values.max(initial=0.0), 1e-300)
+    inverse = (vectors[:, held] / values[held]) @ vectors[:, held].T
+    loose = (np.sum(vectors[:, held] ** 2, axis=1) < 1.0 - 1e-6) | (np.diag(matrix) <= 0.0)
+    return np.asarray(inverse / np.outer(scale, scale)), loose
+
+
+def moved_by(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats, shifts: Floats) -> Floats:
+    """Changes (k, d) of the estimates, in positions, by changes (k, n) of the innovations.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    inverse : (d, d)
+        Of the bread.
+    tangents : (d, n)
+        Whitened derivatives.
+    innovations : (n,)
+    shifts : (k, n)
+    """
+    weighted = _sloped(likelihood, tangents, innovations)
+    return np.asarray(-(shifts @ weighted.T) @ inverse)
+
+
+def _sloped(likelihood: Likelihood, tangents: Floats, innovations: Floats) -> Floats:
+    """Derivatives times the slope of each value's law."""
+    found = tangents.copy()
+    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
+        found[:, block.rows] *= max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
+    return found
+
+
+def _discrepancy(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats) -> Floats:
+    """Covariance (d, d) of the estimates by stated discrepancies."""
+    total = np.zeros_like(inverse)
+    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
+        courses = block.stated_courses()
+        if len(courses):
+            shifts = np.zeros((len(courses), likelihood.size))
+            shifts[:, block.rows] = noise.whiten(courses)
+            moves = moved_by(likelihood, inverse, tangents, innovations, shifts)
+            total += moves.T @ moves
+    return total
+
+
+def half_widths(covariance: Covariance, level: float) -> Floats:
+    """Half widths (d,) of intervals in positions: t quantile of the noise's degrees of freedom times the total error.
+
+    Parameters
+    ----------
+    covariance : Covariance
+    level : float
+        Share of intervals that hold the truth.
+    """
+    return np.asarray(student(covariance.freedom, level) * np.sqrt(np.diag(covariance.total)))
+
+
+def student(freedom: Floats, level: float) -> Floats:
+    """Two-sided quantile of Student's t (…)."""
+    return np.asarray(special.stdtrit(np.clip(freedom, 1.0, 1e9), 0.5 * (1.0 + level)))

@@ -1,0 +1,701 @@
+"""Most likely values of a likelihood, its noise among them, and their local intervals.
+
+Values given the noise, noise given the residuals, in turn: generalised least squares, iterated. The first round takes
+the noise as white, and its several starts tell whether the search has ended.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import SimulationError
+from commonrail.calibration.optimisers.base import farthest
+from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.space import sample_feasible
+from commonrail.data.noise import Law
+from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, linearised
+from commonrail.plugins.certainty.covariance import Covariance, combined_freedom, covariance_of, half_widths, moved_by
+from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.noise import LAWS, sample_count
+from commonrail.plugins.certainty.nuisance import Nuisance
+
+# Derivatives over the width of the intervals: differences between points three standard errors to both sides.
+#
+# A likelihood ripples where timing moves samples on steep flanks, the more so where correlated noise is whitened:
+# within a fraction of a standard error its slope differs from that over the whole interval. Derivatives at a point
+# then state errors that are too small. Differences along the principal axes of the covariance, as long as the interval
+# itself, average the ripple; they and the covariance that follows from them are repeated until both agree.
+
+REACH = 3.0  # standard errors; chosen, beyond the two at which an interval of 95 % ends
+LONGEST = 0.1  # of the range of a parameter: beyond it curvature counts, which the ripple is not
+SHORTEST = 0.1  # of the reach, below which bounds and constraints leave no difference to be taken
+
+
+def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats, covariance: Covariance) -> Floats:
+    """Derivatives (d, n) of the residuals with respect to the positions, from differences along the principal axes.
+
+    2 d points are simulated in one batch, within the bounds and straight constraints (see `FeasibleSet`). Along an axis
+    that these close, or where a simulation fails, the given derivatives stay; so do those of parameters that nothing
+    holds.
+
+    Parameters
+    ----------
+    own : Likelihood
+        With its noise.
+    unit : (d,)
+        Position between the bounds.
+    errors : (n,)
+        Residuals there.
+    slopes : (d, n)
+        Derivatives at the point.
+    covariance : Covariance
+        By noise.
+    """
+    held = np.isfinite(np.diag(covariance.noise))
+    values, vectors = np.linalg.eigh(covariance.noise[np.ix_(held, held)])
+    good = values > 0.0
+    if not good.all() or not held.any():
+        return slopes
+    axes = np.zeros((len(values), len(unit)))
+    axes[:, held] = (vectors * np.sqrt(values)).T
+    reach = np.minimum(REACH, LONGEST / np.maximum(np.abs(axes).max(axis=1), 1e-300))
+    feasible = FeasibleSet.of(own.space)
+    ahead, behind = (np.minimum(reach, _distance(feasible, unit, sign * axes)) for sign in (1.0, -1.0))
+    points = np.concatenate([unit + ahead[:, None] * axes, unit - behind[:, None] * axes])
+    found = own.residuals(own.space.from_unit(np.clip(points, 0.0, 1.0)))  # cuts rounding only
+    difference = found[: len(axes)] - found[len(axes) :]
+    local = axes @ slopes
+    usable = (ahead + behind > SHORTEST * reach) & np.isfinite(difference).all(axis=1)
+    length = np.where(usable, ahead + behind, 1.0)
+    along = np.where(usable[:, None], difference / length[:, None], local)
+    result = slopes.copy()
+    result[held] = np.linalg.solve(axes[:, held], along - axes[:, ~held] @ slopes[~held])
+    return result
+
+
+def _distance(feasible: FeasibleSet, unit: Floats, axes: Floats) -> Floats:
+    """Farthest multiples (k,) of axes (k, d) that bounds and constraints allow from a position (d,)."""
+    rates = axes @ feasible.rows.T
+    left = np.maximum(feasible.rows @ unit - feasible.floor, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(rates < 0.0, left / -rates, np.inf).min(axis=1))
+
+
+def wider(found: Covariance, local: Covariance) -> Covariance:
+    """The covariance by differences, no parameter's error smaller than by the derivatives at the point.
+
+    Parameters
+    ----------
+    found : Covariance
+        By differences over the interval.
+    local : Covariance
+        By derivatives at the point.
+    """
+    both = np.isfinite(np.diag(found.noise)) & np.isfinite(np.diag(local.noise))
+    variances = np.where(both, np.diag(found.noise), 1.0)
+    scale = np.sqrt(np.maximum(np.where(both, np.diag(local.noise), 1.0) / np.maximum(variances, 1e-300), 1.0))
+    return found._replace(noise=found.noise * np.outer(scale, scale))
+
+
+# Covariance of the parameters under Student's t, with weights, scale and degrees of freedom integrated out.
+#
+# Where few values hold a parameter, its uncertainty depends on which of them are outliers. The curvature of the
+# likelihood, whose weights are averages over all values, does not know that: in the bed of outliers
+# (`tools/coverage.py`) 11 of 520 samples hold k7, and its intervals were a fifth too narrow. Student's t is a normal
+# distribution of unknown weight for each value: given the weights, the parameters of the linear model are normal;
+# given the parameters, the weights are gamma variables. Both are drawn in turn (Gibbs sampling; Geweke 1993), for
+# scales and degrees of freedom from their own posterior at the fitted residuals, with flat priors on the logarithms of
+# both. A stated standard deviation is that of every degree of freedom above two, whose scales differ.
+#
+# The second moment is taken about the most likely values, which the intervals are centred on. No simulation is added.
+
+FREEDOMS = np.exp(np.linspace(0.0, math.log(30.0), 12))  # of Student's t: from a Cauchy to nearly a normal distribution
+SCALES = 41  # tried about the fitted one
+FARTHEST, SPREAD = 0.35, 4.0  # logarithm of these: change by another freedom, and standard errors of the estimate
+STATED = 2.0  # of the same, over the root of the degrees of freedom of a stated scale
+CHAINS, BEFORE, KEPT = 32, 6, 12  # chains, and their turns before and while the moments are collected
+SEED = 1
+AT_ONCE = 2_000_000  # numbers of the chains that are in memory together
+HELD = 1e-13  # eigenvalue of the correlation of the parameters, below which a direction is not seen
+
+
+class Robust(NamedTuple):
+    """Values of one data set under Student's t, as the parameters' linear model has them.
+
+    Attributes
+    ----------
+    innovations : (n,)
+        In fitted scales.
+    tangents : (r, n)
+        Their derivatives.
+    weights : (n,)
+        Those with which the most likely values were found.
+    used : float
+        Parameters that the data set pays for.
+    stated : float
+        Degrees of freedom of a stated deviation, infinite where it is exactly known; zero where it is estimated.
+    """
+
+    innovations: Floats
+    tangents: Floats
+    weights: Floats
+    used: float
+    stated: float = 0.0
+
+
+def with_integration(
+    known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats
+) -> Covariance:
+    """Covariance whose part by noise has the outliers of Student's t integrated out; the same where no block has them.
+
+    Parameters
+    ----------
+    known : Covariance
+        By the curvature of the likelihood.
+    likelihood : Likelihood
+        With its noise.
+    slopes : (d, n)
+        Derivatives of the residuals with respect to the positions.
+    errors : (n,)
+        Residuals.
+    pulls : (p, d)
+        Derivatives of the residuals of the priors.
+    """
+    if not any(noise.law is Law.STUDENT for noise in likelihood.noises):
+        return known
+    try:
+        return _integrated(known, likelihood, slopes, errors, pulls)
+    except np.linalg.LinAlgError:  # no value is left that tells of the noise, so nothing bounds the interval
+        return known._replace(noise=np.diag(np.full(len(known.noise), np.inf)))
+
+
+def _integrated(known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats) -> Covariance:
+    """Covariance with the outliers integrated out, see `with_integration`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the fit meets all values that hold a parameter.
+    """
+    heavy = [noise.law is Law.STUDENT for noise in likelihood.noises]
+    root, unseen = _root(known.inverse)
+    tangents, innovations = root.T @ likelihood.whiten(slopes), likelihood.whiten(errors)
+    held = pulls @ root
+    fixed = held.T @ held + unseen
+    curved, robust = fixed.copy(), []
+    for i, (block, noise) in enumerate(zip(likelihood.blocks, likelihood.noises, strict=True)):
+        u, own = innovations[block.rows], tangents[:, block.rows]
+        slope = noise.density.slope(u)
+        if heavy[i]:
+            if not np.isfinite(known.ratios[i]):
+                raise np.linalg.LinAlgError("no scatter")
+            live = u != 0.0  # exact agreement, as before an injection, is no sample of the noise
+            weights, stated = noise.density.weight(u[live]), noise.freedom if noise.known else 0.0
+            robust.append(Robust(u[live], own[:, live], weights, float(known.used[i]), stated))
+            curved += known.ratios[i] * (own * slope) @ own.T
+        else:
+            part = known.ratios[i] * max(float(slope.mean()), 0.05) * own @ own.T
+            fixed, curved = fixed + part, curved + part
+    moment = root @ second_moment(robust, fixed) @ root.T
+    variance, loose = np.diag(moment), ~np.isfinite(np.diag(known.noise))
+    local = np.einsum("ij,jk,ik->i", root, np.linalg.pinv(curved, hermitian=True), root)
+    if np.linalg.eigvalsh(curved)[0] <= 0.0:  # an outlier decides: the curvature at the top is no measure of the width
+        local = variance
+    # an outlier at the turn of its weight makes the top nearly flat, which is no reason for a profile to end sooner
+    beyond = np.sqrt(np.maximum(np.where(local > 0.0, variance / np.where(local > 0.0, local, 1.0), 1.0), 1.0))
+    moment[loose, loose] = np.inf
+    freedoms = [np.inf if one else noise.freedom for one, noise in zip(heavy, likelihood.noises, strict=True)]
+    return known._replace(noise=moment, freedom=combined_freedom(known.shares, freedoms), beyond=beyond)
+
+
+def _root(inverse: Floats) -> tuple[Floats, Floats]:
+    """Symmetric root R (d, d) of the inverse of the information, scaled, and the projector (d, d) on what is not seen.
+
+    The symmetric root changes smoothly with the matrix: neighbouring fits use the same draws in the same way.
+    """
+    scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))
+    seen = values > HELD * max(values.max(initial=0.0), 1e-300)
+    root = (vectors[:, seen] * np.sqrt(values[seen])) @ vectors[:, seen].T
+    return np.asarray(scale[:, None] * root), np.asarray(vectors[:, ~seen] @ vectors[:, ~seen].T)
+
+
+def second_moment(blocks: Sequence[Robust], fixed: Floats) -> Floats:
+    """Second moment (r, r) of the parameters about their most likely values.
+
+    The most likely values stay so: a bound or a constraint that holds them is a constant force.
+
+    Parameters
+    ----------
+    blocks : sequence of Robust
+        At least one.
+    fixed : (r, r)
+        Information of all other data sets and of the priors; with that of the blocks it is positive definite.
+    """
+    rng = np.random.default_rng(SEED)
+    noises = [_noises(block, rng) for block in blocks]
+    size = max(1, AT_ONCE // max(block.tangents.size for block in blocks))
+    sums = [
+        _chains(blocks, fixed, [(s[at : at + size], f[at : at + size]) for s, f in noises], rng)
+        for at in range(0, CHAINS, size)
+    ]
+    return np.asarray(np.sum(sums, axis=0) / (CHAINS * KEPT))
+
+
+def _noises(block: Robust, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Scales, over the fitted one, and degrees of freedom (`CHAINS`,): evenly spread over their posterior."""
+    square = block.innovations**2
+    n = len(square)
+    reach = FARTHEST + SPREAD / math.sqrt(n) + (STATED / math.sqrt(block.stated) if block.stated else 0.0)
+    grid = np.linspace(-reach, reach, SCALES)
+    scales = np.exp(grid)[:, None] * (_of_one_deviation() if block.stated else np.ones(len(FREEDOMS)))
+    half = 0.5 * (FREEDOMS + 1.0)
+    constants = np.array([math.lgamma(h) - math.lgamma(h - 0.5) - 0.5 * math.log(2.0 * h - 1.0) for h in half])
+    logarithms = np.empty((SCALES, len(FREEDOMS)))
+    for i, scale in enumerate(np.where(scales > 0.0, scales, 1.0)):
+        tails = np.log1p(square / (scale**2 * FREEDOMS)[:, None]).sum(axis=1)
+        logarithms[i] = n * constants - half * tails - max(n - block.used, 1.0) * np.log(scale)
+    if block.stated:
+        logarithms += _stated(np.exp(grid), block.stated)[:, None]
+    logarithms[scales == 0.0] = -np.inf
+    share = np.cumsum(np.exp(logarithms - logarithms.max()))
+    wanted = (rng.permutation(CHAINS) + 0.5) / CHAINS
+    chosen = np.searchsorted(share / share[-1], wanted)
+    return scales.ravel()[chosen], FREEDOMS[chosen % len(FREEDOMS)]
+
+
+def _of_one_deviation() -> Floats:
+    """Scales (`FREEDOMS`,) of one standard deviation, over that of the fitted law; zero where there is none."""
+    share = np.maximum(1.0 - 2.0 / FREEDOMS, 0.0)
+    return np.asarray(LAWS[Law.STUDENT].deviation * np.sqrt(share))
+
+
+def _stated(scales: Floats, freedom: float) -> Floats:
+    """Logarithm of the density (`SCALES`,) of deviations over a stated one of some degrees of freedom."""
+    if math.isinf(freedom):
+        return np.where(np.arange(SCALES) == SCALES // 2, 0.0, -np.inf)
+    return np.asarray(-freedom * (np.log(scales) + 0.5 / scales**2))
+
+
+def _chains(
+    blocks: Sequence[Robust], fixed: Floats, noises: Sequence[tuple[Floats, Floats]], rng: np.random.Generator
+) -> Floats:
+    """Sum (r, r) of the second moments of some chains.
+
+    Parameters
+    ----------
+    blocks : sequence of Robust
+    fixed : (r, r)
+    noises : sequence of (scales, freedoms)
+        Of the chains, for each block.
+    rng : Generator
+    """
+    many, r = len(noises[0][0]), len(fixed)
+    at, total = np.zeros((many, r)), np.zeros((r, r))
+    balance = np.sum([block.tangents @ (block.weights * block.innovations) for block in blocks], axis=0)
+    for turn in range(BEFORE + KEPT):
+        matrix, force = np.tile(fixed, (many, 1, 1)), np.tile(balance, (many, 1))
+        for block, (scale, freedom) in zip(blocks, noises, strict=True):
+            errors = (block.innovations + at @ block.tangents) / scale[:, None]
+            shape = np.broadcast_to(0.5 * (freedom[:, None] + 1.0), errors.shape)
+            weights = 2.0 * rng.standard_gamma(shape) / (freedom[:, None] + errors**2) / scale[:, None] ** 2
+            matrix += (block.tangents * weights[:, None, :]) @ block.tangents.T
+            force -= (weights * block.innovations) @ block.tangents.T
+        inverse = np.linalg.inv(matrix)
+        middle = np.einsum("cij,cj->ci", inverse, force)
+        if turn >= BEFORE:
+            total += inverse.sum(axis=0) + middle.T @ middle
+        at = middle + np.einsum("cij,cj->ci", np.linalg.cholesky(inverse), rng.standard_normal((many, r)))
+    return total
+
+
+# Moves of the estimates by uncertain quantities, from fits with each a standard deviation off.
+#
+# The likelihood of a curve ripples along the path on which the parameters imitate a delay: derivatives at the most
+# likely values promise a quarter of the move at one place and all of it at another. Where they promise a quarter of a
+# parameter's error by noise, or more, the parameters are fitted anew with the quantity a standard deviation above and
+# below.
+
+LARGE = 0.25  # move over standard error by noise, from which it is taken from fits
+TURNS, TOLERANCE = 8, 0.05  # of each fit
+
+
+def with_refits(known: Covariance, own: Likelihood, unit: Floats) -> tuple[Covariance, int]:
+    """The covariance with large moves by uncertain quantities taken from fits, and the points simulated.
+
+    A move is the root mean square of those to both sides, with the signs of the longer one. Bounds and constraints are
+    not projected out: where a fit ends at one, derivatives count too.
+
+    Parameters
+    ----------
+    known : Covariance
+        Whose moves are those of derivatives.
+    own : Likelihood
+        With its noise.
+    unit : (d,)
+        Position of the most likely values.
+    """
+    moves, simulated = known.nuisances.copy(), 0
+    errors = np.sqrt(np.diag(known.noise))
+    for i, nuisance in enumerate(own.nuisances):
+        if (np.abs(moves[i]) > LARGE * errors).any():
+            moves[i], more = _move(own, unit, nuisance, moves[i])
+            simulated += more
+    return known._replace(nuisances=moves), simulated
+
+
+def _move(own: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> tuple[Floats, int]:
+    """Move (d,) of the estimates by a standard deviation of a quantity, and the points simulated.
+
+    Parameters
+    ----------
+    own : Likelihood
+    unit : (d,)
+    nuisance : Nuisance
+    linear : (d,)
+        The move that derivatives promise.
+    """
+    feasible, simulated = FeasibleSet.of(own.space), 0
+    ends: list[Floats] = []
+    floor = np.zeros_like(linear)
+    for sign, side in zip((1.0, -1.0), nuisance.sides, strict=False):  # there may be none
+        with_side = own.with_space(own.space, side).with_noises(own.noises)
+        starts = feasible.within(np.tile(unit, (2, 1)), unit + np.array([[0.0], [sign]]) * linear)
+        found = climb(with_side, starts, turns=TURNS, tolerance=TOLERANCE)
+        simulated += with_side.simulated
+        best = int(np.argmin(found.cost))
+        if np.isfinite(found.cost[best]):
+            ends.append(sign * (found.unit[best] - unit))
+            if feasible.active(found.unit[best]).any():
+                floor = np.abs(linear)
+    if not ends:
+        return linear, simulated
+    longer = max(ends, key=lambda end: float(end @ end))
+    size = np.maximum(np.sqrt(np.mean(np.square(ends), axis=0)), floor)
+    return np.where(longer < 0.0, -size, size), simulated
+
+
+ROUNDS = 3  # of noise given residuals
+AGREED = 0.5  # of 2 ln L within which ends of the search agree
+LEAST_AGREEING = 3  # ends, the best among them
+SETTLED = 0.01  # fall of −2 ln L that the last linear model may still promise
+LAST_STEPS, SHARES = 3, np.array([1.0, 0.5, 0.25])  # of the linear model at the end of a search, tried side by side
+SECANTS = 4  # turns of differences over the intervals, and intervals by these
+AGREEING = 0.2  # of the logarithm of a variance between two turns, at which they end: 10 % of an interval
+LEAST_FALL = 5e-3  # of −2 ln L in a step of the last ascent
+SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
+NEAR = 15  # steps of one under noise that the last one's end showed
+CLOSEST = 40  # members of a library that are compared as starts
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Most likely values.
+
+    Attributes
+    ----------
+    likelihood : Likelihood
+        With the noise that was fitted.
+    unit, point : (d,)
+        Positions between the bounds, and values [SI].
+    cost : float
+        −2 ln L with the priors, without constants.
+    errors : (n,)
+        Residuals.
+    slopes : (d, n)
+        Their derivatives with respect to the positions.
+    shifts : (k, n)
+        Their changes for one standard deviation of each uncertain quantity.
+    bends : (k, n)
+        Second changes, halved, for one standard deviation of each, the values moving with it.
+    covariance : Covariance
+    starts, agreeing : int
+        Starts of the search, and how many of them ended within 0.5 of the largest 2 ln L.
+    gain : float
+        Fall of the cost that the last linear model still promises; zero where its step, tried, brings none.
+    simulated : int
+        Points simulated.
+    """
+
+    likelihood: Likelihood
+    unit: Floats
+    point: Floats
+    cost: float
+    errors: Floats
+    slopes: Floats
+    shifts: Floats
+    bends: Floats
+    covariance: Covariance
+    starts: int
+    agreeing: int
+    gain: float
+    simulated: int
+
+    @property
+    def settled(self) -> bool:
+        """True if the search has ended: no gain is left, and enough of several starts agree."""
+        return self.gain < SETTLED and (self.starts == 1 or self.agreeing >= min(LEAST_AGREEING, self.starts))
+
+    def moved(self, shifts: Floats) -> Floats:
+        """Changes (k, d) of the values [SI] by changes (k, n) of the residuals."""
+        own = self.likelihood
+        tangents, innovations = own.whiten(self.slopes), own.whiten(self.errors)
+        move = moved_by(own, self.covariance.inverse, tangents, innovations, own.whiten(shifts))
+        return np.asarray(move * own.scaled(self.unit))
+
+    def half_widths(self, level: float = 0.95) -> Floats:
+        """Half widths of the local intervals (d,) in positions."""
+        return half_widths(self.covariance, level)
+
+    def interval(self, level: float = 0.95) -> tuple[Floats, Floats]:
+        """Ends of the local intervals (d,) [SI], which bounds and constraints do not cut."""
+        half, space = self.half_widths(level), self.likelihood.space
+        linear = half * self.likelihood.scaled(self.unit)
+        low, high = self.point - linear, self.point + linear
+        if space.logarithmic.any():
+            with np.errstate(over="ignore"):
+                low = np.where(space.logarithmic, space.from_unit(self.unit - half), low)
+                high = np.where(space.logarithmic, space.from_unit(self.unit + half), high)
+        return low, high
+
+
+def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, Floats]:
+    """Positions (m, d) drawn where bounds and constraints hold, and their residuals (m, n), without those that fail.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    many : int
+    seed : int
+        Of the draws.
+    """
+    points = sample_feasible(likelihood.space, many, np.random.default_rng(seed))
+    errors = likelihood.residuals(points)
+    sound = np.isfinite(errors).all(axis=1)
+    return likelihood.space.to_unit(points[sound]), errors[sound]
+
+
+def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
+    """Starts (k, d): the best member of a library, and of its best ones those that lie farthest apart.
+
+    Members are compared by Σ n ln Σ|e| over the blocks: no noise need be known for that, and outliers, whose squares
+    lead all starts to another optimum, add little. Values at which all members agree with the data do not count in n.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    found : (positions, residuals)
+        Of `library`.
+    many : int
+    """
+    unit, errors = found
+    if not len(unit):
+        return np.empty((0, likelihood.space.dimension))
+    sums = [np.sum(np.abs(errors[:, b.rows]), axis=1) for b in likelihood.blocks]
+    sizes = [sample_count(errors[:, b.rows]) for b in likelihood.blocks]
+    cost = np.sum([n * np.log(np.maximum(s, 1e-300)) for n, s in zip(sizes, sums, strict=True)], axis=0)
+    near = unit[np.argsort(cost, kind="stable")[:CLOSEST]]
+    return np.asarray(near[farthest(near, min(many, len(near)))])
+
+
+def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) -> Estimate:
+    """Most likely values from several starts.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Its noise need not be known.
+    starts : (k, d)
+        Positions between the bounds; the first is the best one so far.
+    rounds : int
+        Turns of noise and values.
+
+    Raises
+    ------
+    SimulationError
+        If the first start cannot be simulated.
+    """
+    before = likelihood.simulated
+    first = likelihood.residuals(likelihood.space.from_unit(starts[:1]))[0]
+    if not np.isfinite(first).all():
+        raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
+    own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
+    short = likelihood.space.dimension <= FEW
+    turns, tolerance = (SHORT, 1e-2) if short else (LONG, 1e-3)
+    if len(starts) == 1:  # its first noise is not kept, and no other end is compared with
+        tolerance = max(tolerance, 0.1)
+    ends = climb(own, starts, turns=turns, tolerance=tolerance)
+    simulated = own.simulated
+    if len(starts) > 1:  # the first noise is that of a start, which is no measure of how near an end is
+        best = int(np.argmin(ends.cost))
+        own = likelihood.estimated(ends.errors[best], [0.0] * len(likelihood.blocks), correlated=False)
+        sound = np.isfinite(ends.cost)
+        ends = climb(
+            own,
+            ends.unit[sound],
+            errors=ends.errors[sound],
+            slopes=ends.slopes[sound],
+            turns=turns,
+            tolerance=tolerance,
+        )
+        simulated += own.simulated
+    best = int(np.argmin(ends.cost))
+    agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED))
+    unit, errors, slopes = ends.unit[best], ends.errors[best], ends.slopes[best]
+    for last in range(rounds):
+        if np.isnan(slopes[0, 0]):
+            slopes = own.slopes(unit[None], errors[None])[0]
+        known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), own.prior_slopes(unit))
+        simulated += own.simulated
+        own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
+        tolerance = 0.1 if last < rounds - 1 else LEAST_FALL
+        near = climb(own, unit[None], errors=errors[None], slopes=slopes[None], turns=NEAR, tolerance=tolerance)
+        if last == 0 and len(starts) > 1 and _heavier(likelihood, own):
+            near, agreeing = _again(own, near, starts, turns)
+        unit, errors, slopes = near.unit[0], near.errors[0], near.slopes[0]
+    found = with_outliers(_over_intervals(_ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))))
+    covariance, refitted = with_refits(found.covariance, own, found.unit)
+    simulated += own.simulated + refitted + likelihood.simulated - before
+    return replace(found, covariance=covariance, starts=len(starts), agreeing=agreeing, simulated=simulated)
+
+
+def _heavier(likelihood: Likelihood, own: Likelihood) -> bool:
+    """True if outliers were recognised that the first search took for normal noise."""
+    stated = [block.noise.law for block in likelihood.blocks]
+    return any(law is Law.AUTO and noise.law is not Law.GAUSSIAN for law, noise in zip(stated, own.noises, strict=True))
+
+
+def _again(own: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[Ascent, int]:
+    """Best end of all starts under noise with outliers, and the number of ends that agree.
+
+    Outliers can pull the search by least squares, with all of its starts, to another optimum.
+
+    Parameters
+    ----------
+    own : Likelihood
+    near : Ascent
+        From the best end of the first search.
+    starts : (k, d)
+        Of the first search.
+    turns : int
+    """
+    others = climb(own, starts, turns=turns, tolerance=0.1)
+    ends = Ascent(*(np.concatenate(pair) for pair in zip(near, others, strict=True)))
+    best = int(np.argmin(ends.cost))
+    agreeing = int(np.count_nonzero(others.cost - ends.cost[best] < AGREED))
+    return Ascent(*(part[best : best + 1] for part in ends)), agreeing
+
+
+def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats) -> Estimate:
+    """Estimate at an end of the search, its noise known; by the curvature alone, see `with_outliers`.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    unit : (d,)
+    errors : (n,)
+        Residuals there.
+    slopes : (d, n)
+        Their derivatives with respect to the positions.
+    """
+    point = likelihood.space.from_unit(unit)
+    many = len(likelihood.nuisances)
+    shifts = np.array([n.shift(point) for n in likelihood.nuisances]).reshape(many, likelihood.size)
+    likelihood.simulated += 5 * many
+    covariance = covariance_of(likelihood, slopes, errors, shifts, likelihood.prior_slopes(unit))
+    ends = FeasibleSet.of(likelihood.space).within(np.tile(unit, (many, 1)), unit + covariance.nuisances)
+    moves = likelihood.space.from_unit(ends) - point
+    bends = np.zeros((many, likelihood.size))
+    for i, nuisance in enumerate(likelihood.nuisances):
+        bends[i] = nuisance.bend(point, moves[i])
+    innovations = likelihood.whiten(errors)
+    cost = float(likelihood.block_costs(innovations).sum() + likelihood.priors.costs(point[None])[0])
+    _, gain = _promised(likelihood, unit, slopes, errors, covariance)
+    return Estimate(likelihood, unit, point, cost, errors, slopes, shifts, bends, covariance, 1, 1, gain, 0)
+
+
+def with_outliers(found: Estimate) -> Estimate:
+    """The estimate, outliers of Student's t integrated out of its covariance, see `integrated`."""
+    own = found.likelihood
+    pulls = own.prior_slopes(found.unit)
+    return replace(found, covariance=with_integration(found.covariance, own, found.slopes, found.errors, pulls))
+
+
+def _ended(found: Estimate) -> Estimate:
+    """Estimate after the steps of its linear model, as far as they bring it nearer to the top.
+
+    Central differences see a smoother likelihood than the search does: a small fall that they promise and that none of
+    the steps brings is its ripple.
+    """
+    for _ in range(LAST_STEPS):
+        before, found = found, _stepped(found)
+        if found.unit is before.unit:
+            break
+    return found
+
+
+def _over_intervals(found: Estimate) -> Estimate:
+    """Estimate whose derivatives are differences over its intervals, see `secants`, and moved as these promise."""
+    own, local = found.likelihood, found.covariance
+    for _ in range(SECANTS):
+        slopes = secant_slopes(own, found.unit, found.errors, found.slopes, found.covariance)
+        again = estimate_at(own, found.unit, found.errors, slopes)
+        before, after = (np.diag(one.covariance.noise) for one in (found, again))
+        found = _stepped(again, slopes)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratios = np.nan_to_num(after / before, nan=1.0, posinf=1.0)
+        if found is again and (np.abs(np.log(np.maximum(ratios, 1e-300))) < AGREEING).all():
+            break
+    return with_step_error(replace(found, covariance=wider(found.covariance, local)))
+
+
+def with_step_error(found: Estimate) -> Estimate:
+    """The estimate, its covariance with what the time step of the simulations moves the values by."""
+    own, known = found.likelihood, found.covariance
+    shift = own.step_error(found.point)
+    if not np.isfinite(shift).all():
+        return found
+    whitened = own.whiten(np.stack([*found.slopes, found.errors, shift]))
+    move = moved_by(own, known.inverse, whitened[:-2], whitened[-2], whitened[-1:])
+    return replace(found, covariance=known._replace(discrepancy=known.discrepancy + move.T @ move))
+
+
+def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:
+    """The estimate after one step of its linear model, or a share of it, if that lowers the cost.
+
+    Parameters
+    ----------
+    found : Estimate
+    slopes : (d, n), optional
+        Derivatives to take there; central differences by default.
+    """
+    own = found.likelihood
+    if found.gain < SETTLED:
+        return found
+    step, _ = _promised(own, found.unit, found.slopes, found.errors, found.covariance)
+    ends = FeasibleSet.of(own.space).within(np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step)
+    points = own.space.from_unit(ends)
+    errors = own.residuals(points)
+    costs = own.block_costs(own.whiten(errors)).sum(axis=1) + own.priors.costs(points)
+    costs = np.where(np.isfinite(costs), costs, np.inf)
+    best = int(np.argmin(costs))
+    if costs[best] >= found.cost:
+        return replace(found, gain=0.0) if found.gain < AGREED else found
+    slopes = own.jacobian(ends[best][None])[0] if slopes is None else slopes
+    return estimate_at(own, ends[best], errors[best], slopes)
+
+
+def _promised(
+    likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats, covariance: Covariance
+) -> tuple[Floats, float]:
+    """Step of a linear model about a position within bounds and constraints, and the fall of the cost it promises."""
+    metric = np.asarray(np.linalg.pinv(covariance.inverse, hermitian=True), float)
+    metric += (1e-10 * np.diag(metric).max() + 1e-300) * np.eye(len(unit))
+    steps, gains = linearised(likelihood, unit, slopes, errors)._replace(hessian=metric[None]).full_step()
+    return steps[0], float(gains[0])

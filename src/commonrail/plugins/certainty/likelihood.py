@@ -1,0 +1,289 @@
+"""Likelihood of a study's data: each data set with a noise model of its own, so that their shares can be compared.
+
+For residuals e of a data set (simulated − measured), its autoregression and its scale give standardised innovations u,
+independent from value to value, and the logarithm of its likelihood is Σ (−ρ(u)/2 − ln scale) with the cost ρ of its
+law. Weights of the objective play no part: the noise says what a data set is worth. Priors are kept apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.choices import Drive
+from commonrail.base.errors import StudyError
+from commonrail.calibration.goal import Goal
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.optimisers.polish import answered, differences
+from commonrail.calibration.parameter import Priors
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Study
+from commonrail.data.base import Role
+from commonrail.data.kinds import of_role
+from commonrail.physics.meters.meter import known_quantity
+from commonrail.plugins.certainty.noise import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
+from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
+
+# Distance of the candidates of a central difference, in positions between the bounds: above the ripple of a PWM drive,
+# below the curvature, as `neighbourhood.STEP`.
+STEP = 5e-3
+# Of a one-sided difference on the way to the optimum: valleys of many parameters bend within 1e-3; the ripple of a PWM
+# drive is that wide, and that of quantities, whose injections end between two steps.
+FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
+FINER = 4.0  # parts of the time step of a study with which its error is found
+
+
+class Likelihood:
+    """Likelihood of data under a model whose parameters vary.
+
+    `Likelihood.of(study)` makes that of a study. Points are arrays (m, d) in SI, columns in the order of `names`.
+
+    Parameters
+    ----------
+    space : Space
+        Free parameters.
+    blocks : sequence of Block
+        One for each data set; their rows are all residuals.
+    residuals : function of (m, d)
+        Residuals (m, n) of points [SI], simulated − measured, in the units of the blocks; NaN where a simulation fails.
+    nuisances : sequence of Nuisance
+        What is uncertain and not fitted.
+    forward : float
+        Step of one-sided differences, in positions between the bounds.
+
+    Attributes
+    ----------
+    forward : float
+    noises : tuple of FittedNoise
+        Of the blocks, in order. Of a new likelihood they are unknown: `estimate` or `with_noises` sets them.
+    simulated, failed : int
+        Points simulated, and those that failed.
+    """
+
+    def __init__(
+        self,
+        space: Space,
+        blocks: Sequence[Block],
+        residuals: Callable[[Floats], Floats],
+        nuisances: Sequence[Nuisance] = (),
+        *,
+        forward: float = FORWARD,
+        finer: Callable[[Floats], Floats] | None = None,
+    ) -> None:
+        self._finer = finer
+        self.space, self.blocks, self.nuisances = space, tuple(blocks), tuple(nuisances)
+        self.priors = Priors.of(space.parameters)
+        self._residuals, self.forward = residuals, forward
+        self.noises: tuple[FittedNoise, ...] = ()
+        self.simulated = self.failed = 0
+
+    @classmethod
+    def of(cls, study: Study, threads: int | None = None) -> Likelihood:
+        """Likelihood of the fitted data of a study, at its time step in f64.
+
+        Parameters
+        ----------
+        study : Study
+        threads : int, optional
+            All usable processors by default; the result does not depend on it.
+
+        Raises
+        ------
+        StudyError
+            If the study has no data to fit.
+        """
+        fitted = of_role(study.data, Role.FIT)
+        if not fitted:
+            raise StudyError(f'{study.title}: no data set has the role "fit", so there is no likelihood; add one.')
+        goal = Goal(conditions=study.conditions)
+        objective = Objective(
+            study.injector, study.space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
+        )
+        blocks: list[Block] = []
+        for data in objective.data:
+            blocks.append(block_of(data, blocks[-1].rows.stop if blocks else 0))
+        weights = np.concatenate([row_weights(data) for data in objective.data])
+        rounding = np.concatenate([block.rounding for block in blocks])
+
+        def residuals(points: Floats, objective: Objective = objective) -> Floats:
+            found = objective.residuals(points)[:, : len(weights)] / np.sqrt(weights)
+            return np.where(np.abs(found) < rounding, 0.0, found)
+
+        def finer(points: Floats) -> Floats:
+            step = study.time_step / FINER
+            return residuals(points, Objective(study.injector, study.space.names, fitted, step, threads, goal=goal))
+
+        nuisances = nuisances_of(objective, np.sqrt(weights))
+        rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)
+        forward = FORWARD_ROUGH if rough else FORWARD
+        return cls(study.space, with_shots(blocks, objective.data), residuals, nuisances, forward=forward, finer=finer)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.space.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the parameters."""
+        return tuple(known_quantity(name).unit for name in self.names)
+
+    @property
+    def size(self) -> int:
+        """Number of residuals of all blocks."""
+        return int(self.blocks[-1].rows.stop)
+
+    def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
+        """The same likelihood with other noise; it counts simulations of its own."""
+        other = Likelihood(
+            self.space, self.blocks, self._residuals, self.nuisances, forward=self.forward, finer=self._finer
+        )
+        other.noises = tuple(noises)
+        return other
+
+    def with_space(
+        self, space: Space, residuals: Callable[[Floats], Floats], nuisances: Sequence[Nuisance] = ()
+    ) -> Likelihood:
+        """A likelihood of the same blocks with other parameters; its noise is not known.
+
+        Parameters
+        ----------
+        space : Space
+        residuals : function of (m, d)
+            As that of the class.
+        nuisances : sequence of Nuisance
+            As those of the class.
+        """
+        return Likelihood(space, self.blocks, residuals, nuisances, forward=self.forward)
+
+    def estimated(
+        self, errors: Floats, used: Sequence[float], off: Floats | None = None, *, correlated: bool = True
+    ) -> Likelihood:
+        """The same likelihood with the noise that residuals at the best values show.
+
+        Parameters
+        ----------
+        errors : (n,)
+        used : sequence of float
+            Parameters that each block pays for.
+        off : (d, n), optional
+            Courses that the fitted residuals may be off by, see `autoregression.estimate`.
+        correlated : bool
+            Estimate autocorrelations too.
+        """
+        fitted = [
+            fit_noise(
+                block, errors[block.rows], own, None if off is None else off[:, block.rows], correlated=correlated
+            )
+            for block, own in zip(self.blocks, used, strict=True)
+        ]
+        return self.with_noises(fitted)
+
+    def residuals(self, points: Floats) -> Floats:
+        """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
+        if not len(points):  # a profile of the only parameter has no other to fit
+            return np.empty((0, self.size))
+        found = self._residuals(points)
+        broken: Bools = np.asarray(~np.isfinite(found).all(axis=1))
+        self.simulated += len(points)
+        self.failed += int(np.count_nonzero(broken))
+        return np.where(broken[:, None], np.nan, found)
+
+    def step_error(self, point: Floats) -> Floats:
+        """Change (n,) of the residuals at a point (d,) [SI] with a step a quarter as long; zero where it is not known.
+
+        It is at least 3/4 of the step's whole error, which falls with the step or faster.
+        """
+        if self._finer is None:
+            return np.zeros(self.size)
+        self.simulated += 1
+        return np.asarray(self.residuals(point[None])[0] - self._finer(point[None])[0])
+
+    def whiten(self, errors: Floats) -> Floats:
+        """Standardised innovations (…, n) of residuals or of their derivatives (…, n)."""
+        found = np.empty_like(errors)
+        for block, noise in zip(self.blocks, self.noises, strict=True):
+            found[..., block.rows] = noise.whiten(errors[..., block.rows])
+        return found
+
+    def innovations(self, points: Floats) -> Floats:
+        """Standardised innovations (m, n) of points (m, d) [SI]; NaN where a simulation failed."""
+        return self.whiten(self.residuals(points))
+
+    def block_costs(self, innovations: Floats) -> Floats:
+        """−2 ln L of each block (…, blocks) of innovations (…, n), without its constants; NaN where one is."""
+        parts = [
+            np.sum(noise.density.cost(innovations[..., block.rows]), axis=-1)
+            for block, noise in zip(self.blocks, self.noises, strict=True)
+        ]
+        return np.stack(parts, axis=-1)
+
+    def log_likelihood(self, points: Floats) -> Floats:
+        """Natural logarithm of the density of the data (m,) at points (m, d) [SI]; −inf where a simulation failed."""
+        constant = sum(
+            block.size * (noise.density.constant + 2.0 * np.log(noise.scale))
+            for block, noise in zip(self.blocks, self.noises, strict=True)
+        )
+        found = -0.5 * (self.block_costs(self.innovations(points)).sum(axis=-1) + constant)
+        return np.where(np.isfinite(found), found, -np.inf)
+
+    def log_prior(self, points: Floats) -> Floats:
+        """Natural logarithm of the priors (m,) without constants; −inf beyond bounds and constraints."""
+        return np.asarray(np.where(self.space.satisfies(points), -0.5 * self.priors.costs(points), -np.inf))
+
+    def log_posterior(self, points: Floats) -> Floats:
+        """Sum (m,) of `log_likelihood` and `log_prior`; points beyond bounds and constraints are not simulated."""
+        found = np.array(self.log_prior(points))
+        inside = np.flatnonzero(np.isfinite(found))
+        if len(inside):
+            found[inside] += self.log_likelihood(points[inside])
+        return found
+
+    def jacobian(self, unit: Floats) -> Floats:
+        """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
+
+        From differences to both sides, simulated in one batch. Zero where a candidate fails.
+        """
+        k, d = unit.shape
+        ahead, behind = (np.clip(unit[:, None] + step * np.eye(d), 0.0, 1.0) for step in (STEP, -STEP))
+        points = self.space.from_unit(np.concatenate([ahead, behind]).reshape(-1, d))
+        found = self.residuals(points).reshape(2, k, d, self.size)
+        width = np.sum((ahead - behind) * np.eye(d), axis=2)
+        slopes = (found[0] - found[1]) / width[..., None]
+        return np.where(np.isfinite(slopes), slopes, 0.0)
+
+    def slopes(self, unit: Floats, errors: Floats, free: Bools | None = None) -> Floats:
+        """One-sided derivatives (k, d, n) of the residuals, as `least_squares.differences`.
+
+        Parameters
+        ----------
+        unit : (k, d)
+        errors : (k, n)
+            Residuals there.
+        free : (k, d) bool, optional
+        """
+        return answered(differences(self.space, unit, errors, np.full(len(unit), self.forward), free), self.residuals)
+
+    def weights(self, innovations: Floats) -> Floats:
+        """Weights (…, n) that the laws give innovations (…, n)."""
+        found = np.ones_like(innovations)
+        for block, noise in zip(self.blocks, self.noises, strict=True):
+            found[..., block.rows] = noise.density.weight(innovations[..., block.rows])
+        return found
+
+    def prior_slopes(self, unit: Floats) -> Floats:
+        """Derivatives (p, d) of the residuals of the priors with respect to positions, at a position (d,)."""
+        priors = self.priors
+        found = np.zeros((len(priors), len(unit)))
+        if len(priors):
+            found[np.arange(len(priors)), priors.columns] = self.scaled(unit)[priors.columns] / priors.sigmas
+        return found
+
+    def scaled(self, unit: Floats) -> Floats:
+        """SI value per unit of position (d,) at a position (d,)."""
+        step = STEP * np.eye(len(unit))
+        low, high = np.clip(unit - step, 0.0, 1.0), np.clip(unit + step, 0.0, 1.0)
+        rise = np.diag(self.space.from_unit(high) - self.space.from_unit(low))
+        return np.asarray(rise / np.diag(high - low))

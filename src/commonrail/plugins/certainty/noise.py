@@ -1,0 +1,625 @@
+"""Blocks of residuals: one for each data set of a fit, with its noise as stated and as fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.base import DataSet
+from commonrail.data.noise import NOISE, Correlation, Law, Noise
+
+# Laws of noise: cost, weight and slope of a standardised residual u, and what belongs to its density.
+#
+# The cost ρ is −2 ln of the density without its constant, ψ = ρ′/2, the weight is ψ/u, and the slope is ψ′. The slope
+# of the Laplace law is a kernel density estimate: its mean over residuals is twice their density at zero.
+
+FREEDOM = 4.0  # of Student's t
+ROUNDING = 0.2  # of the corner of the Laplace law, and width of the kernel of its density, in scales
+_NORMAL = 1.4826  # standard deviation of a normal sample over its median magnitude
+_TURNS = 60
+
+
+class DensityLaw(NamedTuple):
+    """A law.
+
+    Attributes
+    ----------
+    cost, weight, slope : function of (…)
+        ρ, ψ/u and ψ′ of standardised residuals.
+    constant : float
+        −2 ln of the density at zero, with scale 1.
+    deviation : float
+        Standard deviation over the scale.
+    tail : function of (…)
+        Probability that a standardised residual exceeds a value u ≥ 0.
+    """
+
+    cost: Callable[[Floats], Floats]
+    weight: Callable[[Floats], Floats]
+    slope: Callable[[Floats], Floats]
+    constant: float
+    deviation: float
+    tail: Callable[[Floats], Floats]
+
+
+def _student_slope(u: Floats) -> Floats:
+    square = u * u
+    return np.asarray((FREEDOM + 1.0) * (FREEDOM - square) / (FREEDOM + square) ** 2)
+
+
+def _rounded(u: Floats) -> Floats:
+    return np.asarray(np.sqrt(u * u + ROUNDING**2))
+
+
+_STUDENT_CONSTANT = 2.0 * (
+    math.lgamma(0.5 * FREEDOM) + 0.5 * math.log(FREEDOM * math.pi) - math.lgamma(0.5 * (FREEDOM + 1.0))
+)
+
+LAWS: dict[Law, DensityLaw] = {
+    Law.GAUSSIAN: DensityLaw(
+        lambda u: u * u,
+        np.ones_like,
+        np.ones_like,
+        math.log(2.0 * math.pi),
+        1.0,
+        lambda u: np.asarray(special.ndtr(-u)),
+    ),
+    Law.STUDENT: DensityLaw(
+        lambda u: np.asarray((FREEDOM + 1.0) * np.log1p(u * u / FREEDOM)),
+        lambda u: np.asarray((FREEDOM + 1.0) / (FREEDOM + u * u)),
+        _student_slope,
+        _STUDENT_CONSTANT,
+        math.sqrt(FREEDOM / (FREEDOM - 2.0)),
+        lambda u: np.asarray(special.stdtr(FREEDOM, -u)),
+    ),
+    Law.LAPLACE: DensityLaw(
+        lambda u: 2.0 * (_rounded(u) - ROUNDING),
+        lambda u: 1.0 / _rounded(u),
+        lambda u: ROUNDING**2 / _rounded(u) ** 3,
+        2.0 * math.log(2.0),
+        math.sqrt(2.0),
+        lambda u: np.asarray(0.5 * np.exp(-u)),
+    ),
+}
+
+
+def as_normal(law: Law, u: Floats) -> Floats:
+    """Magnitudes (n,) of normal variables that are as likely to be exceeded as standardised residuals (n,) of a law."""
+    if law is Law.GAUSSIAN:
+        return np.asarray(np.abs(u))
+    return np.asarray(-special.ndtri(np.maximum(LAWS[law].tail(np.abs(u)), np.finfo(float).tiny)))
+
+
+def unequal(errors: Floats) -> Floats:
+    """Errors that are not exactly zero, or all where none is.
+
+    Meters and evaluations state exactly zero before and after an injection, as the model does: such agreement is no
+    sample of the noise, and as one it would make outliers of all others.
+    """
+    found = errors[errors != 0.0]
+    return found if len(found) else errors
+
+
+def sample_count(errors: Floats) -> int:
+    """Number of samples of the noise among errors (n,), see `unequal`; of several series (k, n) those of any."""
+    return int(errors.shape[-1] - agreed(errors))
+
+
+def agreed(errors: Floats) -> int:
+    """Number of values of errors (n,), or of all series (k, n), that agree exactly; none where all do."""
+    exact = (np.atleast_2d(errors) == 0.0).all(axis=0)
+    return 0 if exact.all() else int(np.count_nonzero(exact))
+
+
+def scale_of(law: Law, errors: Floats, freedom: float) -> float:
+    """Scale of errors (n,): the root of Σ weight · error²/freedom, which the weights depend on.
+
+    Parameters
+    ----------
+    law : Law
+        Not "auto".
+    errors : (n,)
+    freedom : float
+        Degrees of freedom: errors that are not exactly zero, less what the fit has used.
+    """
+    if law is Law.GAUSSIAN:
+        return float(np.sqrt(np.sum(errors**2) / freedom))
+    variance = max((_NORMAL * float(np.median(np.abs(unequal(errors))))) ** 2, np.finfo(float).tiny)
+    for _ in range(_TURNS):
+        variance = float(np.sum(LAWS[law].weight(errors / math.sqrt(variance)) * errors**2) / freedom)
+        if not variance > 0.0:
+            return 0.0
+    return math.sqrt(variance)
+
+
+# Autoregressive noise: Burg's reflection coefficients, order by AIC, and the whitening that belongs to them.
+
+MOST = 15  # largest order
+_SHARE = 0.1  # of the samples that the order may reach
+_LIMIT = 0.995  # largest reflection coefficient
+BIAS = 2.0  # of the first reflection coefficient of a series whose mean is known: −2 r/n
+
+
+class Autoregression:
+    """Stationary autoregressive noise, described by its reflection coefficients.
+
+    Parameters
+    ----------
+    reflections : (order,)
+        Partial autocorrelations, each between −1 and 1; none for white noise.
+    """
+
+    def __init__(self, reflections: Floats) -> None:
+        self.reflections = np.clip(np.asarray(reflections, float), -_LIMIT, _LIMIT)
+
+    @property
+    def order(self) -> int:
+        """Number of former samples that a sample depends on."""
+        return len(self.reflections)
+
+    @cached_property
+    def predictors(self) -> list[Floats]:
+        """Coefficients of the best predictors from 0, 1, … `order` former samples, by Levinson's recursion."""
+        found = [np.empty(0)]
+        for k in self.reflections:
+            last = found[-1]
+            found.append(np.append(last - k * last[::-1], k))
+        return found
+
+    @property
+    def innovation_share(self) -> float:
+        """Standard deviation of an innovation over that of a sample."""
+        return float(np.sqrt(np.prod(1.0 - self.reflections**2)))
+
+    def whiten(self, errors: Floats) -> Floats:
+        """Innovations (…, n) of errors (…, n), all with the deviation of the last ones.
+
+        The first samples are predicted from those that there are, so that nothing is lost at the begin.
+        """
+        order = min(self.order, errors.shape[-1])
+        found = np.array(errors, float)
+        for lag, factor in enumerate(self.predictors[-1], 1):
+            found[..., lag:] -= factor * errors[..., :-lag]
+        for t in range(order):
+            own = self.predictors[t]
+            former = errors[..., :t][..., ::-1]
+            wider = np.sqrt(np.prod(1.0 - self.reflections[t:] ** 2))
+            found[..., t] = wider * (errors[..., t] - np.sum(own * former, axis=-1))
+        return found
+
+
+def estimate(series: Floats, most: int = MOST) -> Autoregression:
+    """Autoregression of the order with the least AIC, by Burg's method.
+
+    Residuals are smaller than the noise, and less correlated, because the fit has followed it. Their sums of products
+    are therefore completed by those of what the fit may be off by, as in expectation maximisation.
+
+    Parameters
+    ----------
+    series : (1 + d, n)
+        Residuals, then d courses with unit weights that the fitted values may be off by: columns of a root of the
+        covariance of the parameters, times the derivatives.
+    most : int
+        Largest order; at most a tenth of the samples is taken.
+    """
+    samples = sample_count(series[0])
+    forward, backward = np.array(series, float), np.array(series, float)
+    reflections: list[float] = []
+    criterion = [0.0]
+    for _ in range(min(most, int(_SHARE * samples))):
+        ahead, behind = forward[:, 1:], backward[:, :-1]
+        energy = float(np.sum(ahead**2) + np.sum(behind**2))
+        if not energy > 0.0:
+            break
+        k = float(np.clip(2.0 * np.sum(ahead * behind) / energy, -_LIMIT, _LIMIT))
+        forward, backward = ahead - k * behind, behind - k * ahead
+        reflections.append(k)
+        criterion.append(criterion[-1] + samples * float(np.log(1.0 - k * k)) + 2.0)
+    chosen = np.array(reflections[: int(np.argmin(criterion))])
+    if len(chosen):
+        chosen[0] *= 1.0 + BIAS / samples
+    return Autoregression(chosen)
+
+
+# Growth of the noise with the rate: standard deviations of sigma + relative · rate, as shots scatter about their mean.
+#
+# The logarithms of the magnitudes of innovations are those of their standard deviations, beside noise of one and the
+# same distribution. The growth is that of the least squares of these logarithms, which outliers hardly move; there is
+# one where it gains more of 2 ln L than chance does.
+
+LEAST = 50  # values of the noise, below which none is looked for
+# Of 2 ln L, which chance exceeds in 0.16 % (chi-squared of one degree of freedom; 0.15 and 0.2 % of 20 000 series of
+# 400 and 100 values).
+GAIN = 10.0
+LARGEST_GROWTH = (
+    100.0  # deviation at the highest rate over that at zero, above which the latter is taken for that of a hundredth
+)
+GRID = np.geomspace(0.1, LARGEST_GROWTH, 61)
+# Of the root mean square of a series, below which a value is an exact agreement and no sample: measured noise is more
+# than 5 % of it even where shots scatter by 1 % and the sensor by 0.02 mm³/ms.
+AGREED = 1e-4
+
+
+class Growth(NamedTuple):
+    """Standard deviations of values relative to each other.
+
+    Attributes
+    ----------
+    shape : (n,) or (1,)
+        Their logarithms add up to zero.
+    least : float
+        That at a rate of zero.
+    slope : float
+        Rise over `least` for one unit of the rate.
+    """
+
+    shape: Floats
+    least: float
+    slope: float
+
+    @classmethod
+    def of(cls, rate: Floats, slope: float) -> Growth:
+        """Growth in proportion to 1 + slope · rate.
+
+        Parameters
+        ----------
+        rate : (n,)
+            Negative ones count as zero.
+        slope : float
+            Zero for values of one standard deviation.
+        """
+        if not slope:
+            return EVEN
+        grown = 1.0 + slope * np.maximum(rate, 0.0)
+        least = float(np.exp(-np.mean(np.log(grown))))
+        return cls(least * grown, least, slope)
+
+    def at(self, rate: Floats) -> Growth:
+        """The same noise of other values (m,): in the same unit, so that a scale stays what it is."""
+        return self._replace(shape=self.least * (1.0 + self.slope * np.maximum(rate, 0.0)))
+
+
+EVEN = Growth(np.ones(1), 1.0, 0.0)
+"""Values of one standard deviation."""
+
+
+def growth_of(innovations: Floats, rate: Floats) -> Growth:
+    """Growth that innovations (n,) show with the rates (n,) of their values; `EVEN` where chance would show as much."""
+    top = float(np.max(rate, initial=0.0))
+    size = np.abs(innovations)
+    live = size > AGREED * np.sqrt(np.mean(size**2))
+    many = np.count_nonzero(live)
+    if many < LEAST or not top > 0.0:
+        return EVEN
+    logarithms = np.log(size[live])
+    grown = np.log1p(GRID[:, None] * np.maximum(rate[live], 0.0) / top)
+    left = np.var(logarithms - grown, axis=1)
+    best = int(np.argmin(left))
+    gain = many * float(np.log(np.var(logarithms) / left[best]))
+    return Growth.of(rate, float(GRID[best]) / top) if gain > GAIN else EVEN
+
+
+WHITE = Autoregression(np.empty(0))
+FAR, FAR_SHARE, FAR_LEAST = 4.0, 0.01, 50  # deviations, share and number of values by which outliers are recognised
+# Share of the largest measured value. The filters of a meter leave some 1e-13 of it by rounding where the flow is zero.
+_ROUNDING = 1e-9
+_CLIP = 3.0  # deviations to which outliers are cut before the autocorrelation is estimated
+
+
+@dataclass(frozen=True)
+class FittedNoise:
+    """Noise of a block as it was fitted.
+
+    Attributes
+    ----------
+    law : Law
+        Not "auto".
+    scale : float
+        Of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation.
+    freedom : float
+        Degrees of freedom of the scale; infinite where it is exactly known.
+    autoregression : Autoregression
+    known : bool
+        The scale is stated, or that of repeated measurements: it does not come from the residuals.
+    growth : Growth
+        Standard deviations of the values relative to each other.
+    """
+
+    law: Law
+    scale: float
+    freedom: float
+    autoregression: Autoregression = WHITE
+    known: bool = False
+    growth: Growth = EVEN
+
+    @property
+    def density(self) -> DensityLaw:
+        """Cost, weight and slope of the law."""
+        return LAWS[self.law]
+
+    @property
+    def value_scale(self) -> float:
+        """Scale of a value, correlation included."""
+        return self.scale / self.autoregression.innovation_share
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a value, correlation included; at a rate of zero where it grows with the rate."""
+        return self.value_scale * self.density.deviation * self.growth.least
+
+    @property
+    def relative(self) -> float:
+        """Share of the rate that `sigma` grows by."""
+        return self.sigma * self.growth.slope
+
+    def whiten(self, errors: Floats) -> Floats:
+        """Standardised innovations (…, n) of residuals (…, n)."""
+        return self.autoregression.whiten(errors / self.growth.shape) / self.scale
+
+
+@dataclass(frozen=True)
+class Block:
+    """Residuals of a data set within the residuals of a fit.
+
+    Attributes
+    ----------
+    name : str
+    rows : slice
+        Its place.
+    noise : Noise
+        As stated; a standard deviation in the unit of the residuals.
+    unit : str
+        Unit of the residuals, for texts.
+    ordered : bool
+        The values are a course in time.
+    at_zero : (n,)
+        Residuals where the model gives nothing.
+    offset : (n,)
+        Change of the residuals for one more unit of the values everywhere.
+    places : (n, 2)
+        Time [s] and rail pressure [Pa] of each value, between which a discrepancy is correlated.
+    shots : FittedNoise or None
+        Noise estimated from repeated shots.
+    """
+
+    name: str
+    rows: slice
+    noise: Noise = NOISE
+    unit: str = ""
+    ordered: bool = False
+    at_zero: Floats = field(default_factory=lambda: np.empty(0))
+    offset: Floats = field(default_factory=lambda: np.empty(0))
+    places: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    shots: FittedNoise | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return int(self.rows.stop - self.rows.start)
+
+    @property
+    def rounding(self) -> Floats:
+        """Residuals (n,) below which a value that was measured as exactly zero, or is not judged, is met exactly."""
+        return np.where(self.at_zero == 0.0, _ROUNDING * np.max(np.abs(self.at_zero), initial=0.0), 0.0)
+
+    def courses(self, deviation: float, length: float, pressure_length: float = math.inf) -> Floats:
+        """Courses (k, n) with independent unit weights that add up to a discrepancy with a correlation in between.
+
+        Along a course in time they are bumps half a length apart, whose sum has a Gaussian correlation; a map has the
+        roots of its covariance. Without a length there are none: white discrepancy is part of the noise.
+
+        Parameters
+        ----------
+        deviation : float
+            Standard deviation, in the unit of the residuals.
+        length, pressure_length : float
+            Distances over which it is correlated [s], [Pa].
+        """
+        if not (deviation and length):
+            return np.zeros((0, self.size))
+        if self.ordered:
+            times = self.places[:, 0]
+            centres = np.arange(times.min() - 2.0 * length, times.max() + 2.0 * length, 0.5 * length)
+            height = deviation * math.sqrt(0.5 * math.sqrt(2.0 / math.pi))
+            return np.asarray(height * np.exp(-(((times - centres[:, None]) / length) ** 2)))
+        apart = (self.places[:, None] - self.places[None]) / np.array([length, pressure_length])
+        values, vectors = np.linalg.eigh(np.exp(-0.5 * np.sum(apart**2, axis=-1)))
+        return np.asarray((deviation * vectors * np.sqrt(np.maximum(values, 0.0))).T)
+
+    def stated_courses(self) -> Floats:
+        """Courses of the discrepancy that the study states."""
+        return self.courses(self.noise.discrepancy, self.noise.length, self.noise.pressure_length)
+
+
+def block_of(data: DataSet, start: int) -> Block:
+    """Block of a data set whose residuals begin at a row."""
+    zero = _plain(data, np.zeros(len(data.measured)))
+    scale = data.residual_scale
+    stated = data.noise
+    sigma = None if stated.sigma is None else stated.sigma * scale
+    noise = replace(stated, sigma=sigma, discrepancy=stated.discrepancy * scale)
+    return Block(
+        data.name,
+        slice(start, start + len(zero)),
+        noise,
+        data.residual_unit,
+        data.bounds is not None,
+        np.where(data.judged, zero, 0.0),
+        np.where(data.judged, _plain(data, np.ones(len(zero))) - zero, 0.0),
+        places_of(data),
+    )
+
+
+def row_weights(data: DataSet) -> Floats:
+    """Weights (n,) of the residuals of a data set, which its likelihood is free of.
+
+    Repeated quantities say nothing of the dead times of a map: these keep a standard deviation of one tolerance.
+    """
+    found = np.full(len(data.measured), data.weight)
+    if data.noise.sigma is not None and math.isfinite(data.noise.freedom):
+        found[~data.judged] /= (data.noise.sigma * data.residual_scale) ** 2
+    return found
+
+
+def _plain(data: DataSet, values: Floats) -> Floats:
+    """Residuals without their weights."""
+    return np.asarray(data.residuals(values[None])[0] / np.sqrt(row_weights(data)))
+
+
+def places_of(data: DataSet) -> Floats:
+    """Time [s] and rail pressure [Pa] of each value (n, 2); the time of a quantity is its first energising time."""
+    if data.bounds is not None:
+        middle = 0.5 * (data.bounds[1:] + data.bounds[:-1])
+        return np.column_stack([middle, np.full(len(middle), data.points[0].initial_pressures()[0])])
+    points = data.points
+    durations = [point.pulses[0].duration if point.pulses else 0.0 for point in points]
+    return np.column_stack([durations, [point.initial_pressures()[0] for point in points]])
+
+
+def fit_noise(
+    block: Block,
+    errors: Floats,
+    used: float,
+    off: Floats | None = None,
+    *,
+    correlated: bool = True,
+    rate: Floats | None = None,
+) -> FittedNoise:
+    """Noise of a block from its residuals at the best values.
+
+    Parameters
+    ----------
+    block : Block
+    errors : (n,)
+    used : float
+        Parameters that the block pays for: trace of its part of the influence matrix.
+    off : (d, n), optional
+        Courses that the fitted values may be off by, see `autoregression.estimate`.
+    correlated : bool
+        Estimate the autocorrelation where the noise model has one, and look for outliers and for growth with the rate.
+    rate : (n,), optional
+        Rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no
+        noise: weights by measured ones would favour values that are too low.
+    """
+    if block.shots is not None:
+        return block.shots
+    off = np.zeros((0, len(errors))) if off is None else off
+    growth = _growth(block, errors, rate, off) if correlated else EVEN
+    errors, off = errors / growth.shape, off / growth.shape
+    law = _law(block, errors, off, correlated)
+    free = correlated and block.ordered and block.noise.correlation is not Correlation.WHITE
+    regression = _regression(errors, off, law) if free else WHITE
+    sigma = block.noise.sigma
+    if sigma is not None:
+        floor = block.noise.discrepancy if not block.noise.length else 0.0
+        sigma = sigma / growth.least if correlated else _typical(block, errors)
+        whole = math.hypot(sigma, floor)
+        freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
+        scale = whole * regression.innovation_share / LAWS[law].deviation
+        return FittedNoise(law, scale, freedom, regression, known=True, growth=growth)
+    freedom = max(sample_count(errors) - used, 1.0)
+    scale = scale_of(law, regression.whiten(errors), freedom)
+    return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression, growth=growth)
+
+
+def _growth(block: Block, errors: Floats, rate: Floats | None, off: Floats) -> Growth:
+    """Growth of the noise with the rate: as stated, or as the innovations show it."""
+    if not block.ordered:
+        return EVEN
+    rate = errors - block.at_zero if rate is None else rate
+    if block.noise.sigma is not None:
+        return Growth.of(rate, block.noise.relative / block.noise.sigma)
+    white = block.noise.correlation is Correlation.WHITE
+    return growth_of((WHITE if white else _regression(errors, off, Law.STUDENT)).whiten(errors), rate)
+
+
+def _typical(block: Block, errors: Floats) -> float:
+    """Stated standard deviation at the mean rate, for a search whose first rates may be far from the true ones."""
+    mean = float(np.mean(np.maximum(errors - block.at_zero, 0.0))) if block.noise.relative else 0.0
+    return (block.noise.sigma or 0.0) + block.noise.relative * mean
+
+
+def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
+    if block.noise.law is not Law.AUTO:
+        return block.noise.law
+    if not correlated:
+        return Law.GAUSSIAN
+    white = WHITE
+    if block.ordered and block.noise.correlation is not Correlation.WHITE:
+        white = _regression(errors, off, Law.STUDENT)
+    innovations = unequal(np.abs(white.whiten(errors)))
+    robust = _NORMAL * float(np.median(innovations))
+    many = len(innovations) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
+    return Law.STUDENT if many else Law.GAUSSIAN
+
+
+def _regression(errors: Floats, off: Floats, law: Law) -> Autoregression:
+    """Autoregression of errors, outliers cut; what the fit may be off by is then smaller in proportion."""
+    cut = _cut(errors, law)
+    share = np.sqrt(np.sum(cut**2) / max(float(np.sum(errors**2)), 1e-300))
+    return estimate(np.vstack([cut, share * off]))
+
+
+def _cut(errors: Floats, law: Law) -> Floats:
+    """Errors, outliers cut where the law expects them."""
+    if law is Law.GAUSSIAN:
+        return errors
+    limit = _CLIP * _NORMAL * float(np.median(np.abs(unequal(errors))))
+    return np.clip(errors, -limit, limit)
+
+
+# Noise from repeated shots: differences between data sets of one operating point, which no model takes part in.
+
+
+def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block, ...]:
+    """Blocks whose noise models name repeated shots, with the noise of these.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+    data : sequence of DataSet
+        In the same order.
+
+    Raises
+    ------
+    ConfigurationError
+        If a group has a single data set, or its data sets differ in kind or number of values.
+    """
+    groups: dict[str, list[int]] = {}
+    for i, block in enumerate(blocks):
+        if block.noise.shots:
+            groups.setdefault(block.noise.shots, []).append(i)
+    found = list(blocks)
+    for name, members in groups.items():
+        kinds = {(data[i].kind, blocks[i].size) for i in members}
+        if len(members) < 2 or len(kinds) > 1:
+            raise ConfigurationError(
+                f'The repeated shots "{name}" must be two data sets or more of one kind with equally many values; '
+                f"{', '.join(blocks[i].name for i in members)} cannot be compared."
+            )
+        apart = _deviations([blocks[i].at_zero for i in members])
+        mean = -np.mean([blocks[i].at_zero for i in members], axis=0)
+        used = sample_count(apart)  # the mean shot
+        noise = fit_noise(
+            replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")),
+            apart.reshape(-1),
+            used,
+            rate=np.tile(mean, len(members)),
+        )
+        for i in members:
+            found[i] = replace(blocks[i], shots=replace(noise, growth=noise.growth.at(mean)))
+    return tuple(found)
+
+
+def _deviations(shots: Sequence[Floats]) -> Floats:
+    """Deviations (shots, n) from the mean shot."""
+    values = np.array(shots)
+    return np.asarray(values - values.mean(axis=0))

@@ -1,0 +1,81 @@
+"""Presenters of the certainty of a fit and of draws from its posterior: what notebooks show of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from commonrail.base.table import Table
+from commonrail.base.text import counted, fixed, significant
+from commonrail.calibration.identifiability import ParameterVerdict
+from commonrail.data.records import Record
+from commonrail.plugins.certainty.file import Certainty, certainty_record
+from commonrail.plugins.certainty.posterior.file import posterior_record
+from commonrail.plugins.certainty.posterior.sample import Posterior
+from commonrail.report.fit.certainty import certainty_lines, certainty_tables, posterior_table
+from commonrail.report.presenter import Array, Arrays, Presenter
+
+
+def _lines(found: Certainty) -> list[str]:
+    """Number of parameters by verdict, then the sentences of the report."""
+    counts = Counter(judged.verdict for judged in found.verdicts)
+    size = counted(len(found.verdicts), "parameter")
+    named = [f"{counts[verdict]} {verdict.value}" for verdict in ParameterVerdict if counts[verdict]]
+    return [f"{size}: {', '.join(named)}", *certainty_lines(_kept(found))]
+
+
+def _tables(found: Certainty) -> list[Table]:
+    """Tables of the report."""
+    return certainty_tables(_kept(found))
+
+
+def _kept(found: Certainty) -> Record:
+    """Record as result.json keeps it, with the units of the parameters."""
+    own = found.estimate.likelihood
+    parameters = [{"name": name, "unit": unit} for name, unit in zip(own.names, own.units, strict=True)]
+    return {"parameters": parameters, "certainty": certainty_record(found)}
+
+
+def _posterior_lines(found: Posterior) -> list[str]:
+    """Number of draws and agreement of the chains."""
+    chains, steps, size = found.unit.shape
+    state = f"refused: {found.refusal}" if found.refusal else "chains agree"
+    worst, fewest = significant(float(found.r_hat.max()), 4), fixed(float(found.effective.min()), 0)
+    return [
+        f"{chains * steps} draws of {counted(size, 'parameter')}; {state}; largest R-hat {worst}, at least {fewest} "
+        "effective draws"
+    ]
+
+
+def _posterior_tables(found: Posterior) -> list[Table]:
+    """Table of the report: medians and intervals, R-hat, effective draws."""
+    units = dict(zip(found.names, found.estimate.likelihood.units, strict=True))
+    return [posterior_table(posterior_record(found), units)]
+
+
+def _arrays(found: Certainty) -> Arrays:
+    """Values and intervals of the parameters in SI units, which a column names."""
+    own = found.estimate.likelihood
+    columns = {
+        "value": np.asarray(found.estimate.point),
+        "lower": found.low,
+        "upper": found.high,
+        "unit": np.array(own.units),
+        "verdict": np.array([judged.verdict.value for judged in found.verdicts]),
+        "estimator": np.array(found.estimators),
+    }
+    values = {name: Array(("parameter",), column) for name, column in columns.items()}
+    return Arrays({"parameter": Array(("parameter",), np.array(own.names))}, values, "Certainty of a fit")
+
+
+def _posterior_arrays(found: Posterior) -> Arrays:
+    """Draws, a column for each parameter in SI units."""
+    points = found.points()
+    names = zip(found.names, found.estimate.likelihood.units, strict=True)
+    values = {name: Array(("draw",), points[:, i], unit.removesuffix("1")) for i, (name, unit) in enumerate(names)}
+    return Arrays({"draw": Array(("draw",), np.arange(len(points)))}, values, "Draws from the posterior")
+
+
+CERTAINTY = Presenter(_lines, _tables, arrays=_arrays)
+POSTERIOR = Presenter(_posterior_lines, _posterior_tables, arrays=_posterior_arrays)

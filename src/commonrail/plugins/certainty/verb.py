@@ -1,0 +1,94 @@
+"""commonrail certainty: intervals, profiles and verdicts for the parameters of a finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads
+
+if TYPE_CHECKING:
+    from commonrail.plugins.certainty.file import Certainty
+
+
+@verb
+def certainty(
+    run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    *,
+    starts: Annotated[int, Option(min=1, max=1000, help="Starts of the search.")] = 8,
+    profile: Annotated[
+        tuple[str, ...], Option(metavar="NAME", help="Profile this parameter; repeat it. [default: all]")
+    ] = (),
+    local: Annotated[bool, Option("--local", help="Omit the profiles.")] = False,
+    combination: Annotated[
+        tuple[str, ...], Option(metavar="SUM", help='Interval of a sum of parameters, e.g. "a + 2*b".')
+    ] = (),
+    limit: Annotated[
+        float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
+    ] = 10.0,
+    posterior: Annotated[
+        bool, Option("--posterior", help="Draw from the posterior too, into RUN/posterior.npz.")
+    ] = False,
+    most: Annotated[int, Option(min=1000, help="Largest number of draws of the posterior.")] = 100_000,
+    seed: Annotated[int, Option(min=0, help="Seed of the draws of the posterior.")] = 0,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Compute intervals and verdicts of parameters.
+
+    The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. The result
+    is written to RUN/result.json under "certainty", and to its report; RUN/most-likely.toml is the injector with the
+    most likely values. No interval is taken from a posterior whose chains do not agree.
+
+    \b
+    Example:
+      commonrail certainty runs/first
+      commonrail certainty runs/first --posterior
+      commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
+    """
+    from commonrail.plugins.certainty.file import keep_certainty, write_likely
+    from commonrail.plugins.certainty.run import certify
+    from commonrail.report.fit.certainty import certainty_lines, certainty_tables
+    from commonrail.report.page import write_report
+    from commonrail.runs.folder import read_fit
+
+    study, best = read_fit(run)
+    found = certify(
+        study,
+        best,
+        threads=threads,
+        starts=starts,
+        profiles=() if local else profile or None,
+        combinations=combination,
+        limit=0.01 * limit,
+        note=say,
+    )
+    kept = found.record()
+    likely = write_likely(run, study, dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True)))
+    if posterior:
+        kept["posterior"] = _posterior(run, found, seed, most)
+    record = keep_certainty(run, kept)
+    report = write_report(run)
+    if json:
+        print_json({"kind": "certainty", "run": str(run), "report": str(report), "certainty": record["certainty"]})
+        return
+    for table in certainty_tables(record):
+        print_table(table)
+    for line in certainty_lines(record):
+        click.echo(line)
+    click.echo(f"most likely values: {likely}")
+    click.echo(f"report: {report}")
+
+
+def _posterior(run: Path, found: Certainty, seed: int, most: int) -> dict[str, Any]:
+    """Record of the posterior, whose draws are written to the run folder."""
+    from commonrail.plugins.certainty.posterior.file import posterior_record, write_posterior
+    from commonrail.plugins.certainty.posterior.sample import sample_posterior
+
+    drawn = sample_posterior(found.within.whole, seed=seed, most=most, note=say).of_first(found.estimate)
+    write_posterior(run, drawn)
+    return posterior_record(drawn, found.level)

@@ -1,0 +1,1 @@
+"""Injectors as C libraries, FMUs and sources."""

@@ -1,0 +1,262 @@
+"""Entry points of the compiled physics for callers without Python.
+
+A simulation is two arrays of doubles that the caller owns: `work`, the working rows of one candidate (`engine.rows`),
+and `waves`, the ring buffers of the travelling waves. The functions are those of `engine.block`, as the lanes and the
+CUDA kernel use them; nothing is allocated and nothing is raised.
+
+====================  ==================================================================================================
+entry                 arguments
+====================  ==================================================================================================
+``kernel_begin``      work, waves, ring, theta, rail, cylinder, low, dt, figures: puts the injector to rest
+``kernel_march``      work, waves, ring, first, count, inputs (count, 6), dt: steps first … first + count − 1
+``kernel_observe``    work, channels: reads the channels of the present state
+``kernel_figures``    work, cylinder, figures: reads the fields of `engine.notes.Outcome`
+``kernel_medium``     fuel, pressure, medium: density [kg/m³], bulk modulus [Pa] and sound speed [m/s] of a fuel
+====================  ==================================================================================================
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
+
+from commonrail.base.choices import Actuation
+from commonrail.compiler.numba import widest_vectors
+from commonrail.engine.block import FUEL, INPUTS, Law, make_advance, make_begin, make_own_inputs
+from commonrail.engine.feed import Memory, copy_number, make_wave_transport
+from commonrail.engine.recorder import Outcome, make_rows, report_remaining
+from commonrail.engine.registers import row_copier, row_gatherer
+from commonrail.physics import fuel_kernel
+from commonrail.physics.components import solenoid
+from commonrail.physics.law import physics
+from commonrail.physics.model import Inputs, Setting
+from commonrail.physics.variants import Variant, wiring
+
+
+class Channel(NamedTuple):
+    """Name, SI unit and meaning of an observed quantity."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+class Sizes(NamedTuple):
+    """Numbers in the arrays of a wiring.
+
+    Attributes
+    ----------
+    parameters, fuel : int
+        Columns of theta: the parameters, then the coefficients of the fuel.
+    work : int
+        Working rows; `waves` has 3 ring numbers, and at least as many as theta.
+    inputs, figures, channels : int
+    """
+
+    parameters: int
+    fuel: int
+    work: int
+    inputs: int
+    figures: int
+    channels: int
+
+
+_FUEL = len(FUEL.paths)
+_load_fuel = FUEL.load
+_BOOKS = (
+    Channel("injected", "kg", "fuel injected so far"),
+    Channel("returned", "kg", "fuel given to the return so far"),
+    Channel("supplied", "kg", "fuel taken from the rail so far"),
+    Channel("needle_lift", "m", "lift of the needle tip"),
+)
+_COMMON = (
+    Channel("accumulation_pressure", "Pa", "pressure in the accumulation volume"),
+    Channel("sac_pressure", "Pa", "pressure in the sac"),
+    Channel("coil_current", "A", "current of the coil"),
+    Channel("magnetic_force", "N", "magnetic force on the armature"),
+    Channel("discharge_coefficient", "1", "discharge coefficient of the nozzle holes"),
+    Channel("inlet_flow", "kg/s", "flow into the feed pipe"),
+)
+_SERVO = (
+    Channel("plunger_lift", "m", "lift of the plunger top"),
+    Channel("valve_lift", "m", "lift of the control valve"),
+    Channel("control_pressure", "Pa", "pressure in the control chamber"),
+    Channel("rail_pressure", "Pa", "pressure in the rail volume; the boundary pressure where the rail is ideal"),
+    Channel("return_pressure", "Pa", "pressure behind the control valve"),
+)
+_DIRECT = (Channel("armature_lift", "m", "lift of the armature"),)
+
+
+def channels(actuation: Actuation) -> tuple[Channel, ...]:
+    """Observed quantities of an actuation, in their order."""
+    return _BOOKS + _COMMON + (_DIRECT if actuation is Actuation.DIRECT else _SERVO)
+
+
+def sizes(variant: Variant) -> Sizes:
+    """Sizes of the arrays of a wiring."""
+    return Sizes(
+        len(wiring(variant).parameters.paths),
+        len(FUEL.paths),
+        make_rows(variant, 1).end,
+        len(Inputs._fields),
+        len(Outcome._fields),
+        len(channels(variant.actuation)),
+    )
+
+
+@intrinsic
+def view(typing: Any, pointer: Any, first: Any, shape: Any) -> Any:
+    """Array of the numbers behind a pointer from `first` on; Numba's `carray` needs its runtime."""
+    kind = types.Array(pointer.dtype, len(shape), "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = make_array(kind)(context, builder)
+        size = cgutils.intp_t(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+        counts = zip(cgutils.unpack_tuple(builder, arguments[2]), shape, strict=True)
+        lengths = [context.cast(builder, count, one, types.intp) for count, one in counts]
+        strides: list[Any] = []
+        stride = size
+        for length in reversed(lengths):
+            strides.insert(0, stride)
+            stride = builder.mul(stride, length)
+        data = builder.gep(arguments[0], [context.cast(builder, arguments[1], first, types.intp)])
+        populate_array(array, data=data, shape=lengths, strides=strides, itemsize=size, meminfo=None)
+        return array._getvalue()
+
+    return kind(pointer, first, shape), generate
+
+
+def make_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
+    """Functions and Numba signatures of a wiring by the name of the entry."""
+    place, real, whole = types.CPointer(types.float64), types.float64, types.int64
+    begin, march = _loop_entries(variant)
+    observe, figures = _read_entries(variant)
+    return {
+        "kernel_begin": (begin, types.void(place, place, whole, place, real, real, real, real, place)),
+        "kernel_march": (march, types.void(place, place, whole, whole, whole, place, real)),
+        "kernel_observe": (observe, types.void(place, place)),
+        "kernel_figures": (figures, types.void(place, real, place)),
+        "kernel_medium": (_medium, types.void(place, real, place)),
+    }
+
+
+def _medium(coefficients, pressure, medium):  # type: ignore[no-untyped-def]
+    fuel, out = _load_fuel(view(coefficients, 0, (_FUEL,)), 0, 1), view(medium, 0, (3,))
+    density = fuel_kernel.density(fuel, pressure)
+    out[0], out[1], out[2] = (
+        density,
+        density * fuel_kernel.stiffness(fuel, density),
+        fuel_kernel.sound_speed(fuel, density),
+    )
+
+
+def _loop_entries(variant: Variant) -> tuple[Law, Law]:
+    rows, size = make_rows(variant, 1), sizes(variant)
+    put, advance = make_begin(variant, rows), make_advance(variant, rows)
+    arrive, leave = make_wave_transport(rows, copy_number)
+    columns, working, inputs_of_step, noted = size.parameters + size.fuel, size.work, size.inputs, size.figures
+    candidates = (-1, 0)  # operating point, then the candidate of the lane, as in a block
+
+    def begin(work, waves, ring, theta, rail, cylinder, low, dt, figures):  # type: ignore[no-untyped-def]
+        memory = Memory(view(work, 0, (working,)), view(waves, 0, (max(3 * ring, columns),)), ring)
+        own, out = view(theta, 0, (1, columns)), view(figures, 0, (1, noted))
+        put(memory, own, candidates, Setting(rail, cylinder, low, dt), out)
+
+    def march(work, waves, ring, first, count, inputs, dt):  # type: ignore[no-untyped-def]
+        memory = Memory(view(work, 0, (working,)), view(waves, 0, (3 * ring,)), ring)
+        table = view(inputs, 0, (count, inputs_of_step))
+        for n in range(count):
+            k = first + n
+            u = Inputs(table[n, 0], table[n, 1], table[n, 2], table[n, 3], table[n, 4], table[n, 5])
+            arrive(memory, k, True)
+            advance(memory.work, float(k + 1), u, dt)
+            leave(memory, k)
+
+    return begin, march
+
+
+def _read_entries(variant: Variant) -> tuple[Law, Law]:
+    rows, size, wired = make_rows(variant, 1), sizes(variant), wiring(variant)
+    load_coefficients, load_state = wired.coefficients.load, wired.state.load
+    working, seen, noted, discharge = size.work, size.channels, size.figures, wired.laws.discharge
+    tip, top, state = rows.tip, rows.top, rows.state
+    observe_rest = _observe_direct if variant.actuation is Actuation.DIRECT else _observe_servo
+
+    def observe(work, channels):  # type: ignore[no-untyped-def]
+        numbers, out = view(work, 0, (working,)), view(channels, 0, (seen,))
+        c, s = load_coefficients(numbers, 0, 1), load_state(numbers, state, 1)
+        out[0], out[1], out[2] = s.nozzle.injected, s.cumulative_flows.returned, s.cumulative_flows.supplied
+        out[3], out[4], out[5] = numbers[tip], s.accumulation.fuel.pressure, s.sac.pressure
+        out[7] = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
+        out[8], out[9] = discharge(c.nozzle, s.nozzle.lift_reached), s.feed_pipe.inlet_flow
+        out[6] = solenoid.circuit(c.solenoid, s.solenoid.flux, observe_rest(c, s, numbers[top], out), 0.0).current
+
+    def figures(work, cylinder, out):  # type: ignore[no-untyped-def]
+        report_remaining(view(work, 0, (working,)), rows, cylinder, view(out, 0, (1, noted)))
+
+    return observe, figures
+
+
+@physics
+def _observe_servo(c, s, top, out):  # type: ignore[no-untyped-def]
+    """Write the channels of a servo injector; returns the air gap that the armature leaves open [m]."""
+    out[10], out[11], out[12] = top, s.valve.lift, s.control_chamber.fuel.pressure
+    out[13], out[14] = s.rail.pressure, s.return_line.pressure
+    return c.valve.lift - s.valve.lift
+
+
+@physics
+def _observe_direct(c, s, top, out):  # type: ignore[no-untyped-def]
+    """Write the channel of a direct-acting injector; returns the air gap that the armature leaves open [m]."""
+    out[10] = top
+    return c.armature.travel - top
+
+
+# Entry points that march a block of injectors side by side, one in each lane of vector registers.
+#
+# ========================  ==============================================================================================
+# entry                     arguments
+# ========================  ==============================================================================================
+# ``kernel_block``          work (rows, LANES), waves (3 ring, LANES), ring, first, count, inputs (count, inputs, LANES),
+#                           dt, alike: steps first … first + count − 1; alike is 1 where all waves take as long
+# ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.notes.Outcome` of all lanes
+# ========================  ==============================================================================================
+#
+# A block is put together from single injectors (`export.entries`): a lane has the rows that an injector has alone.
+
+LANES = 8  # numbers in the widest registers there are, and cylinders of most engines
+
+
+def make_block_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
+    """Functions and Numba signatures of a wiring's block by the name of the entry."""
+    rows, copy = make_rows(variant, LANES), row_copier(LANES)
+    advance = make_advance(variant, rows, widest_vectors, make_own_inputs())
+    arrive, leave = make_wave_transport(rows, copy, row_gatherer(LANES))
+    working, first_input, given, noted = rows.end, rows.inputs, len(INPUTS.paths), len(Outcome._fields)
+
+    def march(work, waves, ring, first, count, inputs, dt, alike):  # type: ignore[no-untyped-def]
+        widest_vectors()
+        memory = Memory(view(work, 0, (working * LANES,)), view(waves, 0, (3 * ring * LANES,)), ring)
+        table = view(inputs, 0, (count * given * LANES,))
+        for n in range(count):
+            k = first + n
+            for i in range(given):
+                copy(memory.work, (first_input + i) * LANES, table, (n * given + i) * LANES)
+            arrive(memory, k, alike != 0)
+            advance(memory.work, float(k + 1), k, dt)
+            leave(memory, k)
+
+    def figures(work, out):  # type: ignore[no-untyped-def]
+        numbers = view(work, 0, (working * LANES,))
+        # every step sets the cylinder pressure of all lanes anew, and what depends on it here is not read
+        report_remaining(numbers, rows, numbers[rows.cylinder * LANES], view(out, 0, (LANES, noted)))
+
+    place, real, whole = types.CPointer(types.float64), types.float64, types.int64
+    return {
+        "kernel_block": (march, types.void(place, place, whole, whole, whole, place, real, whole)),
+        "kernel_block_figures": (figures, types.void(place, place)),
+    }

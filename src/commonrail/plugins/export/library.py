@@ -1,0 +1,223 @@
+"""Folder with a model as a C library: header, sources, objects, static and shared libraries, examples."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from commonrail.base.errors import InputError
+from commonrail.base.hooks import ALL_ENTRIES, lasting
+from commonrail.physics.injector import Injector
+from commonrail.plugins.export.entries import LANES, sizes
+from commonrail.plugins.export.objects import (
+    Compiler,
+    Target,
+    archive,
+    compile_source,
+    compiler_for,
+    emit,
+    emit_block,
+    link_shared,
+    vectors_of,
+)
+from commonrail.plugins.export.sources import Model, model_of, named, template
+
+# Folder whose files appear when all of them are complete.
+
+
+@contextmanager
+def placed(folder: Path) -> Iterator[Path]:
+    """Empty folder to write into; when the block ends without an error, its files are those of `folder`.
+
+    A new folder appears at once. In one that exists, each file takes the place of that of its name, and others stay.
+    After an error nothing has changed.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is missing, with the folders above it.
+    """
+    exists = folder.exists()
+    if not exists:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    own = Path(tempfile.mkdtemp(prefix=".commonrail-", dir=folder if exists else folder.parent))
+    made = own / "made"  # with the permissions that a new folder has
+    made.mkdir()
+    try:
+        yield made
+        if exists:
+            _replace_files(made, folder)
+        else:
+            os.rename(made, folder)
+    finally:
+        shutil.rmtree(own, ignore_errors=True)
+
+
+def _replace_files(made: Path, folder: Path) -> None:
+    files = [path for path in sorted(made.rglob("*")) if not path.is_dir()]
+    for path in files:
+        target = folder / path.relative_to(made)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(path, target)
+
+
+# Sources of examples, and the names of their files.
+_EXAMPLES = {name: name.removesuffix(".in") for name in ("example.c", "example.cpp", "example.jl", "example.py.in")}
+
+
+class Library(NamedTuple):
+    """Files of a library.
+
+    Attributes
+    ----------
+    model : Model
+    folder : Path
+    shared : dict of str to Path
+        Shared library of each target.
+    files : tuple of Path
+        All that was written.
+    """
+
+    model: Model
+    folder: Path
+    shared: dict[str, Path]
+    files: tuple[Path, ...]
+
+
+@lasting(ALL_ENTRIES)
+def write_library(injector: Injector, folder: Path, targets: Sequence[Target], prefer_zig: bool = False) -> Library:
+    """Write an injector as a C library; nothing is changed before all of it is complete.
+
+    Parameters
+    ----------
+    injector : Injector
+    folder : Path
+        Made where it is missing; files of the same names are replaced.
+    targets : sequence of Target
+        Each gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
+        folders by their names.
+    prefer_zig : bool
+        See `compiler_for`.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no compiler for a target, or it fails.
+    InputError
+        If files of the examples' names are there that no export has written.
+    """
+    _refuse_foreign_examples(folder)
+    compilers = {target.name: compiler_for(target, prefer_zig) for target in targets if target.suffix != ".wasm"}
+    model = model_of(injector)
+    shared: dict[str, Path] = {}
+    with placed(folder) as made:
+        files = [*write_sources(model, made), *_write_block(model, made)]
+        for target in targets:
+            place = made / target.name if len(targets) > 1 else made
+            place.mkdir(exist_ok=True)
+            if target.name not in compilers:
+                files.append(_write_kernel(model, place, target))
+                continue
+            written = _write_binaries(model, made, place, target, compilers[target.name])
+            shared[target.name] = written[-1]
+            files += written
+        files += write_examples(model, made, "PLATFORM/" if len(targets) > 1 else "")
+    moved = {path: folder / path.relative_to(made) for path in files}
+    return Library(
+        model, folder, {name: moved[path] for name, path in shared.items()}, tuple(moved[path] for path in files)
+    )
+
+
+def _write_kernel(model: Model, place: Path, target: Target) -> Path:
+    """Write the object of the compiled physics."""
+    kernel = place / f"{model.name}_kernel_{target.name}.o"
+    kernel.write_bytes(emit(model.injector.wired(), target, model.name))
+    return kernel
+
+
+def _write_block(model: Model, folder: Path) -> tuple[Path, ...]:
+    """Write header and source of blocks of injectors."""
+    texts = {
+        f"{model.name}_block.h": template("block.h").replace("/*LANES*/", str(LANES)),
+        f"{model.name}_block.c": template("block.c"),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(named(text, model.name), encoding="utf-8")
+    return tuple(folder / name for name in texts)
+
+
+def _write_binaries(model: Model, folder: Path, place: Path, target: Target, compiler: Compiler) -> list[Path]:
+    """Write what is compiled for a target: objects, static library and, last, the shared one.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+        Of the sources.
+    place : Path
+        Folder to write to.
+    target : Target
+    compiler : Compiler
+    """
+    upper, vectors = model.name.upper(), vectors_of(target)
+    kernels = [_write_kernel(model, place, target)]
+    for one in vectors:
+        kernels.append(place / f"{model.name}_block_{one}_{target.name}.o")
+        kernels[-1].write_bytes(emit_block(model.injector.wired(), target, one, model.name))
+    defines = (f"{upper}_VECTORS",) if vectors else ()
+    sources = [folder / f"{model.name}.c", folder / f"{model.name}_block.c"]
+    objects = [place / f"{source.stem}.o" for source in sources]
+    for source, made in zip(sources, objects, strict=True):
+        compile_source(compiler, source, made, target, defines)
+    static, shared = place / f"lib{model.name}.a", place / shared_name(model, target)
+    archive(compiler, (*objects, *kernels), static)
+    for made in objects:
+        made.unlink()
+    link_shared(compiler, (*sources, *kernels), shared, target, (f"{upper}_SHARED", *defines))
+    return [*kernels, static, shared]
+
+
+def shared_name(model: Model, target: Target) -> str:
+    """File name of a shared library."""
+    return f"{'' if target.suffix == '.dll' else 'lib'}{model.name}{target.suffix}"
+
+
+def write_sources(model: Model, folder: Path) -> tuple[Path, ...]:
+    """Write header and sources of a model."""
+    texts = {f"{model.name}.h": model.header, **model.sources}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return tuple(folder / name for name in texts)
+
+
+def _refuse_foreign_examples(folder: Path) -> None:
+    """Refuse a folder whose own examples would be lost; an export has a kernel's source beside them."""
+    foreign = [name for name in _EXAMPLES.values() if (folder / name).exists() and not any(folder.glob("*_kernel.c"))]
+    if foreign:
+        raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
+
+
+def write_examples(model: Model, folder: Path, beside: str) -> tuple[Path, ...]:
+    """Write programs that use the library.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+    beside : str
+        Path from there to the binaries, as in a command line; "" where they are in the folder itself.
+    """
+    size = sizes(model.injector.wired())
+    numbers = f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}"
+    written = []
+    for source, name in {**_EXAMPLES, "sfunction.c": f"{model.name}_sfunction.c"}.items():
+        text = named(template(source), model.name).replace("FOLDER/", beside).replace("libcr.a", f"lib{model.name}.a")
+        text = text.replace(" cr.c ", f" {model.name}.c ").replace("PARAMETERS, CHANNELS = 0, 0", numbers)
+        (folder / name).write_text(text, encoding="utf-8")
+        written.append(folder / name)
+    return tuple(written)

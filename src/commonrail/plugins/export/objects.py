@@ -1,0 +1,352 @@
+"""Object files of the compiled physics for the processors and systems that libraries and FMUs are made for."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.hooks import note
+from commonrail.physics.variants import Variant
+from commonrail.plugins.export.texts import block_texts, entry_texts, refuse_foreign
+
+
+class Target(NamedTuple):
+    """Processor and system of a binary.
+
+    Attributes
+    ----------
+    name : str
+        Name on the command line.
+    triple : str
+        Name that LLVM has for it.
+    processor, features : str
+        LLVM's processor, and instruction sets beyond it.
+    zig : str
+        Name that zig has for it, with the oldest C library that the binary may meet.
+    fmi2, fmi3 : str
+        Folder of its binary in an FMU; "" where that version of the standard knows none.
+    suffix : str
+        Ending of a shared library.
+    """
+
+    name: str
+    triple: str
+    processor: str
+    features: str
+    zig: str
+    fmi2: str
+    fmi3: str
+    suffix: str
+
+
+_WASM = "+simd128,+bulk-memory,+nontrapping-fptoint,+sign-ext,+mutable-globals,+multivalue"
+_LINUX = "x86_64-unknown-linux-gnu"
+_ALL = (
+    Target("linux64", _LINUX, "x86-64", "", "x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", ".so"),
+    Target("linux64-avx2", _LINUX, "x86-64-v3", "", "x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", ".so"),
+    Target("win64", "x86_64-pc-windows-gnu", "x86-64", "", "x86_64-windows-gnu", "win64", "x86_64-windows", ".dll"),
+    Target(
+        "linux-arm64", "aarch64-unknown-linux-gnu", "generic", "", "aarch64-linux-gnu.2.17", "", "aarch64-linux", ".so"
+    ),
+    Target("darwin-arm64", "arm64-apple-macosx11.0.0", "apple-m1", "", "aarch64-macos", "", "aarch64-darwin", ".dylib"),
+    Target("wasm32", "wasm32-unknown-unknown", "generic", _WASM, "wasm32-wasi", "", "", ".wasm"),
+)
+TARGETS = {target.name: target for target in _ALL}
+# Processors whose vectors a block of injectors is compiled for, by the architecture, narrowest first. Which of them a
+# machine has is found out when a block begins (c/block.c); elsewhere its injectors are marched one after another.
+_VECTORS = {"x86_64": {"avx2": "x86-64-v3", "avx512": "x86-64-v4"}}
+
+
+def target_named(name: str) -> Target:
+    """Target by its name.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none of that name.
+    """
+    if name not in TARGETS:
+        raise ConfigurationError(f'There is no platform "{name}"{nearest(name, TARGETS)}; known: {", ".join(TARGETS)}.')
+    return TARGETS[name]
+
+
+def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
+    """Object file with the entries of `export.entries`, each named ``PREFIX_ENTRY`` and hidden.
+
+    The entries follow Numba's calling convention: ``int32_t f(void *result, void **exception, arguments …)`` returns 0;
+    `result` receives a pointer, and `exception` is not written.
+
+    Parameters
+    ----------
+    variant : Variant
+        Wiring to compile; a Numba compilation of some ten seconds where its text is in no cache.
+    target : Target or str
+    prefix : str
+        Begins the names of the entries, so that the objects of two models can be linked into one program.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such target, or the compiler fails.
+    """
+    machine, module = _linked(variant, target if isinstance(target, Target) else target_named(target), prefix)
+    return bytes(machine.emit_object(module))
+
+
+def vectors_of(target: Target) -> tuple[str, ...]:
+    """Names of the vectors that `emit_block` compiles for on a target, narrowest first; empty where it does not."""
+    return tuple(_VECTORS.get(target.triple.partition("-")[0], ()))
+
+
+def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr") -> bytes:
+    """Object file with the entry of `export.block_entries`, named ``PREFIX_ENTRY_VECTORS`` and hidden.
+
+    Parameters
+    ----------
+    variant : Variant
+        As of `emit`.
+    target : Target
+    vectors : str
+        One of `vectors_of` the target.
+    prefix : str
+        Begins the name of the entry.
+
+    Raises
+    ------
+    ConfigurationError
+        If the compiler fails.
+    """
+    import llvmlite.binding as llvm
+
+    processor = _VECTORS[target.triple.partition("-")[0]][vectors]
+    machine = _machine(target, processor, "")
+    names = {name: f"{prefix}_{name}_{vectors}" for name in block_texts(variant)}
+    whole = _module(block_texts(variant), machine, names)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = True
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(whole, builder)
+    return bytes(machine.emit_object(whole))
+
+
+def linked_text(variant: Variant, prefix: str = "cr") -> str:
+    """LLVM text of all entries of a wiring, named as `emit` names them."""
+    return str(_linked(variant, TARGETS["linux64"], prefix)[1])
+
+
+def _linked(variant: Variant, target: Target, prefix: str) -> tuple[Any, Any]:
+    """LLVM's machine of a target, and one module of all entries for it, without what none of them uses."""
+    machine = _machine(target, target.processor, target.features)
+    texts = entry_texts(variant)
+    return machine, _module(texts, machine, {name: f"{prefix}_{name}" for name in texts})
+
+
+def _machine(target: Target, processor: str, features: str) -> Any:
+    """LLVM's machine of a target."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=processor, features=features, opt=3, reloc="pic", codemodel="default"
+    )
+
+
+def _module(texts: Mapping[str, str], machine: Any, names: Mapping[str, str]) -> Any:
+    """Module of all texts for a machine.
+
+    Parameters
+    ----------
+    texts : mapping of str to str
+        LLVM text of each entry.
+    machine : LLVM's machine
+    names : mapping of str to str
+        Name that each entry receives.
+    """
+    import llvmlite.binding as llvm
+
+    whole: Any = None
+    for name, text in texts.items():
+        module = llvm.parse_assembly(text)
+        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        entry = module.get_function(name)
+        entry.name, entry.visibility = names[name], "hidden"
+        if whole is None:
+            whole = module
+        else:
+            whole.link_in(module)
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(whole, builder)
+    refuse_foreign(str(whole))
+    whole.verify()
+    return whole
+
+
+# Compilers that make libraries of objects and C sources: this machine's own, or zig for any platform.
+
+_LONGEST = 900.0  # for one compiler run [s]: zig builds a platform's C library at the first
+_FAMILIES = {
+    ("Linux", "x86_64"): ("linux64", "linux64-avx2"),
+    ("Linux", "aarch64"): ("linux-arm64",),
+    ("Darwin", "arm64"): ("darwin-arm64",),
+}
+_WARNINGS = ("-std=c11", "-Wall", "-Wextra", "-Werror")
+_ARITHMETIC = ("-ffp-contract=off",)  # a fused product would give a target bits of its own
+
+
+class Compiler(NamedTuple):
+    """Command of a C compiler, and whether it is zig."""
+
+    command: tuple[str, ...]
+    is_zig: bool
+
+
+def own_platform() -> tuple[str, ...]:
+    """Names of the targets that this machine runs, the plainest first; empty where there is none."""
+    return _FAMILIES.get((platform.system(), platform.machine()), ())
+
+
+def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
+    """Compiler that makes binaries for a target.
+
+    Parameters
+    ----------
+    target : Target
+    prefer_zig : bool
+        Take zig, where it is installed, for this machine's own platform too: its binaries run with older C libraries.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none, with what to install.
+    """
+    zig = importlib.util.find_spec("ziglang") is not None
+    own = target.name in own_platform()
+    found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None) if own else None
+    if found and not (prefer_zig and zig):
+        return Compiler((found,), False)
+    if zig:
+        return Compiler((sys.executable, "-m", "ziglang", "cc", "-target", target.zig), True)
+    cure = "install it with: pip install 'commonrail[export]'"
+    if own:
+        raise ConfigurationError(f"Linking for {target.name} needs a C compiler (cc, gcc, clang) or zig; {cure}.")
+    raise ConfigurationError(f"Linking for {target.name} on this machine needs zig; {cure}.")
+
+
+def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: Target, defines: Sequence[str]) -> None:
+    """Compile C sources and link them with objects into a shared library that exports what is marked so.
+
+    Parameters
+    ----------
+    compiler : Compiler
+    inputs : sequence of Path
+        Sources and objects, in one folder with their headers.
+    out : Path
+    target : Target
+    defines : sequence of str
+        Names defined for the preprocessor.
+    """
+    command = [
+        *compiler.command,
+        *_WARNINGS,
+        *_ARITHMETIC,
+        "-O2",
+        "-g0",
+        "-fvisibility=hidden",
+        *(f"-D{name}" for name in defines),
+        *(() if target.suffix == ".dll" else ("-fPIC",)),
+        "-shared",
+        "-s",
+        *map(_absolute, inputs),
+        "-o",
+        _absolute(out),
+        *(("-lm",) if target.suffix == ".so" else ()),
+    ]
+    run(command, out.parent)
+
+
+def compile_source(compiler: Compiler, source: Path, out: Path, target: Target, defines: Sequence[str] = ()) -> None:
+    """Compile one C source into an object.
+
+    Parameters
+    ----------
+    compiler : Compiler
+    source, out : Path
+    target : Target
+    defines : sequence of str
+        As of `link_shared`.
+    """
+    position = () if target.suffix == ".dll" else ("-fPIC",)
+    options = [*_WARNINGS, *_ARITHMETIC, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
+    run([*compiler.command, *options, "-c", _absolute(source), "-o", _absolute(out)], out.parent)
+
+
+def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:
+    """Put objects into a static library.
+
+    Parameters
+    ----------
+    compiler : Compiler
+    objects : sequence of Path
+    out : Path
+        Replaced where it exists.
+    """
+    out.unlink(missing_ok=True)
+    tool = (sys.executable, "-m", "ziglang", "ar") if compiler.is_zig else (shutil.which("ar") or "ar",)
+    run([*tool, "rcs", _absolute(out), *map(_absolute, objects)], out.parent)
+
+
+def _absolute(path: Path) -> str:
+    # Compilers run in the folder of their output, where a relative path would name another file.
+    return str(path.absolute())
+
+
+def run(command: Sequence[str], folder: Path) -> None:
+    """Run a compiler in a folder.
+
+    Raises
+    ------
+    ConfigurationError
+        With its first error line, if it fails.
+    """
+    caches = {name: str(zig_cache()) for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR")}
+    environment = os.environ | {name: value for name, value in caches.items() if name not in os.environ}
+    built = _built(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))
+    if built is not None and not built.exists():
+        note(f"zig builds the C library of {built.name} for its first use: up to some minutes, once ...")
+    try:
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=_LONGEST, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ConfigurationError(f"The C compiler {command[0]} could not be run: {error}.") from None
+    if done.returncode != 0:
+        lines = [line for line in done.stderr.splitlines() if "error" in line] or [done.stderr.strip() or "no message"]
+        raise ConfigurationError(f"The C compiler {command[0]} failed: {lines[0].strip()}")
+    if built is not None:
+        with suppress(OSError):
+            built.mkdir(parents=True, exist_ok=True)
+
+
+def _built(command: Sequence[str], cache: Path) -> Path | None:
+    """Folder that says that zig has linked for the command's target; None for other compilers or no C library."""
+    target = command[command.index("-target") + 1] if "-target" in command else "freestanding"
+    return None if target.endswith("freestanding") else cache / "targets" / target
+
+
+def zig_cache() -> Path:
+    """Folder in which zig keeps the C libraries that it has built."""
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("commonrail", False)) / "zig"

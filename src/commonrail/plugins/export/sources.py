@@ -1,0 +1,489 @@
+"""C sources of a model: the hand-written ones under the model's own names, and the tables generated for it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from importlib import resources
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Actuation, Boundary
+from commonrail.engine import plan
+from commonrail.engine.plan import BACKFLOW
+from commonrail.engine.recorder import Outcome, make_rows
+from commonrail.engine.status import Status
+from commonrail.engine.time_step import TIME_STEPS, Medium, bears, limiting, room_left
+from commonrail.physics.fuel import Fuel
+from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
+from commonrail.physics.parameters import Domain
+from commonrail.physics.reads import COMMAND, DRIVE, RAIL, RETURN, unread_inputs
+from commonrail.physics.variants import Variant
+from commonrail.plugins.export.c_source import kernel_source
+from commonrail.plugins.export.entries import channels, sizes
+from commonrail.plugins.export.objects import linked_text
+from commonrail.plugins.export.texts import entry_texts
+
+# The condition on the time step as C, from its Python source.
+#
+# `engine.stability.bears` is arithmetic on named numbers. Called with symbols in their place it records what it does,
+# one C statement an operation, so that the formulas have one home.
+
+_CHAMBER = "control_chamber.volume"
+
+
+def step_condition(variant: Variant) -> str:
+    """C function ``cr_bears(p, lift, medium, dt)``: 1 where a step is short enough.
+
+    `p` are the parameters in their order, `lift` the greatest lift of the needle [m], `medium` the fields of `Medium`.
+    """
+    lines: list[str] = []
+    paths = parameter_paths(variant.actuation)
+    symbols = {path: _Symbol(f"p[{i}]", lines) for i, path in enumerate(paths)}
+    if variant.actuation is not Actuation.DIRECT:
+        symbols[_CHAMBER] = room_left(symbols, _Symbol("lift", lines))
+    medium = Medium(*(_Symbol(f"medium[{i}]", lines) for i in range(len(Medium._fields))))  # type: ignore[arg-type]
+    found = bears(variant, symbols, medium, _Symbol("dt", lines))  # type: ignore[arg-type]
+    used = sorted({name for group in limiting(variant.actuation) for name in group})
+    return "\n".join(
+        [
+            f"/* Depends on {', '.join(used)}. */",
+            "static int cr_bears(const double *p, double lift, const double *medium, double dt) {",
+            "    (void)lift;",
+            *(f"    {line}" for line in _used(lines, found.text)),
+            f"    return {found.text};",
+            "}",
+            "",
+        ]
+    )
+
+
+def _used(lines: list[str], result: str) -> list[str]:
+    """Statements on which the result depends, in their order."""
+    wanted, kept = {result}, []
+    for line in reversed(lines):
+        name, _, expression = line.partition(" = ")
+        if name.split()[-1] in wanted:
+            wanted.update(re.findall(r"\bt\d+", expression))
+            kept.append(line)
+    return kept[::-1]
+
+
+class _Symbol:
+    """A number or condition whose value C computes: operations on it append a statement to `lines`."""
+
+    __slots__ = ("lines", "text")
+
+    def __init__(self, text: str, lines: list[str]) -> None:
+        self.text, self.lines = text, lines
+
+    def _made(self, expression: str, kind: str = "double") -> _Symbol:
+        name = f"t{len(self.lines)}"
+        self.lines.append(f"const {kind} {name} = {expression};")
+        return _Symbol(name, self.lines)
+
+    def _two(self, left: Any, sign: str, right: Any, kind: str = "double") -> _Symbol:
+        return self._made(f"{_text(left)} {sign} {_text(right)}", kind)
+
+    def __add__(self, other: Any) -> _Symbol:
+        return self._two(self, "+", other)
+
+    def __radd__(self, other: Any) -> _Symbol:
+        return self._two(other, "+", self)
+
+    def __sub__(self, other: Any) -> _Symbol:
+        return self._two(self, "-", other)
+
+    def __rsub__(self, other: Any) -> _Symbol:
+        return self._two(other, "-", self)
+
+    def __mul__(self, other: Any) -> _Symbol:
+        return self._two(self, "*", other)
+
+    def __rmul__(self, other: Any) -> _Symbol:
+        return self._two(other, "*", self)
+
+    def __truediv__(self, other: Any) -> _Symbol:
+        return self._two(self, "/", other)
+
+    def __rtruediv__(self, other: Any) -> _Symbol:
+        return self._two(other, "/", self)
+
+    def __pow__(self, exponent: Any) -> _Symbol:
+        if exponent != 0.5:
+            raise NotImplementedError(f"a power of {exponent}")
+        return self._made(f"sqrt({self.text})")
+
+    def __abs__(self) -> _Symbol:
+        return self._made(f"fabs({self.text})")
+
+    def __gt__(self, other: Any) -> _Symbol:
+        return self._two(self, ">", other, "int")
+
+    def __ge__(self, other: Any) -> _Symbol:
+        return self._two(self, ">=", other, "int")
+
+    def __lt__(self, other: Any) -> _Symbol:
+        return self._two(self, "<", other, "int")
+
+    def __le__(self, other: Any) -> _Symbol:
+        return self._two(self, "<=", other, "int")
+
+    def __eq__(self, other: object) -> Any:
+        return self._two(self, "==", other, "int")
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __and__(self, other: Any) -> _Symbol:
+        return self._two(self, "&", other, "int")
+
+    def __rand__(self, other: Any) -> _Symbol:
+        return self._two(other, "&", self, "int")
+
+    def __or__(self, other: Any) -> _Symbol:
+        return self._two(self, "|", other, "int")
+
+    def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **_: Any) -> Any:
+        known: Mapping[Any, Callable[..., str]] = {
+            np.maximum: lambda a, b: f"fmax({a}, {b})",
+            np.minimum: lambda a, b: f"fmin({a}, {b})",
+        }
+        if method != "__call__" or function not in known:
+            return NotImplemented
+        return self._made(known[function](*map(_text, inputs)))
+
+    def __array_function__(self, function: Any, types: Any, arguments: Any, named: Any) -> Any:
+        if function is not np.clip:
+            return NotImplemented
+        value, low, high = map(_text, arguments)
+        return self._made(f"fmin(fmax({value}, {low}), {high})")
+
+
+def _text(value: Any) -> str:
+    """Number as C: symbols by their names, Python's numbers so that they keep all digits."""
+    if isinstance(value, _Symbol):
+        return value.text
+    if isinstance(value, bool):
+        return str(int(value))
+    number = float(value)
+    return f"({number!r})" if number < 0.0 else repr(number)
+
+
+# Coefficients of a fuel as Chebyshev series over its range of temperature, for callers without Python.
+
+# The laws are polynomials and exponentials in temperature: at 24 the series have ended in rounding for the catalogue
+# (tests/export/test_fuel_table.py measures the error).
+DEGREE = 24
+
+
+class FuelTable(NamedTuple):
+    """Series of `FuelCoefficients` over a range of temperature.
+
+    Attributes
+    ----------
+    coldest, hottest : float
+        [K].
+    series : (coefficients, degree + 1)
+        In T_k((2 T − coldest − hottest)/(hottest − coldest)).
+    own : (coefficients,)
+        Those of the model's own temperature, to the last bit.
+    """
+
+    coldest: float
+    hottest: float
+    series: Floats
+    own: Floats
+
+    def at(self, temperature: float) -> Floats:
+        """Coefficients at a temperature [K]."""
+        x = (2.0 * temperature - self.coldest - self.hottest) / (self.hottest - self.coldest)
+        return np.asarray(chebyshev.chebval(x, self.series.T))
+
+
+def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
+    """Table of a fuel.
+
+    Single coefficients carry rounding of the fit of some 1e-11, which cancels in the polynomials; a shift makes them
+    those of `fuel_coefficients` at one temperature.
+
+    Parameters
+    ----------
+    fuel : Fuel
+    exact_at : float
+        That temperature [K].
+
+    Raises
+    ------
+    ConfigurationError
+        If the fuel's laws bend too sharply for the polynomials of the hot loop anywhere in its range.
+    """
+    low, high = fuel.temperature_range
+    nodes = chebyshev.chebpts1(DEGREE + 1)
+    temperatures = low + 0.5 * (nodes + 1.0) * (high - low)
+    values = np.array([fuel_coefficients(fuel, float(t)) for t in temperatures])
+    # exact for the polynomial through the nodes: its coefficients are cosine sums
+    basis = chebyshev.chebvander(nodes, DEGREE)
+    weights = np.full(DEGREE + 1, 2.0 / (DEGREE + 1))
+    weights[0] *= 0.5
+    own = np.array(fuel_coefficients(fuel, exact_at))
+    table = FuelTable(low, max(high, float(np.nextafter(low, np.inf))), (values.T @ basis) * weights, own)
+    table.series[:, 0] += own - table.at(exact_at)
+    return table
+
+
+ENERGISINGS = 16  # that a simulation holds at once
+HEAD = 2048  # bytes before the working rows of a state; the compiler checks that they are enough
+MOST_SLOTS = 1 << 24  # of a ring buffer: 16 s of a wave's travel at 1 us
+_TOLERANCE = 1e-6  # of the range of temperature, as `Fuel.defined_at` grants it [K]
+
+_BOUNDS = {  # smallest and largest value, and which of them are outside themselves
+    Domain.POSITIVE: (0.0, math.inf, 1, 0),
+    Domain.NON_NEGATIVE: (0.0, math.inf, 0, 0),
+    Domain.UNIT: (0.0, 1.0, 0, 0),
+    Domain.COEFFICIENT: (0.0, 1.0, 1, 0),
+    Domain.CHANGE: (-1.0, math.inf, 1, 0),
+    Domain.CONE: (0.0, math.pi, 1, 1),
+    Domain.ANY: (-math.inf, math.inf, 0, 0),
+}
+_CHANNEL = "typedef struct { const char *name, *unit; } cr_channel"
+_SENTENCE = "typedef struct { int status; const char *text; } cr_words"
+_PARAMETER = (
+    "typedef struct { const char *name, *unit; double value, low, high; int low_open, high_open; } cr_parameter"
+)
+_OWN_SENTENCES = {
+    16: "A boundary pressure lies outside the fuel's range, or cylinder or return pressure reach the rail pressure; "
+    "correct the pressures or their units.",
+    17: "The energisings overlap, begin before the present time or are too many; give them in order.",
+    18: "The memory is too small, or holds no state of this model; allocate what cr_state_size says and begin.",
+}
+
+
+class Model(NamedTuple):
+    """Sources of a model.
+
+    Attributes
+    ----------
+    injector : Injector
+        With the variant that computes it.
+    name : str
+        C identifier that begins its functions' names.
+    stamp : str
+        Hexadecimal digest of all that decides over its numbers.
+    header : str
+        Text of ``NAME.h``.
+    sources : dict of str to str
+        Texts of the other files by name.
+    """
+
+    injector: Injector
+    name: str
+    stamp: str
+    header: str
+    sources: dict[str, str]
+
+
+def model_of(injector: Injector) -> Model:
+    """Sources of an injector's library.
+
+    Raises
+    ------
+    ConfigurationError
+        If the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
+    """
+    wired = injector.wired()
+    tables, defines = _tables(injector), _defines(injector)
+    parts = (tables, defines, json.dumps(entry_texts(wired)))
+    digest = hashlib.sha256("".join(parts).encode()).hexdigest()
+    name = _identifier(injector.name)
+    size = sizes(wired)
+    public = "".join(
+        f"#define CR_{key} {value} /* {meaning} */\n"
+        for key, value, meaning in (
+            ("PARAMETERS", size.parameters + 1, "the last one is the temperature of the fuel"),
+            ("CHANNELS", size.channels, ", ".join(c.name for c in channels(wired.actuation))),
+            ("ENERGISINGS", ENERGISINGS, "planned at once"),
+            *reads_of(wired),
+        )
+    )
+    core = f"#define CR_STAMP UINT64_C(0x{digest[:16]})\n{defines}"
+    return Model(
+        injector,
+        name,
+        digest,
+        named(template("commonrail.h").replace("/*SIZES*/\n", public), name),
+        {
+            f"{name}.c": named(template("core.c"), name),
+            f"{name}_core.h": named(template("core.h").replace("/*DEFINES*/\n", core), name),
+            f"{name}_model.h": named(tables, name),
+            f"{name}_kernel.c": kernel_source(linked_text(wired, name)),
+        },
+    )
+
+
+def reads_of(variant: Variant) -> list[tuple[str, int, str]]:
+    """Definitions that state which inputs of `cr_boundary` the model reads while it is simulated."""
+    unread = unread_inputs(variant)
+    words = {
+        RAIL: "0: the rail is a volume, whose pressure at rest is read alone",
+        RETURN: "0: there is no return",
+        DRIVE: "0: the drive is computed from the energisings; a measured voltage or current is not read",
+        COMMAND: "0: boundary.drive drives the coil; energisings only say where an injection begins",
+    }
+    return [(f"READS_{name.upper()}", int(name not in unread), text) for name, text in words.items()]
+
+
+def template(name: str) -> str:
+    """Text of a hand-written source."""
+    return resources.files("commonrail.plugins.export").joinpath("c", name).read_text(encoding="utf-8")
+
+
+def named(text: str, name: str) -> str:
+    """A source with the model's name in place of ``cr``: two models can be linked into one program."""
+    text = text.replace('"cr_commonrail.h"', f'"{name}.h"')
+    return re.sub(r"\bCR_", f"{name.upper()}_", re.sub(r"\bcr_", f"{name}_", text))
+
+
+def _identifier(name: str) -> str:
+    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
+    return found if found and not found[0].isdigit() else f"injector_{found}".rstrip("_")
+
+
+# Rows of the working memory that the C sources read: instants and flag of the needle, delays of the waves.
+_ROWS = ("opening", "last_closing", "first_closing", "is_open", "delay_steps")
+
+
+def _defines(injector: Injector) -> str:
+    """Sizes, rows and limits of a model for the preprocessor."""
+    wired, size = injector.wired(), sizes(injector.wired())
+    rows = make_rows(wired, 1)
+    low, high = injector.fuel.pressure_range
+    defines = {
+        "HEAD": HEAD,
+        "WORK": size.work,
+        "FUEL": size.fuel,
+        "COLUMNS": size.parameters + size.fuel,
+        "KERNEL_FIGURES": size.figures,
+        **{f"F_{name.upper()}": i for i, name in enumerate(Outcome._fields)},
+        **{f"ROW_{name.upper()}": getattr(rows, name) for name in _ROWS},
+        "LOWEST_PRESSURE": repr(float(low)),
+        "HIGHEST_PRESSURE": repr(float(high)),
+        "SHORTEST_STEP": repr(TIME_STEPS.low),
+        "LONGEST_STEP": repr(TIME_STEPS.high),
+        "SLOWEST_WAVE": repr(plan.SLOWEST_WAVE),
+        "MOST_SLOTS": MOST_SLOTS,
+        "BACKFLOW": repr(BACKFLOW),
+    }
+    if wired.boundary is Boundary.IDEAL and wired.actuation is Actuation.SERVO:
+        defines["IDEAL_RAIL"] = [c.name for c in channels(wired.actuation)].index("rail_pressure")
+    return _directives(defines)
+
+
+def _directives(defines: Mapping[str, object]) -> str:
+    return "".join(f"#define CR_{key} {value}\n" for key, value in defines.items())
+
+
+def _tables(injector: Injector) -> str:
+    """Text of the private header: parameters, channels, fuel, sentences, the condition on the step."""
+    wired = injector.wired()
+    fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    sizes_of_tables = {
+        "DEGREE": fuel.series.shape[1] - 1,
+        "COLDEST": repr(fuel.coldest),
+        "HOTTEST": repr(fuel.hottest),
+        "SENTENCES": len(_sentences()),
+    }
+    return "\n".join(
+        [
+            "/* Generated: tables of one model. */",
+            "#ifndef CR_MODEL",
+            "#define CR_MODEL",
+            "#include <math.h>",
+            "#include <stdint.h>",
+            _directives(sizes_of_tables),
+            _parameters(injector),
+            _rows(_CHANNEL, "cr_channel cr_channels[]", _channel_rows(wired)),
+            _rows(_SENTENCE, "cr_words cr_sentences[]", _sentence_rows()),
+            _fuel(fuel),
+            _longest_way(wired.actuation),
+            step_condition(wired),
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _rows(kind: str, name: str, rows: Iterable[Iterable[str]]) -> str:
+    body = ",\n".join(f"    {{{', '.join(row)}}}" for row in rows)
+    return f"{kind};\nstatic const {name} = {{\n{body}\n}};"
+
+
+def _channel_rows(variant: Variant) -> list[list[str]]:
+    return [[_quoted(c.name), _quoted(c.unit)] for c in channels(variant.actuation)]
+
+
+def _sentence_rows() -> list[list[str]]:
+    return [[str(status), _quoted(text)] for status, text in _sentences().items()]
+
+
+def bounds_of(injector: Injector, path: str) -> tuple[float, float, int, int]:
+    """Smallest and largest value of a parameter, and 1 for each of the two that is itself outside.
+
+    Parameters
+    ----------
+    injector : Injector
+    path : str
+        Dotted name of the parameter.
+    """
+    if path == FUEL_TEMPERATURE:
+        coldest, hottest = injector.fuel.temperature_range
+        return coldest - _TOLERANCE, hottest + _TOLERANCE, 0, 0
+    return _BOUNDS[injector.quantities[path].domain]
+
+
+def _parameters(injector: Injector) -> str:
+    rows = []
+    for path in (*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE):
+        quantity = injector.quantities[path]
+        low, high, low_open, high_open = bounds_of(injector, path)
+        numbers = [_number(injector.values[path]), _number(low), _number(high), str(low_open), str(high_open)]
+        rows.append([_quoted(path), _quoted(quantity.unit), *numbers])
+    return _rows(_PARAMETER, "cr_parameter cr_parameters[]", rows)
+
+
+def _number(value: float) -> str:
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
+    return repr(float(value))
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=True)
+
+
+def _sentences() -> dict[int, str]:
+    ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
+    return ends | _OWN_SENTENCES
+
+
+def _fuel(table: FuelTable) -> str:
+    rows = ",\n".join("    {" + ", ".join(map(repr, row.tolist())) + "}" for row in table.series)
+    own = ", ".join(map(repr, table.own.tolist()))
+    return (
+        f"static const double cr_fuel[CR_FUEL][CR_DEGREE + 1] = {{\n{rows}\n}};\n"
+        f"static const double cr_own_fuel[CR_FUEL] = {{{own}}};"
+    )
+
+
+def _longest_way(actuation: Actuation) -> str:
+    paths = parameter_paths(actuation)
+    ways = [f"{share!r} * p[{paths.index(name)}]" for name, share in plan._WAYS.items() if name in paths]
+    longest = ways[0] if len(ways) == 1 else f"fmax({', '.join(ways)})"
+    law = f"static double cr_longest_way(const double *p) {{ return {longest}; }}"
+    return f"/* Longest distance of a wave [m]. */\n{law}"

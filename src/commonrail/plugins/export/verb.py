@@ -1,0 +1,99 @@
+"""commonrail export: the model as a C library or as an FMU."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+
+from commonrail.base.errors import InputError
+from commonrail.cli.console import print_json, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, check_file, check_folder
+
+if TYPE_CHECKING:
+    from commonrail.physics.injector import Injector
+    from commonrail.plugins.export.objects import Target
+
+
+class Form(StrEnum):
+    """Forms in which a model leaves Python."""
+
+    LIBRARY = "library"
+    FMU = "fmu"
+
+
+@verb
+def export(
+    form: Annotated[Form, Argument(help="C library, or FMU for co-simulation.")],
+    model: Annotated[
+        str,
+        Argument(
+            help="Injector file, name of the catalogue, or run folder of calibrate; with @VARIANT another variant, "
+            "e.g. cri2-16@ideal,current-trace."
+        ),
+    ],
+    *,
+    out: Annotated[
+        Path | None, Option(help="Folder of the library, or file of the FMU. [default: the model's name]")
+    ] = None,
+    platforms: Annotated[
+        str | None,
+        Option(help="Platforms, e.g. linux64,win64; other than this machine's need zig. [default: this machine's]"),
+    ] = None,
+    fmi: Annotated[int, Option(help="Version of the FMI standard, 2 or 3.")] = 2,
+    json: Json = False,
+) -> None:
+    """Write a model as a C library or an FMU.
+
+    It runs without Python, keeps the model's values as start values, and takes every parameter at run
+    time. Platforms: linux64, linux64-avx2, linux-arm64, win64, darwin-arm64; the library also wasm32.
+
+    \b
+    Examples:
+      commonrail export library virtual-lino-2016 --out injector
+      commonrail export fmu runs/study-1 --platforms linux64,win64 --out injector.fmu
+    """
+    from commonrail.plugins.export.fmu import check_fmi, write_fmu
+    from commonrail.plugins.export.library import write_library
+    from commonrail.runs.model_name import read_model_name
+
+    named = read_model_name(model)
+    targets = _targets(platforms)
+    place = out or Path(named.label.replace("/", "-") + (".fmu" if form is Form.FMU else ""))
+    if form is Form.FMU:
+        check_fmi(fmi)
+        check_file(place, "--out")
+        written = [f"{place}/{name}" for name in write_fmu(named.injector, place, targets, fmi)]
+    else:
+        check_folder(place)
+        written = [str(path) for path in write_library(named.injector, place, targets).files]
+    if json:
+        names = [target.name for target in targets]
+        print_json({"kind": "export", "form": form.value, "out": str(place), "platforms": names, "files": written})
+        return
+    for line in written:
+        click.echo(line)
+    say(_next(form, named.injector, place))
+
+
+def _targets(platforms: str | None) -> list[Target]:
+    from commonrail.plugins.export.objects import TARGETS, own_platform, target_named
+
+    if platforms is None:
+        names = list(own_platform()[:1])
+        if not names:
+            raise InputError(f"--platforms: name the platforms to write for, of {', '.join(TARGETS)}.")
+    else:
+        names = list(dict.fromkeys(name.strip() for name in platforms.split(",") if name.strip()))
+        if not names:
+            raise InputError(f"--platforms: there is no name; name some of {', '.join(TARGETS)}.")
+    return [target_named(name) for name in names]
+
+
+def _next(form: Form, injector: Injector, place: Path) -> str:
+    if form is Form.FMU:
+        return f"{place}: {injector.name} with its values as start values; inputs are in SI units"
+    return f"{place}: the header says how to use the library; the examples in C, C++, Python and Julia do"

@@ -1,0 +1,485 @@
+"""A type of injector turned into the model of one part by a few reference quantities that were measured on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from commonrail.base.arguments import file_path, instance, instances, number, thread_count, whole
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError, SimulationError
+from commonrail.base.hooks import note
+from commonrail.base.units import parse, to_text
+from commonrail.calibration.goal import Loss
+from commonrail.calibration.injector_type import InjectorType
+from commonrail.calibration.optimisers.staged import StagedSettings
+from commonrail.calibration.parameter import Parameter, Prior
+from commonrail.calibration.run import Calibration, calibrate
+from commonrail.calibration.search import Progress
+from commonrail.calibration.space import Space, sample_priors
+from commonrail.calibration.study import Method, Study
+from commonrail.calibration.study_file.type import load_type
+from commonrail.calibration.time_step import step_for_all
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.reading import AFTER_ENERGISING, QuantitiesModel
+from commonrail.data.study_block import Context
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.status import OK
+from commonrail.physics.injector import Injector, Source, parameter_quantities
+from commonrail.physics.parameters import Domain
+from commonrail.plugins.family.fixed import OF_PART
+from commonrail.readers.columns import Column
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place
+from commonrail.readers.tables import read_columns
+
+FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
+FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
+FACTORS = (0.6, 1.6)  # flow factors that are searched
+FEWEST_FOR_PRIORS = 4  # reference quantities from which the type's parameters move too, held by their spreads
+MEMBERS, MOVES = 64, 24  # candidates that are screened, and iterations after it
+
+
+@dataclass(frozen=True)
+class Adapted:
+    """Model of one part.
+
+    Attributes
+    ----------
+    injector : Injector
+        The model; its changed values are marked F and name the type and the data.
+    flow_factor : float
+        Area of the nozzle's holes times discharge coefficient, relative to the drawing and the type [1].
+    before, after : (points,)
+        Quantities of the type's injector and of the adapted one at the reference points [m³].
+    points : QuantityData
+        Reference quantities.
+    calibration : Calibration
+        The fit that found it.
+    """
+
+    injector: Injector
+    flow_factor: float
+    before: Floats
+    after: Floats
+    points: QuantityData
+    calibration: Calibration
+
+
+def adapt(
+    injector_type: InjectorType | str | Path,
+    points: QuantityData | str | Path,
+    *,
+    injector: Injector | str | Path | None = None,
+    cylinder_pressure: float | str = "5 MPa",
+    return_pressure: float | str = "0.5 MPa",
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Adapted:
+    """Fit the model of a type to reference quantities of one part.
+
+    Up to three quantities determine one number, the flow factor: effective area of the nozzle's holes relative to the
+    drawing. It has no prior, so one quantity is met exactly. From four quantities on the parameters of the type are
+    fitted too, each with its value and spread as prior.
+
+    Parameters
+    ----------
+    injector_type : InjectorType or path
+        The type, or its file.
+    points : QuantityData or path
+        Reference quantities, or a CSV file with columns rail_pressure, energising_time and quantity.
+    injector : Injector, name or path, optional
+        The part: nozzle, line and all that was measured on it (mark M) are its own, the rest is the type's. By default
+        the type's injector.
+    cylinder_pressure, return_pressure : float or str
+        [Pa] of the points of a file.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    progress : function of Progress, optional
+
+    Returns
+    -------
+    Adapted
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, there is no injector, the flow factor would lie outside 0.6 to 1.6, or a reference
+        quantity is missed by more than half of it and 1 mm³.
+    ConfigurationError
+        If an argument is of another kind.
+    SimulationError
+        If no candidate could be simulated.
+    """
+    known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
+    part = part_of(known, injector)
+    if not isinstance(points, QuantityData):
+        points = read_points(points, part, cylinder_pressure, return_pressure)
+    study = _study(known, part, instance(points, QuantityData, "points"))
+    found = calibrate(study, threads=thread_count(threads), progress=progress)
+    factor = (found.best[FLOW] / part.values[FLOW]) ** 2
+    low, high = FACTORS
+    if study.space.parameters[0].is_at_bound(found.best[FLOW]):
+        raise InputError(
+            f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
+            "check nozzle, units and pressures."
+        )
+    _check_met(points, np.asarray(found.scores["best"][0].values))
+    start, best = (np.asarray(found.scores[label][0].values) for label in ("start", "best"))
+    return Adapted(_named(known, study, found, factor), factor, start, best, points, found)
+
+
+def _check_met(points: QuantityData, best: Floats) -> None:
+    """Refuse reference quantities that the adapted model does not come near: no flow factor can repair that."""
+    for point, wanted, given in zip(points.points, points.quantity, best, strict=True):
+        if not abs(given - wanted) <= max(FAR * wanted, ANYWAY):
+            duration = sum(pulse.duration for pulse in point.pulses)
+            at = f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} us"
+            raise InputError(
+                f"{points.name}: {wanted * 1e9:.3g} mm3 are measured at {at}, and the adapted type injects "
+                f"{given * 1e9:.3f} mm3; check units and pressures, or take a point with a larger energising time."
+            )
+
+
+def read_points(
+    path: str | Path, injector: Injector, cylinder_pressure: float | str, return_pressure: float | str
+) -> QuantityData:
+    """Read reference quantities from a CSV file with columns rail_pressure, energising_time and quantity.
+
+    Parameters
+    ----------
+    path : str or Path
+    injector : Injector
+        Gives the fuel, for quantities by mass.
+    cylinder_pressure, return_pressure : float or str
+        [Pa], or texts with their units.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or something in it is missing or of the wrong kind.
+    """
+    file = file_path(path, "path of the reference quantities")
+    pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
+    stated = {key: f"{value!r} Pa" if isinstance(value, float) else value for key, value in pressures.items()}
+    for key, value in stated.items():
+        parse(value, "Pa", key)
+    model = QuantitiesModel.model_validate(
+        {"kind": "quantities", "name": file.name, "role": "fit", "file": str(file.absolute()), **stated}
+        | {"absolute": "0.05 mm3", "relative": 0.015, "source": f"reference quantities of {file.name}"}
+    )
+    return QuantityData.read(model, Context(injector, 1e-6, Reach(file, True), Place(str(file))))
+
+
+def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Injector:
+    """The part's injector before it is fitted: its own measured values and nozzle, the type's other values.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or there is no injector.
+    """
+    if injector is None:
+        if known.injector is None:
+            raise InputError(f"The type {known.name} names no injector; give the part's own.")
+        return known.applied(known.injector)
+    own = injector if isinstance(injector, Injector) else load_injector(injector)
+    part = known.applied(own, keep=OF_PART)
+    for value in known.fixed:
+        if value.name not in OF_PART and part.values[value.name] != value.value:
+            unit = parameter_quantities()[value.name].unit
+            note(
+                f"{value.name} stays {to_text(part.values[value.name], unit)}, as measured on {own.name}; the type was "
+                f"learnt with {to_text(value.value, unit)}."
+            )
+    return part
+
+
+def _study(known: InjectorType, part: Injector, points: QuantityData) -> Study:
+    """Study that fits the flow factor, and from four points on the type's parameters with their spreads."""
+    own = part.values[FLOW]
+    low, high = (own * factor**0.5 for factor in FACTORS)
+    origin = "drawing times the root of the flow factor"
+    free = [Parameter(FLOW, own, low, high, "m", mark="F", source=origin)]
+    if np.count_nonzero(points.judged) >= FEWEST_FOR_PRIORS:
+        free += held_parameters(known, part)
+    space = Space(free)
+    settings = StagedSettings(members=MEMBERS, generations=MOVES, starts=1, stage_iterations=8)
+    return Study(
+        f"{known.name} adapted to {points.name}",
+        part,
+        (points,),
+        space,
+        Method(settings),
+        1,
+        step_for_all(part, space),
+        loss=Loss.SQUARES,
+    )
+
+
+def held_parameters(known: InjectorType, part: Injector) -> list[Parameter]:
+    """Parameters of the type with their priors, without those that were measured on the part."""
+    measured = {p.name for p in known.parameters} - {p.name for p in known.given_to(part)}
+    units = parameter_quantities()
+    return [
+        Parameter(
+            p.name,
+            p.value,
+            p.lower,
+            p.upper,
+            units[p.name].unit,
+            mark=p.mark,
+            source=p.source,
+            prior=p.prior,
+        )
+        for p in known.parameters
+        if p.name != FLOW and p.name not in measured
+    ]
+
+
+def _named(known: InjectorType, study: Study, found: Calibration, factor: float) -> Injector:
+    """The adapted injector with name and sources."""
+    points = study.data[0]
+    text = f'type "{known.name}", fitted to {points.name}'
+    drawn = study.injector.values[FLOW]
+    notes = {name: Source("F", text) for name in study.space.names}
+    notes[FLOW] = Source("F", f"effective: {drawn!r} m times the root of the flow factor {factor:.5g}; {text}")
+    return replace(found.injector, name=f"{study.injector.name}-adapted", sources={**found.injector.sources, **notes})
+
+
+# Reference point for the next part of a type: the one whose quantity tells most of the part's other quantities.
+
+DRAWS = 256
+FLOW_SPREAD = 0.03  # standard deviation of the flow of a nozzle about its drawing: an estimate of the tolerance
+SCALES = 41  # flow factors at which the type is simulated; quantities between them are interpolated
+USABLE = 0.95  # share of the drawn parts that a point must serve to be advised
+QUANTILE = 0.9
+RAIL_PRESSURES = (40e6, 80e6, 120e6, 160e6)  # [Pa]
+ENERGISING_TIMES = (300e-6, 400e-6, 500e-6, 700e-6, 1000e-6, 1400e-6)  # [s]
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Expected errors of the adapted type, for each candidate as the only reference point.
+
+    Attributes
+    ----------
+    points : tuple of OperatingPoint
+        Candidates, and the points whose quantities are predicted.
+    expected : (points,)
+        Root mean square error of the quantities at the other points, over points and drawn parts [m³]; NaN where the
+        candidate serves no part.
+    upper : (points,)
+        Root mean square error over the points that 90 % of the drawn parts stay below [m³].
+    usable : (points,)
+        Share of the drawn parts that inject there, and whose quantity a flow factor from 0.6 to 1.6 meets.
+    without : float
+        Root mean square error of the type itself, without any reference [m³].
+    draws : int
+        Drawn parts that could be simulated.
+    """
+
+    points: tuple[OperatingPoint, ...]
+    expected: Floats
+    upper: Floats
+    usable: Floats
+    without: float
+    draws: int
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """Candidates that serve nearly all parts, the smallest expected error first."""
+        ranked = np.argsort(self.expected, kind="stable").tolist()
+        return tuple(i for i in ranked if self.usable[i] >= USABLE)
+
+
+def advise(
+    injector_type: InjectorType | str | Path,
+    points: Sequence[OperatingPoint],
+    *,
+    injector: Injector | str | Path | None = None,
+    flow_spread: float | str = FLOW_SPREAD,
+    draws: int = DRAWS,
+    seed: int = 1,
+    threads: int | None = None,
+) -> Advice:
+    """Rank reference points before anything was measured on the part.
+
+    Parts are drawn from the type: each parameter from the normal distribution of its scatter between parts (`between`),
+    within the bounds, and the flow of the nozzle. Where the type states no scatter between parts for any parameter, its
+    whole spreads are drawn from. For each candidate, the type is given the flow factor at which it injects what
+    the drawn part injects there, as `adapt` does it with one quantity, and is compared with the drawn part at all other
+    points. No measured quantity of the part is used.
+
+    The errors of the type's own values are left out: data hold combinations of the parameters more closely than each
+    one, and a type file holds no correlations. So the expected error is that of the parts' scatter alone, and a type
+    that misses the measured parts by more will miss the next one too. Of a type without `between` it is too large for
+    the same reason; the order of the points is then what the ranking is for.
+
+    Parameters
+    ----------
+    injector_type : InjectorType or path
+    points : sequence of OperatingPoint
+        Candidates, at least two; the quantities at all of them are what the model is to predict.
+    injector : Injector, name or path, optional
+        The part as `adapt` takes it; by default the type's injector.
+    flow_spread : float or str
+        Standard deviation of the effective hole area about the drawing, as a share.
+    draws : int
+        Number of parts that are drawn.
+    seed : int
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+
+    Returns
+    -------
+    Advice
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, there is no injector, or there are fewer than two points.
+    ConfigurationError
+        If an argument is of another kind.
+    SimulationError
+        If no drawn part could be simulated.
+    """
+    known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
+    part = part_of(known, injector)
+    at = instances(points, OperatingPoint, "points")
+    if len(at) < 2:
+        raise InputError("A reference point is chosen among at least two points; give more candidates.")
+    share, count = number(flow_spread, "1", "flow_spread"), whole(draws, "draws", 2, 100_000)
+    space = Space([_flow(part, share), *_scattering(known, part)])
+    own, scaled = _simulated(part, at, space, (count, whole(seed, "seed")), thread_count(threads))
+    return _advice(at, own, scaled)
+
+
+def grid(cylinder_pressure: float | str = 5e6, return_pressure: float | str = 5e5) -> tuple[OperatingPoint, ...]:
+    """Candidates at 40 to 160 MPa and 300 to 1400 µs.
+
+    Parameters
+    ----------
+    cylinder_pressure, return_pressure : float or str
+        [Pa], or texts with their units.
+    """
+    behind = cylinder_pressure, return_pressure
+    return tuple(_point(p, t, *behind) for p in RAIL_PRESSURES for t in ENERGISING_TIMES)
+
+
+def read_candidates(
+    path: str | Path, cylinder_pressure: float | str = 5e6, return_pressure: float | str = 5e5
+) -> tuple[OperatingPoint, ...]:
+    """Read candidates from a CSV file with columns rail_pressure and energising_time; other columns are ignored.
+
+    Parameters
+    ----------
+    path : str or Path
+    cylinder_pressure, return_pressure : float or str
+        [Pa], or texts with their units.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a column is missing or of the wrong kind.
+    """
+    wanted = [Column("rail_pressure", ("Pa",)), Column("energising_time", ("s",), domain=Domain.POSITIVE)]
+    table = read_columns(file_path(path, "path of the candidates"), wanted, least=2).columns
+    rows = zip(table["rail_pressure"].tolist(), table["energising_time"].tolist(), strict=True)
+    return tuple(_point(p, t, cylinder_pressure, return_pressure) for p, t in rows)
+
+
+def _point(pressure: float, duration: float, cylinder: float | str, returned: float | str) -> OperatingPoint:
+    return OperatingPoint(pressure, duration, cylinder, returned, horizon=duration + AFTER_ENERGISING)
+
+
+def _flow(part: Injector, share: float) -> Parameter:
+    """Effective hole diameter of the next part; the area is the square of the diameter."""
+    own = part.values[FLOW]
+    low, high = (own * factor**0.5 for factor in FACTORS)
+    source = "spread of the flow of a nozzle about its drawing"
+    prior = Prior(own, 0.5 * share * own, source)
+    return Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
+
+
+def _scattering(known: InjectorType, part: Injector) -> list[Parameter]:
+    """Parameters of the type that scatter between parts, with that scatter as prior."""
+    held = held_parameters(known, part)
+    between = {p.name: p.between for p in known.parameters if p.between is not None}
+    if not between:
+        return held
+    return [
+        replace(p, prior=Prior(known.by_name[p.name].value, scatter, p.source))
+        for p in held
+        if (scatter := between.get(p.name, 0.0))
+    ]
+
+
+def _simulated(
+    part: Injector, points: Sequence[OperatingPoint], space: Space, drawn: tuple[int, int], threads: int | None
+) -> tuple[Floats, Floats]:
+    """Quantities [m³] of drawn parts (n, points) and of the type with flow factors, NaN where that fails.
+
+    A drawn part that fails anywhere is left out: it is none that is sold.
+    """
+    step, (count, seed) = step_for_all(part, space), drawn
+    values = sample_priors(space, count, np.random.default_rng(seed))
+    scaled = np.tile(space.reference, (SCALES, 1))
+    scaled[:, 0] *= _factors() ** 0.5
+    batch = simulate_batch(part, points, space.names, np.vstack([values, scaled]), time_step=step, threads=threads)
+    quantity, good = batch.injected_volume, np.all(batch.status == OK, axis=1)
+    scaled_quantity = np.where(batch.status[count:] == OK, quantity[count:], np.nan)
+    if not good[:count].any() or np.any(np.sum(np.isfinite(scaled_quantity), axis=0) < SCALES // 2):
+        raise SimulationError("the type could not be simulated at all points; take others, or check its spreads.")
+    return quantity[:count][good[:count]], scaled_quantity
+
+
+def _factors() -> Floats:
+    return np.linspace(*FACTORS, SCALES)
+
+
+def _advice(points: tuple[OperatingPoint, ...], own: Floats, scaled: Floats) -> Advice:
+    """Errors of the adapted type for each candidate.
+
+    Parameters
+    ----------
+    points : tuple of OperatingPoint
+    own : (draws, points)
+        Quantities of the drawn parts [m³].
+    scaled : (factors, points)
+        Those of the type with flow factors.
+    """
+    count = len(points)
+    expected, upper, usable = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count)
+    for i in range(count):
+        errors = _errors(own, scaled, i)
+        good = np.isfinite(errors)
+        usable[i] = np.mean(good)
+        if good.any():
+            expected[i] = np.sqrt(np.mean(errors[good] ** 2))
+            upper[i] = np.quantile(errors[good], QUANTILE)
+    plain = np.array([_interpolated(np.ones(1), column)[0] for column in scaled.T])
+    return Advice(points, expected, upper, usable, float(np.sqrt(np.mean((own - plain) ** 2))), len(own))
+
+
+def _errors(own: Floats, scaled: Floats, reference: int) -> Floats:
+    """Root mean square errors (draws,) at the other points with a candidate's quantity met; NaN where it cannot be."""
+    known = np.isfinite(scaled[:, reference])
+    rising = scaled[known, reference]
+    if not np.all(np.diff(rising) > 0.0):
+        return np.full(len(own), np.nan)
+    factor = np.interp(own[:, reference], rising, _factors()[known], left=np.nan, right=np.nan)
+    predicted = np.stack([_interpolated(factor, column) for column in scaled.T], axis=1)
+    others = np.arange(own.shape[1]) != reference
+    return np.asarray(np.sqrt(np.mean((predicted - own)[:, others] ** 2, axis=1)))
+
+
+def _interpolated(factor: Floats, quantity: Floats) -> Floats:
+    """Quantities at flow factors, of those (factors,) at the scale that are known; NaN beyond them."""
+    known = np.isfinite(quantity)
+    return np.asarray(np.interp(factor, _factors()[known], quantity[known], left=np.nan, right=np.nan))

@@ -1,0 +1,172 @@
+"""commonrail adapt: model of one part from a type of injector and a few reference quantities."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+
+from commonrail.base.errors import InputError
+from commonrail.base.text import number
+from commonrail.base.units import to_text
+from commonrail.cli.console import print_json, print_pairs, print_rows, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads, check_file
+
+if TYPE_CHECKING:
+    from commonrail.plugins.family.adapt import Adapted, Advice
+
+SHOWN = 10  # reference points in the table
+
+
+@verb
+def adapt(
+    injector_type: Annotated[Path, Argument(metavar="TYPE.toml", help="Type file, as `family` writes it.")],
+    *,
+    points: Annotated[
+        Path | None,
+        Option(
+            "--from",
+            metavar="POINTS.csv",
+            help="Reference quantities of the part: columns rail_pressure, energising_time and quantity. With "
+            "--advise candidates without quantity. [default with --advise: 40 to 160 MPa, 300 to 1400 us]",
+        ),
+    ] = None,
+    out: Annotated[Path | None, Option(metavar="MODEL.toml", help="Injector file to be written.")] = None,
+    advise: Annotated[
+        bool,
+        Option("--advise", help="Before anything is measured: rank reference points by the errors expected with each."),
+    ] = False,
+    injector: Annotated[
+        str | None,
+        Option(help="Injector of the part: its nozzle and measured values. [default: the type's]"),
+    ] = None,
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the points, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[
+        str, Option(help="Pressure at the end of the return line of the points, e.g. 0.5MPa.")
+    ] = "0.5MPa",
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Make a part's model from its type and few quantities.
+
+    Up to three quantities determine the flow factor; from four on the type's parameters are fitted
+    too, held by their spreads. --advise draws parts from the type and says at which point a reference
+    quantity tells most of the others.
+
+    \b
+    Examples:
+      commonrail adapt types/cri2.toml --advise --injector part.toml
+      commonrail adapt types/cri2.toml --from points.csv --injector part.toml --out model.toml
+    """
+    from commonrail.plugins.family.adapt import adapt as run
+    from commonrail.readers.injector.file import dump_injector
+
+    if advise:
+        _advise(injector_type, points, injector, (cylinder_pressure, return_pressure), threads, json)
+        return
+    if points is None or out is None:
+        lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
+        raise InputError(f"{lacking} is missing: a model needs reference quantities and a file to be written to.")
+    check_file(out, "--out")
+    adapted = run(
+        injector_type,
+        points,
+        injector=injector,
+        cylinder_pressure=cylinder_pressure,
+        return_pressure=return_pressure,
+        threads=threads,
+    )
+    header = (
+        f"Made by commonrail adapt from {injector_type.name} and {points.name}; flow factor {adapted.flow_factor:.5g}."
+    )
+    dump_injector(adapted.injector, out, header=header)
+    if json:
+        print_json(_record(adapted, out))
+    else:
+        if adapted.injector.synthetic:
+            click.echo(f"SYNTHETIC: {adapted.injector.synthetic}")
+        free = len(adapted.calibration.best)
+        pairs = [("flow factor", f"{adapted.flow_factor:.4f}"), ("parameters fitted", f"{free}")]
+        print_pairs(pairs, adapted.calibration.study.title)
+        print_rows(["rail pressure", "energising time", "measured", "type", "adapted"], _rows(adapted), texts=0)
+    say(f"wrote {out}")
+
+
+def _advise(
+    injector_type: Path,
+    points: Path | None,
+    injector: str | None,
+    behind: tuple[str, str],
+    threads: int | None,
+    json: bool,
+) -> None:
+    """Print the ranking of reference points."""
+    from commonrail.plugins.family.adapt import advise, grid, read_candidates
+
+    candidates = grid(*behind) if points is None else read_candidates(points, *behind)
+    advice = advise(injector_type, candidates, injector=injector, threads=threads)
+    if json:
+        print_json(_advice_record(advice))
+        return
+    print_rows(
+        ["rail pressure", "energising time", "expected rms", "90 % of parts below", "parts served"],
+        [_advice_row(advice, i) for i in advice.order[:SHOWN]],
+        f"reference points of {injector_type.name}, best first",
+        texts=0,
+    )
+    click.echo(
+        f"without a reference: {advice.without * 1e9:.2f} mm3 rms. {advice.draws} parts were drawn from the spreads of "
+        "the type, independently for each parameter; nothing measured on the part was used."
+    )
+
+
+def _advice_row(advice: Advice, i: int) -> list[str]:
+    point = advice.points[i]
+    return [
+        to_text(point.initial_pressures()[0], "Pa"),
+        to_text(point.pulses[0].duration, "s"),
+        f"{advice.expected[i] * 1e9:.2f} mm3",
+        f"{advice.upper[i] * 1e9:.2f} mm3",
+        f"{100 * advice.usable[i]:.0f} %",
+    ]
+
+
+def _advice_record(advice: Advice) -> dict[str, Any]:
+    points = [
+        {
+            "rail_pressure": point.initial_pressures()[0],
+            "energising_time": point.pulses[0].duration,
+            "expected_rms": number(float(advice.expected[i])),
+            "upper_rms": number(float(advice.upper[i])),
+            "usable": float(advice.usable[i]),
+        }
+        for i, point in enumerate(advice.points)
+    ]
+    order = list(advice.order)
+    head = {"schema": 1, "kind": "advice", "draws": advice.draws, "without_reference": advice.without}
+    return {**head, "points": points, "order": order}
+
+
+def _rows(adapted: Adapted) -> list[list[str]]:
+    columns = zip(adapted.points.points, adapted.points.quantity, adapted.before, adapted.after, strict=True)
+    return [
+        [to_text(point.initial_pressures()[0], "Pa"), to_text(point.pulses[0].duration, "s")]
+        + [f"{value * 1e9:.3f} mm3" for value in values]
+        for point, *values in columns
+    ]
+
+
+def _record(adapted: Adapted, out: Path) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "kind": "adaptation",
+        "model": str(out),
+        "synthetic": adapted.injector.synthetic,
+        "flow_factor": adapted.flow_factor,
+        "parameters": adapted.calibration.best,
+        "measured": adapted.points.quantity.tolist(),
+        "type": adapted.before.tolist(),
+        "adapted": adapted.after.tolist(),
+    }

@@ -1,0 +1,274 @@
+"""Joint fit of the parts of a family, and the type that comes of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from commonrail.base.arguments import function, instance, thread_count
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import SimulationError
+from commonrail.calibration.identifiability import identify_at
+from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+from commonrail.calibration.members import mean_of, members_of
+from commonrail.calibration.optimisers.base import Counts
+from commonrail.calibration.scoring import score_all
+from commonrail.calibration.search import Checkpoint, Generation, Listeners, Progress, Recorder, Search
+from commonrail.calibration.study import Study
+from commonrail.data.base import Role, Score
+from commonrail.physics.injector import Injector, Source
+from commonrail.plugins.family.adapt import FLOW
+from commonrail.plugins.family.fixed import PartValues, fixed_values
+from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
+from commonrail.plugins.family.type import FEWEST, over_parts, without_prior
+from commonrail.workers.interrupt import held_interrupts
+from commonrail.workers.workers import Workers
+
+# Type of injector that a joint fit has taught: values, and the spread of the next part about them.
+
+
+def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]) -> InjectorType:
+    """Type of the joint values: an effective hole diameter is a part's own, and no property of the type.
+
+    Parameters
+    ----------
+    family : Family
+    joint : mapping of str to float
+        Joint parameters, SI.
+    errors : mapping of str to float or None
+        Their standard errors, SI; None where the data do not hold them.
+    """
+    names = dict.fromkeys(name for study in family.parts.values() for name in study.space.names if name != FLOW)
+    parameters = []
+    for name in names:
+        value, spread, between = _learnt(name, family.shared.get(name, Shared()), family, joint, errors)
+        bounds = [p for s in family.parts.values() for p in s.space.parameters if p.name == name]
+        lower, upper = min(p.lower for p in bounds), max(p.upper for p in bounds)
+        relation = family.shared.get(name, Shared()).share.value
+        source = f'joint fit "{family.title}", {relation}'
+        own = None if between is None else min(between, spread)
+        parameters.append(TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source, own))
+    return InjectorType(
+        family.name,
+        family.title,
+        tuple(parameters),
+        tuple(_provenance(family, name) for name in family.parts),
+        next(iter(family.parts.values())).injector,
+        synthetic=" ".join(dict.fromkeys(s.synthetic for s in family.parts.values() if s.synthetic)),
+        fixed=fixed_values([_values(name, study) for name, study in family.parts.items()], names),
+    )
+
+
+def _learnt(
+    name: str, shared: Shared, family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]
+) -> tuple[float, float, float | None]:
+    """Value and spread of a parameter for the next part, and the scatter between parts where that is known."""
+    widest = max(
+        (p.upper - p.lower) / math.sqrt(12.0)
+        for s in family.parts.values()
+        for p in s.space.parameters
+        if p.name == name
+    )
+    stated = (p.prior for s in family.parts.values() for p in s.space.parameters if p.name == name)
+    prior = next(((own.value, own.sigma) for own in stated if own is not None), None)
+    if shared.share is Share.PER_PART:
+        own = [f"{name}{OF}{part}" for part in family.parts if f"{name}{OF}{part}" in joint]
+        if len(own) == 1:
+            return joint[own[0]], errors[own[0]] or widest, None
+        errors_of = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in own]
+        values = [without_prior(joint[key], error, prior) for key, error in zip(own, errors_of, strict=True)]
+        if sum(math.isfinite(error) for _, error in values) < FEWEST:
+            return float(np.mean([joint[key] for key in own])), min(prior[1] if prior else widest, widest), None
+        found = over_parts(*np.array(values).T)
+        return found.value, min(found.spread, widest) or widest, found.between
+    error = errors[name]
+    spread = min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
+    return joint[name], spread, shared.spread
+
+
+def _values(name: str, study: Study) -> PartValues:
+    return PartValues(name, study.injector.values, study.injector.sources, study.fixed)
+
+
+def _provenance(family: Family, name: str) -> TypePart:
+    study = family.parts[name]
+    sources = "; ".join(dict.fromkeys(d.source for d in study.data if d.role is Role.FIT))
+    return TypePart(name, sources, {path.name: digest for path, digest in study.files.items()})
+
+
+@dataclass(frozen=True)
+class FittedPart:
+    """Result of one part.
+
+    Attributes
+    ----------
+    injector : Injector
+    best : mapping of str to float
+        Values of its free parameters, SI.
+    scores, start : tuple of Score
+        Of each of its data sets, with these values and with the start values.
+    members : tuple of Injector
+        Its injectors by each member of the joint fit, the best first.
+    mean : tuple of Score
+        Of the mean of what the members predict; empty unless all data are maps and there are several members.
+    """
+
+    injector: Injector
+    best: Mapping[str, float]
+    scores: tuple[Score, ...]
+    start: tuple[Score, ...] = ()
+    members: tuple[Injector, ...] = ()
+    mean: tuple[Score, ...] = ()
+
+
+@dataclass(frozen=True)
+class FamilyFit:
+    """Result of a joint fit.
+
+    Attributes
+    ----------
+    family : Family
+    parts : mapping of str to FittedPart
+    injector_type : InjectorType
+        What the parts have taught.
+    joint : mapping of str to float
+        Joint parameters.
+    cost : float
+        Objective of all parts together.
+    simulations : int
+        Single injections simulated, those of equal candidates of a part counted for each.
+    status, reason : str
+        "finished" or "interrupted", and why it stopped.
+    start_cost : float
+        Objective of the start values.
+    history : tuple of Generation
+    counts : Counts
+    failures : mapping of str to int
+        Failed candidates by the name of their status.
+    seconds : float
+        Time of the search.
+    members : tuple of float
+        Objectives of the optima whose predictions are averaged, the best first.
+    """
+
+    family: Family
+    parts: Mapping[str, FittedPart]
+    injector_type: InjectorType
+    joint: Mapping[str, float]
+    cost: float
+    simulations: int
+    status: str = "finished"
+    reason: str = ""
+    start_cost: float = float("inf")
+    history: tuple[Generation, ...] = ()
+    counts: Counts = field(default_factory=Counts)
+    failures: Mapping[str, int] = field(default_factory=dict)
+    seconds: float = 0.0
+    members: tuple[float, ...] = ()
+
+
+def objective_of_parts(family: Family, threads: int | None = None) -> FamilyObjective:
+    """Objective of a joint fit, on threads of this process.
+
+    Parameters
+    ----------
+    family : Family
+    threads : int, optional
+        All usable processors by default.
+    """
+    return FamilyObjective(list(family.parts.values()), family.sharing, family.space, threads)
+
+
+def fit_family(
+    family: Family,
+    *,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    workers: Workers | None = None,
+    recorder: Recorder | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> FamilyFit:
+    """Fit the parts of a family together, to the end or until Ctrl-C, which ends it in order with the best so far.
+
+    The search is that of a calibration; its objective is the sum of the parts' squares and of the squared pulls of the
+    joint priors. Validation data of the parts are scored and not fitted. `commonrail.plugins.family.run.fit_into` does the same
+    and keeps every step in a run folder.
+
+    Parameters
+    ----------
+    family : Family
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    progress : function of Progress, optional
+        Called after every step.
+    workers : Workers, optional
+        Processes or a cluster that simulate in place of threads; the result is the same.
+    recorder : Recorder, optional
+        Told of every step before `progress` is.
+    checkpoint : Checkpoint, optional
+        State to resume from, of the same family.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind.
+    StudyError
+        If the workers failed, or the checkpoint belongs to another family.
+    SimulationError
+        If no candidate could be simulated.
+    """
+    instance(family, Family, "family")
+    function(progress, "progress")
+    threads = thread_count(threads)
+    objective = objective_of_parts(family, threads)
+    with held_interrupts() as wish:
+        search = Search(family, objective, workers, Listeners(progress, recorder, wish), checkpoint)
+        status, reason = search.until_stopped()
+        x, cost = search.best
+        if not np.isfinite(cost):
+            if status == "interrupted":
+                raise KeyboardInterrupt
+            raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
+        objective.threads = threads  # workers' copies share the simulators
+        ends = members_of(search.ends)
+        found = identify_at(family.space, objective, x)
+        errors = {name: found[name]["standard_error"] for name in family.space.names}
+        joint = dict(zip(family.space.names, x.tolist(), strict=True))
+        return FamilyFit(
+            family,
+            {name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
+            learnt_type(family, joint, errors),
+            joint,
+            cost,
+            search.simulations,
+            status,
+            reason,
+            float(objective.costs(family.space.reference[None, :]).costs[0]),
+            tuple(search.history),
+            search.counts,
+            dict(search.failures),
+            search.seconds,
+            tuple(end.cost for end in ends),
+        )
+
+
+def _part(family: Family, index: int, ends: Sequence[Floats], threads: int | None) -> FittedPart:
+    """Result of one part from the joint members, the best first."""
+    name, study = list(family.parts.items())[index]
+    note = Source("F", f'fitted together with the other parts of "{family.title}"')
+    injectors, scores = [], []
+    for number, x in enumerate(ends):
+        values = dict(zip(study.space.names, family.sharing.of_part(index, x).tolist(), strict=True))
+        injector = replace(
+            study.injector.with_values(values),
+            name=f"{study.injector.name}-{name}" + (f"-{number + 1}" if number else ""),
+            sources={**study.injector.sources, **dict.fromkeys(values, note)},
+        )
+        injectors.append(injector)
+        scores.append(score_all(study, injector, threads))
+    best = {key: injectors[0].values[key] for key in study.space.names}
+    start = score_all(study, study.injector, threads)
+    return FittedPart(injectors[0], best, scores[0], start, tuple(injectors), mean_of(study.data, scores))

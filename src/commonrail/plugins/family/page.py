@@ -1,0 +1,166 @@
+"""Page of a joint fit: the type with its spreads, errors of each part, what sets the parts apart."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from commonrail.base.chart import MARKERS, Figure, Panel, Series
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import duration, fixed, listed, quantity, significant
+from commonrail.calibration.optimisers.registry import size_in_words
+from commonrail.data.records import Record, Traces
+from commonrail.plugins.family.file import KIND, TEXTS
+from commonrail.plugins.family.run import RECORD
+from commonrail.plugins.fleet.page import short_names
+from commonrail.report.draw.figure import drawings, figure_html
+from commonrail.report.fit.figures import convergence_figure, figures_of
+from commonrail.report.fit.tables import tables_of
+from commonrail.report.fit.verdict import baseline_lines, data_lines
+from commonrail.report.html import render
+from commonrail.report.result_kind import ResultKind
+from commonrail.runs.folder import TRACES
+from commonrail.runs.traces import read_traces
+
+FAR = 2.0  # spreads from the type's value beyond which a part's value is named
+
+
+def _page(record: Record, folder: Path) -> str:
+    return family_html(record, read_traces(folder / TRACES), folder.as_posix() or "RUN")
+
+
+KEYS = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
+RESULT = ResultKind(RECORD, KIND, "family", _page, KEYS)
+
+
+def family_html(record: Record, traces: Traces, run: str) -> str:
+    """Page of a joint fit.
+
+    Parameters
+    ----------
+    record, traces : mapping
+        Record, and curves by data set.
+    run : str
+        The folder's name, for the command lines in the page.
+    """
+    data = _all_data(record)
+    figures = figures_of({"data": data, "labels": TEXTS}, traces)
+    generations = record["generations"]
+    convergence = convergence_figure(generations) if len(generations) > 1 else None
+    return render(
+        "family.html",
+        kind="Family",
+        record=record,
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
+        lines=family_lines(record),
+        tables=family_tables(record),
+        errors=tables_of(data, TEXTS),
+        figures=drawings([*family_figures(record), *figures]),
+        convergence=(convergence, figure_html(convergence, "convergence")) if convergence else None,
+        data=data,
+        commands=_commands(record, run),
+        facts=_facts(record),
+    )
+
+
+def _all_data(record: Record) -> list[Record]:
+    """Data sets of all parts, each with its part in its name."""
+    return [{**data, "name": f"{part['name']}: {data['name']}"} for part in record["parts"] for data in part["data"]]
+
+
+def family_lines(record: Record) -> list[str]:
+    """Sentences on the parts, their errors and baselines, and what lies far from the type."""
+    names, members = [part["name"] for part in record["parts"]], record["members"]
+    lines = [f"{len(names)} parts were fitted together: {listed(names)}."]
+    if len(members) > 1:
+        costs = listed([significant(cost, 3) for cost in members])
+        lines.append(
+            f"{len(members)} searches side by side ended with objectives of {costs}. Between the measured points they "
+            "differ more than at them: the mean of what they predict is in the tables, the type is that of the best."
+        )
+    for part in record["parts"]:
+        for line in (*data_lines(part["data"]), *baseline_lines(part["data"])):
+            lines.append(f"Part {part['name']}: {line[:1].lower()}{line[1:]}")
+    far = [
+        f"{p['name']} of part {part} ({pull:+.1f} spreads)"
+        for p in record["parameters"]
+        for part, pull in _pulls(p).items()
+        if abs(pull) > FAR
+    ]
+    if far:
+        lines.append(f"Farther than {FAR:g} spreads from the type: {listed(far)}.")
+    return lines
+
+
+def _pulls(p: Record) -> dict[str, float]:
+    """Distance of each part's value from the type's in spreads."""
+    return {part: (own - p["value"]) / p["spread"] for part, own in p["parts"].items() if own is not None}
+
+
+def family_tables(record: Record) -> list[Table]:
+    """Parameters of the type beside those of the parts, and the flow of each part."""
+    names = [part["name"] for part in record["parts"]]
+    columns: list[Column] = [
+        ("parameter", "name"),
+        ("between parts", "relation"),
+        ("type", lambda p: quantity(p["value"], p["unit"])),
+        ("spread of the next part", lambda p: quantity(p["spread"], p["unit"], 3)),
+        ("bounds", lambda p: f"{quantity(p['lower'], p['unit'], 3)} to {quantity(p['upper'], p['unit'], 3)}"),
+        *((f"part {name}", lambda p, name=name: quantity(p["parts"].get(name), p["unit"])) for name in names),
+    ]
+    note = (
+        "Spread: standard deviation of the next part's value about the type's, of the error of that value and the "
+        "scatter between parts together. Values are lumped values of the model and stand for no drawing."
+    )
+    found = [tabulated("The type", record["parameters"], columns, note, 2)]
+    flows = [part for part in record["parts"] if part["flow_factor"] is not None]
+    flow: list[Column] = [("part", "name"), ("flow factor", lambda part: fixed(part["flow_factor"], 4))]
+    text = "Effective area of the nozzle's holes over that of the drawing; it is a part's own, and not the type's."
+    return [*found, tabulated("Flow of the parts", flows, flow, text)] if flows else found
+
+
+def family_figures(record: Record) -> list[Figure]:
+    """Distances of the parts' values from the type's, where they differ between parts."""
+    apart = [p for p in record["parameters"] if len(set(p["parts"].values())) > 1]
+    if not apart:
+        return []
+    series = []
+    for i, part in enumerate(record["parts"]):
+        pulls = [_pulls(p).get(part["name"]) for p in apart]
+        x = tuple(float(n) for n in range(len(apart)))
+        series.append(Series(f"part {part['name']}", "solid", x, tuple(pulls), MARKERS, family=i))
+    panel = Panel(
+        "distance from the type, spreads",
+        tuple(series),
+        zero_line=True,
+        categories=tuple(short_names([p["name"] for p in apart])),
+    )
+    caption = "Values of the parts less that of the type, in spreads of the next part; common parameters are left out."
+    return [Figure("What sets the parts apart", caption, "parameter", (panel,))]
+
+
+def _commands(record: Record, run: str) -> list[tuple[str, str]]:
+    folder, known = shlex.quote(run), shlex.quote(f"{run}/type.toml")
+    return [
+        ("Fit again", f"commonrail family {shlex.quote(f'{run}/family.toml')} --out type.toml"),
+        ("Reference points that tell most of the next part", f"commonrail adapt {known} --advise --injector PART.toml"),
+        ("Model of the next part", f"commonrail adapt {known} --from POINTS.csv --injector PART.toml --out MODEL.toml"),
+        ("Make this report again", f"commonrail report {folder}"),
+    ]
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    search: Mapping[str, Any] = record["optimiser"]
+    injections = record["evaluations"]["injections"]
+    objective = record["objective"]
+    return [
+        ("Search", f"{search['method']}, {size_in_words(search)}"),
+        ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
+        ("Simulations", f"{injections:,} injections"),
+        ("Time of the search", duration(record["clock"]["seconds"])),
+        ("Ended", f"{record['status']}: {record['reason']}"),
+        ("Seed", str(record["seed"])),
+        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+    ]

@@ -1,0 +1,164 @@
+"""A joint fit that survives: kept step by step in its run folder, and resumed after whatever stopped it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from commonrail.base.arguments import file_path, instance, thread_count
+from commonrail.base.output import summed, writing
+from commonrail.calibration.search import Checkpoint
+from commonrail.calibration.study_file.type import dump_type
+from commonrail.data.records import LABELS, MEASURED
+from commonrail.plugins.family.file import family_record
+from commonrail.plugins.family.fit import FamilyFit, fit_family, objective_of_parts
+from commonrail.plugins.family.study import Family, load_family
+from commonrail.readers.injector.file import dump_injector
+from commonrail.runs.fingerprint import content_of, fingerprint_of, other_targets
+from commonrail.runs.fit import FolderFit, FolderWords, Listener
+from commonrail.runs.folder import TRACES, rate_curves, write_record
+from commonrail.runs.journal import Journal
+from commonrail.runs.traces import Curve, write_traces
+from commonrail.workers.workers import Workers
+
+FAMILY, RECORD, TYPE, MODELS = "family.toml", "family.json", "type.toml", "models"
+SILENT = Listener()
+
+
+def fit_into(
+    folder: str | Path,
+    family: Family,
+    *,
+    threads: int | None = None,
+    workers: Workers | None = None,
+    listener: Listener = SILENT,
+) -> FamilyFit:
+    """Fit the parts of a family together, in a new run folder that keeps every step.
+
+    Parameters
+    ----------
+    folder : str or Path
+        New or empty. In the end it holds family.toml with all files that it reads, type.toml, family.json, SHA256SUMS,
+        journal.sqlite, and the injector of each part in the folder models.
+    family : Family
+        Read from a file.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    workers : Workers, optional
+        Processes or a cluster that simulate in place of threads; the result is the same.
+    listener : Listener, optional
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind.
+    InputError
+        If the folder is not empty.
+    OutputError
+        If it cannot be written; what was done before is kept.
+    StudyError
+        If the family was made in Python, or cannot be fitted; what was done before is kept.
+    """
+    path = file_path(folder, "folder")
+    instance(family, Family, "family")
+    return _FOLDER.begin(path, family, _search(thread_count(threads), workers, listener))
+
+
+def resume_family(
+    folder: str | Path,
+    *,
+    as_begun: bool = False,
+    threads: int | None = None,
+    workers: Workers | None = None,
+    listener: Listener = SILENT,
+) -> FamilyFit:
+    """Resume a joint fit that was stopped; the result is that of one never stopped, bit by bit.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Run folder; it may have been moved or copied.
+    as_begun : bool
+        Use the copies in the run folder although the files that they were made from have changed.
+    threads, workers, listener
+        As in `fit_into`; they may differ from those of the beginning.
+
+    Raises
+    ------
+    StudyError
+        If there is no journal, another process is at work in the folder, or the family or its data have changed.
+    OutputError
+        If the folder cannot be written; what was done before is kept.
+    """
+    path = file_path(folder, "folder")
+    threads = thread_count(threads)
+
+    def warn(journal: Journal, family: Family) -> None:
+        for finding in other_targets(journal, family, objective_of_parts(family, threads)):
+            listener.note(f"warning: {finding.sentence}")
+
+    return _FOLDER.resume(path, _search(threads, workers, listener), as_begun=as_begun, warn=warn)
+
+
+def _search(
+    threads: int | None, workers: Workers | None, listener: Listener
+) -> Callable[[Family, Journal, Checkpoint | None], FamilyFit]:
+    """The search of `fit_family`, kept in a journal."""
+    return lambda family, journal, checkpoint: fit_family(
+        family,
+        threads=threads,
+        progress=listener.progress,
+        workers=workers,
+        recorder=journal,
+        checkpoint=checkpoint,
+    )
+
+
+def _content(family: Family) -> str:
+    """Fingerprint of a family: equal fingerprints mean identical searches but for their length."""
+    evolution = replace(family.method.evolution, generations=0)
+    return fingerprint_of(
+        family.name,
+        family.title,
+        family.seed,
+        replace(family.method, evolution=evolution),
+        family.space.parameters,
+        tuple(parameter.prior for parameter in family.space.parameters),
+        tuple((name, relation.share, relation.spread) for name, relation in family.shared.items()),
+        tuple((name, content_of(study)) for name, study in family.parts.items()),
+    )
+
+
+def _write(folder: Path, fit: FamilyFit) -> None:
+    """Write type.toml, family.json, traces.csv, their checksums, and the injectors of the parts."""
+    models = folder / MODELS
+    with writing(models):
+        models.mkdir(exist_ok=True)
+    with summed(folder, TYPE, RECORD, TRACES):
+        for name, part in fit.parts.items():
+            for number, injector in enumerate(part.members, 1):
+                member = "" if number == 1 else f"-member-{number}"
+                header = f"{fit.family.title}: {name}{member}"
+                dump_injector(injector, models / f"{name}{member}.toml", header=header)
+        dump_type(fit.injector_type, folder / TYPE)
+        write_record(folder / RECORD, family_record(fit))
+        write_traces(folder / TRACES, (f"Injection curves of: {fit.family.title}",), (MEASURED, *LABELS), _curves(fit))
+
+
+def _curves(fit: FamilyFit) -> Iterator[Curve]:
+    """Injection curves among the data of the parts."""
+    for name, part in fit.parts.items():
+        scores = {"start": part.start, "best": part.scores}
+        for curve in rate_curves(fit.family.parts[name].data, scores):
+            yield curve._replace(data=f"{name}: {curve.data}")
+
+
+_FOLDER = FolderFit(
+    FAMILY,
+    FolderWords("family", "a family", "commonrail family FAMILY.toml", "fit_family"),
+    load_family,
+    _content,
+    ("name", "seed"),
+    _write,
+)

@@ -1,0 +1,499 @@
+"""Families from TOML: the studies of several parts, and what their parameters share."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, PlainValidator
+
+from commonrail.base.arguments import file_path
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.input import noting_files
+from commonrail.base.units import parse
+from commonrail.calibration.constraints import Products
+from commonrail.calibration.goal import Goal, Loss
+from commonrail.calibration.injector_type import InjectorType
+from commonrail.calibration.objective import Objective, Scores
+from commonrail.calibration.parameter import Parameter, Prior, Priors
+from commonrail.calibration.search import goal_of
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Method, Study
+from commonrail.calibration.study_file.file import load_study, method_of
+from commonrail.calibration.study_file.keys import Optimisers, read_optimisers
+from commonrail.calibration.study_file.type import load_type
+from commonrail.data.base import Role
+from commonrail.data.kinds import of_role
+from commonrail.data.study_block import Name
+from commonrail.physics.meters.meter import known_quantity
+from commonrail.plugins.family.adapt import FLOW
+from commonrail.readers.fields import FileModel, Text, Unit
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place, located
+from commonrail.readers.toml import read_model_file
+
+# Parameters of parts that are fitted together: what is common, what is each part's own, what scatters about a mean.
+
+OF = " of part "  # between a parameter and the part whose own it is
+WIDEST = 4.0  # standard deviations that a part may lie from the common value
+
+
+class Share(StrEnum):
+    """Relation of a parameter between the parts of a family."""
+
+    COMMON = "common"
+    """One value for all parts."""
+
+    PER_PART = "per part"
+    """A value for each part, independent of the others'."""
+
+    AROUND = "around"
+    """A value for each part, normally distributed about a common one."""
+
+
+class Shared(NamedTuple):
+    """Relation of a parameter, and the standard deviation between parts, SI, where that is `AROUND`."""
+
+    share: Share = Share.COMMON
+    spread: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """Map from points of the joint space to points of the parts' spaces.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the joint parameters (D,).
+    matrices : tuple of (d, D) array
+        One for each part: its point is the joint one times the matrix, within its own bounds.
+    bounds : tuple of (lower (d,), upper (d,))
+        Of the parts' spaces, SI.
+    """
+
+    names: tuple[str, ...]
+    matrices: tuple[Floats, ...]
+    bounds: tuple[tuple[Floats, Floats], ...]
+
+    def of_part(self, part: int, x: Floats) -> Floats:
+        """Points (…, d) of a part from joint points (…, D), SI."""
+        low, high = self.bounds[part]
+        return np.clip(x @ self.matrices[part].T, low, high)
+
+
+class _PartsConstraints(Products):
+    """Constraints of all parts, at joint points.
+
+    Parameters
+    ----------
+    spaces : sequence of Space
+    sharing : Sharing
+    """
+
+    def __init__(self, spaces: Sequence[Space], sharing: Sharing) -> None:
+        super().__init__()
+        self._spaces, self._sharing = tuple(spaces), sharing
+
+    def __len__(self) -> int:
+        return sum(len(space.rows) + len(space.products) for space in self._spaces)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The texts that a person wrote."""
+        return tuple(dict.fromkeys(label for space in self._spaces for label in space.labels))
+
+    def shortfall(self, x: Floats) -> Floats:
+        """Shortfall (…, m) of the constraints of each part."""
+        parts = enumerate(self._spaces)
+        return np.concatenate([space.shortfall(self._sharing.of_part(k, x)) for k, space in parts], axis=-1)
+
+
+def joint_space(
+    parts: Mapping[str, Space], shared: Mapping[str, Shared], rest: Share = Share.COMMON
+) -> tuple[Space, Sharing]:
+    """Space of the joint parameters, and the map from it to the parts.
+
+    A common parameter has the bounds, start and prior that the first part with it states; one of a part has its part's
+    own. A parameter that scatters is a common value and, for each part, its distance from it in standard deviations,
+    whose prior is the standard normal distribution.
+
+    Parameters
+    ----------
+    parts : mapping of str to Space
+        Spaces of the parts by name.
+    shared : mapping of str to Shared
+        Relations by parameter.
+    rest : Share
+        Relation of the parameters that are not in `shared`.
+
+    Raises
+    ------
+    ConfigurationError
+        If `shared` names what no part has free.
+    """
+    known = dict.fromkeys(name for space in parts.values() for name in space.names)
+    for name in shared:
+        if name not in known:
+            raise ConfigurationError(f"No part has the free parameter {name}{nearest(name, known)}.")
+    found: dict[str, Parameter] = {}
+    entries: list[list[tuple[int, str, float]]] = []
+    for part, space in parts.items():
+        own: list[tuple[int, str, float]] = []
+        for row, parameter in enumerate(space.parameters):
+            share, spread = shared.get(parameter.name, Shared(rest))
+            if share is not Share.PER_PART:
+                found.setdefault(parameter.name, parameter)
+                own.append((row, parameter.name, 1.0))
+            if share is not Share.COMMON:
+                single = _of_part(parameter, part, share)
+                found[single.name] = single
+                own.append((row, single.name, spread if share is Share.AROUND else 1.0))
+        entries.append(own)
+    names = tuple(found)
+    matrices = [_matrix(own, space.dimension, names) for own, space in zip(entries, parts.values(), strict=True)]
+    bounds = tuple((space.lower, space.upper) for space in parts.values())
+    sharing = Sharing(names, tuple(matrices), bounds)
+    spaces = tuple(parts.values())
+    return Space(tuple(found.values()), (), _PartsConstraints(spaces, sharing)), sharing
+
+
+def _matrix(entries: Sequence[tuple[int, str, float]], rows: int, names: Sequence[str]) -> Floats:
+    matrix = np.zeros((rows, len(names)))
+    for row, name, factor in entries:
+        matrix[row, names.index(name)] = factor
+    return matrix
+
+
+def _of_part(parameter: Parameter, part: str, share: Share) -> Parameter:
+    """A part's own value, or its distance from the common one in standard deviations."""
+    name = f"{parameter.name}{OF}{part}"
+    if share is Share.PER_PART:
+        return replace(parameter, name=name, signed=True)
+    source = f"normally distributed about the common value of {parameter.name}"
+    normal = Prior(0.0, 1.0, source)
+    return Parameter(name, 0.0, -WIDEST, WIDEST, "1", mark="E", source=source, prior=normal, signed=True)
+
+
+# Objective of several parts that are fitted together.
+
+
+class FamilyObjective(Objective):
+    """Sum of the parts' objectives, and the squared pulls of the priors of the joint parameters.
+
+    Each part simulates its own candidates in its own batches; candidates that are the same for a part, as most are that
+    differ in another part's own parameters alone, are simulated once.
+
+    Parameters
+    ----------
+    studies : sequence of Study
+        One for each part.
+    sharing : Sharing
+    space : Space
+        Of the joint parameters, with their priors.
+    threads : int or None
+    """
+
+    def __init__(self, studies: Sequence[Study], sharing: Sharing, space: Space, threads: int | None = None) -> None:
+        self.sharing, self.names, self._reference = sharing, sharing.names, space.reference
+        self.parts = [_objective(study, threads) for study in studies]
+        conditions = tuple(condition for study in studies for condition in study.conditions)
+        self.goal = Goal(studies[0].loss, Priors.of(space.parameters), conditions, scale=studies[0].loss_scale)
+        self.data = tuple(data for part in self.parts for data in part.data)
+        self.simulator = self.parts[0].simulator
+
+    @property
+    def threads(self) -> int | None:
+        """Threads that simulate; all usable processors if None."""
+        return self.parts[0].threads
+
+    @threads.setter
+    def threads(self, threads: int | None) -> None:
+        for part in self.parts:
+            part.threads = threads
+
+    def own_values(self) -> list[float]:
+        """Reference values of the joint parameters [SI]."""
+        return [float(value) for value in self._reference]
+
+    def costs(self, values: Floats) -> Scores:
+        """Objective of joint candidates (n, names), SI; one that is simulated once for several counts for each."""
+        total, statuses = self.goal.priors.costs(values), np.zeros(len(values), np.int8)
+        for part, (own, which) in zip(self.parts, self._distinct(values), strict=True):
+            scores = part.costs(own)
+            total = total + scores.costs[which]
+            statuses = np.where(statuses == 0, scores.statuses[which], statuses).astype(np.int8)
+        return Scores(total, statuses, len(values) * self.injections)
+
+    def residuals(self, values: Floats) -> Floats:
+        """Residuals (n, those of all parts, then priors)."""
+        found = [p.residuals(own)[which] for p, (own, which) in zip(self.parts, self._distinct(values), strict=True)]
+        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+
+    def screened(self, values: Floats) -> Floats:
+        """Residuals as `residuals` returns them, in f32 and at the time step of the screening."""
+        found = [p.screened(own)[which] for p, (own, which) in zip(self.parts, self._distinct(values), strict=True)]
+        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+
+    def linearised(self, values: Floats) -> Floats:
+        """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
+        if self.goal.loss is not Loss.SOFT_L1:
+            return self.residuals(values)
+        found = [part.linearised(self.sharing.of_part(k, values)) for k, part in enumerate(self.parts)]
+        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+
+    def _distinct(self, values: Floats) -> list[tuple[Floats, IndexArray]]:
+        """For each part its candidates, each once, and which of them belongs to each joint candidate."""
+        found = []
+        for k in range(len(self.parts)):
+            own, which = np.unique(self.sharing.of_part(k, values), axis=0, return_inverse=True)
+            found.append((own, which.reshape(-1)))
+        return found
+
+
+def _objective(study: Study, threads: int | None) -> Objective:
+    """Objective of a part's fit data without priors: those of the joint parameters count once."""
+    goal = goal_of(study)._replace(priors=Priors())
+    names, fit = study.space.names, of_role(study.data, Role.FIT)
+    how = study.time_step, threads, study.precision
+    return Objective(study.injector, names, fit, *how, goal=goal, same_bits=study.same_bits)
+
+
+MOST_PARTS = 100
+MOST_AROUND = 1000
+FARTHEST = 4.0  # standard deviations that a flow factor may lie from 1
+
+
+class _PartModel(FileModel):
+    name: Name
+    study: Text
+
+
+class _SpreadModel(FileModel):
+    name: Text
+    spread: str | float
+
+
+class _FamilyModel(FileModel):
+    """The whole file."""
+
+    format: Literal["commonrail-family/1"]
+    name: Name
+    title: Text
+    allow_outside: bool = False
+    seed: int = Field(default=1, ge=0)
+    type: Text | None = None
+    part: list[_PartModel] = Field(min_length=2, max_length=MOST_PARTS)
+    per_part: list[str] = Field(default=[], max_length=MOST_AROUND)
+    around: list[_SpreadModel] = Field(default=[], max_length=MOST_AROUND)
+    prior: list[_SpreadModel] = Field(default=[], max_length=MOST_AROUND)
+    flow: Annotated[float, Unit("1")] | None = None
+    optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(
+        default_factory=lambda: read_optimisers({"method": "staged least squares"})
+    )
+
+
+@dataclass(frozen=True)
+class Family:
+    """Several parts of one type, to be fitted together.
+
+    Attributes
+    ----------
+    name, title : str
+    parts : mapping of str to Study
+        Study of each part by its name.
+    space : Space
+        Of the joint parameters.
+    sharing : Sharing
+        Map from joint points to the parts'.
+    shared : mapping of str to Shared
+        Relation of each parameter that is not common.
+    method : Method
+    seed : int
+    files : mapping of Path to str
+        SHA-256 of each file that the family was read from, its own first; empty if it was made in Python.
+    text : str
+        The family file as given.
+    """
+
+    name: str
+    title: str
+    parts: Mapping[str, Study]
+    space: Space
+    sharing: Sharing
+    shared: Mapping[str, Shared]
+    method: Method
+    seed: int
+    files: Mapping[Path, str] = field(default_factory=dict)
+    text: str = ""
+
+    @property
+    def same_bits(self) -> bool:
+        """Return whether the result of all parts is the same, bit for bit, on every x86-64 processor."""
+        return all(study.same_bits for study in self.parts.values())
+
+    @property
+    def synthetic(self) -> str:
+        """Synthetic parts of the studies, empty if there are none."""
+        return " ".join(dict.fromkeys(study.synthetic for study in self.parts.values() if study.synthetic))
+
+
+def load_family(path: str | Path) -> Family:
+    """Read a family with the studies of its parts.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file; the paths in it are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
+    ConfigurationError
+        If values contradict one another.
+    """
+    file = file_path(path, "path of a family")
+    with noting_files() as own:
+        model, at, reach, text = read_model_file(_FamilyModel, file)
+    with noting_files() as of_type:
+        known = None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
+    studies = {name: _known(study, known) for name, study in _studies(model, reach, file.parent, at).items()}
+    flow = () if model.flow is None else (FLOW,)  # whose prior has the spread `flow`
+    spreads = _spreads(model.prior, _known_names(studies), at / "prior", flow)
+    studies = {name: _with_spreads(study, spreads) for name, study in studies.items()}
+    shared = _shared(model, studies, at)
+    with located(at):
+        space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
+    method = method_of(model.optimiser, space, at / "optimiser")
+    files = own | of_type
+    for study in studies.values():
+        files |= study.files
+    return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
+
+
+def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:
+    found: dict[str, Study] = {}
+    for i, part in enumerate(model.part):
+        place = (at / "part")[i]
+        if part.name in found:
+            raise (place / "name").error(f'there are two parts "{part.name}"; rename one')
+        if Path(part.name).name != part.name or "\\" in part.name:
+            raise (place / "name").error(f'"{part.name}" is no name of a file, and the part\'s model is written to one')
+        study = load_study(reach.path(folder, part.study, place / "study"))
+        if not of_role(study.data, Role.FIT):
+            raise (place / "study").error("no data set of this study has role fit")
+        if model.flow is not None and not 0.0 < model.flow < 1.0 / FARTHEST:
+            raise (at / "flow").error(
+                f'{model.flow:g} is no spread of the hole area; give a share below {100 / FARTHEST:g} %, such as "2 %"'
+            )
+        found[part.name] = _with_flow(study, model.flow)
+    return found
+
+
+def _known(study: Study, known: InjectorType | None) -> Study:
+    """The study with values, spreads and fixed values of a type: starts and priors in place of its own."""
+    if known is None:
+        return study
+    free = [
+        replace(p, reference=min(max(of.value, p.lower), p.upper), prior=_within(of.prior, p), source=of.source)
+        if (of := known.by_name.get(p.name))
+        else p
+        for p in study.space.parameters
+    ]
+    fixed = known.fixed_for(study.injector, {*study.fixed, *study.space.names})
+    values = {p.name: p.reference for p in free if p.name in known.by_name} | {v.name: v.value for v in fixed}
+    sources = {**study.injector.sources} | {v.name: v.of_type(known.name) for v in fixed}
+    return replace(
+        study,
+        injector=replace(study.injector.with_values(values), sources=sources),
+        space=Space(free, study.space.constraints, study.space.products),
+        fixed=(*study.fixed, *(v.name for v in fixed)),
+    )
+
+
+def _with_spreads(study: Study, spreads: Mapping[str, float]) -> Study:
+    """The study with other spreads of its priors, about its start where there was no prior."""
+    free = [
+        replace(p, prior=replace(p.prior or Prior(p.reference, 1.0, p.source), sigma=spreads[p.name]))
+        if p.name in spreads
+        else p
+        for p in study.space.parameters
+    ]
+    return replace(study, space=Space(free, study.space.constraints, study.space.products))
+
+
+def _within(prior: Prior, p: Parameter) -> Prior:
+    """The prior with its value within the bounds."""
+    return replace(prior, value=min(max(prior.value, p.lower), p.upper))
+
+
+def _with_flow(study: Study, spread: float | None) -> Study:
+    """The study with an effective hole diameter about that of its own drawing, by a spread of the hole area."""
+    if spread is None or FLOW in study.space.names:
+        return study
+    own = study.injector.values[FLOW]
+    sigma = 0.5 * spread * own  # the area is the square of the diameter
+    source = "hole diameter of the part's drawing; the spread is that of the family's flow"
+    low, high = own - FARTHEST * sigma, own + FARTHEST * sigma
+    prior = Prior(own, sigma, source)
+    flow = Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
+    old = study.space
+    products = Products([c._replace(exponents=np.append(c.exponents, 0.0)) for c in old.products.constraints])
+    return replace(study, space=Space((*old.parameters, flow), old.constraints, products))
+
+
+def _known_names(studies: Mapping[str, Study]) -> dict[str, None]:
+    """Free parameters of any part."""
+    return dict.fromkeys(name for study in studies.values() for name in study.space.names)
+
+
+def _shared(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dict[str, Shared]:
+    known = _known_names(studies)
+    found: dict[str, Shared] = {} if model.flow is None else {FLOW: Shared(Share.PER_PART)}
+    for i, pattern in enumerate(model.per_part):
+        for name in _matching(pattern, known, (at / "per_part")[i]):
+            found[name] = Shared(Share.PER_PART)
+    around = _spreads(model.around, known, at / "around", found)
+    return found | {name: Shared(Share.AROUND, spread) for name, spread in around.items()}
+
+
+def _spreads(
+    items: Sequence[_SpreadModel], known: Mapping[str, None], at: Place, taken: Container[str] = ()
+) -> dict[str, float]:
+    """Spread [SI] of each parameter that is named.
+
+    Parameters
+    ----------
+    items : sequence of _SpreadModel
+    known : mapping
+        Free parameters by name.
+    at : Place
+        Of the items.
+    taken : container of str
+        Parameters whose relation is given elsewhere.
+    """
+    found: dict[str, float] = {}
+    for i, item in enumerate(items):
+        for name in _matching(item.name, known, at[i] / "name"):
+            if name in found or name in taken:
+                raise (at[i] / "name").error(f"{name} is given a second time; keep one of both")
+            with located(at[i] / "spread"):
+                found[name] = parse(item.spread, known_quantity(name).unit)
+            if not found[name] > 0.0:
+                raise (at[i] / "spread").error("the spread must be greater than zero; to omit it, remove this entry")
+    return found
+
+
+def _matching(pattern: str, known: Mapping[str, None], at: Place) -> list[str]:
+    """Free parameters that a name, or a pattern with a star, names."""
+    names = [name for name in known if fnmatchcase(name, pattern)]
+    if not names:
+        raise at.error(f'no part has the free parameter "{pattern}"{nearest(pattern, known)}')
+    return names

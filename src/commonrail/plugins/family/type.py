@@ -1,0 +1,357 @@
+"""Types from results: of one calibrated part, of several, or of a fleet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonrail.base.arguments import file_path, number, plain_text, sequence
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError
+from commonrail.base.input import fingerprint
+from commonrail.base.output import check_sum
+from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
+from commonrail.calibration.study_file.file import load_study
+from commonrail.physics.injector import Injector, Source, parameter_quantities
+from commonrail.physics.meters.meter import is_of_meter
+from commonrail.plugins.family.fixed import PartValues, fixed_values
+from commonrail.readers.columns import name_and_unit
+from commonrail.readers.csv import CsvFile
+from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record
+
+# Mean and spread of a parameter over parts whose own values are known with errors (random effects).
+
+FEWEST = 2  # parts that data hold, for a spread
+_FAINT = 0.1  # data that tell less than this share of what the prior does tell nothing
+
+
+_HALVINGS = 200  # of the interval that holds the variance between parts: to the last bit
+
+
+class Estimate(NamedTuple):
+    """Mean over parts, and the standard deviation of the next part's value about it.
+
+    Attributes
+    ----------
+    value : float
+        Mean over the parts, each weighed by its own error.
+    spread : float
+        sqrt(between² + error of the mean²): that of the next part's value about `value`.
+    between : float
+        Standard deviation between parts beyond what their errors explain; 0 if they explain it all.
+    """
+
+    value: float
+    spread: float
+    between: float
+
+
+def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
+    """Two-step estimate of the distribution of a parameter over parts.
+
+    Each part's value x_i has been fitted by itself, with the standard error e_i. The variance between parts, τ², is
+    that for which Σ (x_i − μ)²/(e_i² + τ²) equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by
+    1/(e_i² + τ²). A part whose error is not known is left out: its data do not hold the parameter.
+
+    Parameters
+    ----------
+    values : (n,)
+        At least two of them with a known error.
+    errors : (n,)
+        Standard errors by the data alone (see `without_prior`) in the unit of the values, ≥ 0; NaN where not known.
+
+    Returns
+    -------
+    Estimate
+    """
+    known = np.isfinite(np.asarray(errors, float))
+    x, variance = np.asarray(values, float)[known], np.asarray(errors, float)[known] ** 2
+    low, high = 0.0, float(np.sum((x - np.mean(x)) ** 2))
+    if _excess(x, variance) > 0.0:  # the errors alone do not explain the differences
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if _excess(x, variance + middle) > 0.0 else (low, middle)
+    else:
+        high = 0.0
+    mean, error = _mean(x, variance + high)
+    return Estimate(mean, float(np.sqrt(high + error**2)), float(np.sqrt(high)))
+
+
+def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:
+    """Values and errors that the data alone give, of a fit with a prior.
+
+    Every part had the same prior: counted once a part, it would draw the parts together and to its value. With the
+    posterior's x and e and the prior's μ and σ, the data's weight is 1/e² − 1/σ².
+
+    Parameters
+    ----------
+    values, errors : (n,)
+        Of fits; NaN for an error that is not known.
+    prior : (value, sigma) or None
+
+    Returns
+    -------
+    values, errors : (n,)
+        Both NaN where the data tell less than a tenth of what the prior tells.
+    """
+    x, e = np.asarray(values, float), np.asarray(errors, float)
+    if prior is None:
+        return x, e
+    mean, own = prior[0], prior[1] ** -2.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = e**-2.0
+        weight = np.where(total - own > _FAINT * own, total - own, np.nan)
+        return np.where(np.isinf(total), x, (x * total - mean * own) / weight), weight**-0.5
+
+
+def _mean(x: Floats, variance: Floats) -> tuple[float, float]:
+    """Weighed mean and its standard error."""
+    if not np.all(variance > 0.0):  # all parts alike, or exact
+        return float(np.mean(x)), 0.0
+    weights = 1.0 / variance
+    return float(np.sum(weights * x) / np.sum(weights)), float(1.0 / np.sqrt(np.sum(weights)))
+
+
+def _excess(x: Floats, variance: Floats) -> float:
+    """Σ (x − μ)²/variance beyond n − 1."""
+    if not np.all(variance > 0.0):
+        return float(np.ptp(x) > 0.0)
+    mean, _ = _mean(x, variance)
+    return float(np.sum((x - mean) ** 2 / variance)) - (len(x) - 1)
+
+
+FLEET, TABLE = "fleet.json", "results.csv"
+FEWEST_MEMBERS = 2
+MOST_ROWS = 10_000_000
+ERROR = " standard error"
+
+
+class _Run(NamedTuple):
+    """A calibrated part: record of its result, its injector and data if the study can be read, and fingerprints."""
+
+    folder: Path
+    record: Mapping[str, Any]
+    injector: Injector | None
+    part: TypePart
+    fixed: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> dict[str, Mapping[str, Any]]:
+        """Records of the injector's free parameters by name."""
+        return {p["name"]: p for p in self.record["parameters"] if not is_of_meter(p["name"])}
+
+    @property
+    def values(self) -> PartValues:
+        """Values with which the part was fitted; of a study made in Python only the free ones."""
+        best = {name: p["best"] for name, p in self.parameters.items()}
+        fitted = {name: Source("F", f"fitted to {self.record['title']}") for name in best}
+        known = self.injector
+        values, sources = ({}, {}) if known is None else (dict(known.values), dict(known.sources))
+        return PartValues(self.record["title"], values | best, sources | fitted, (*self.fixed, *best))
+
+
+def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: float | None = None) -> InjectorType:
+    """Type of injector from the run folders of calibrated parts.
+
+    Parameters
+    ----------
+    folders : sequence of path
+        Run folders of ``commonrail calibrate``, one for each part.
+    name : str
+        Of the type.
+    part_spread : float, optional
+        Standard deviation between parts as a share of the value, such as 0.03. It is needed for what one part cannot
+        tell, and is marked as an estimate.
+
+    Returns
+    -------
+    InjectorType
+        Of the parameters that are free in every run. From several parts: mean and spread over the parts. From one part:
+        its values; the spread is sqrt(standard error² + (part_spread × value)²) if `part_spread` is given, else the
+        prior's of its study, else that of a value anywhere within the bounds, range/√12. What a study fixes, or what is
+        free in some runs only, is a fixed value of the type, see `fixed_values`.
+
+    Raises
+    ------
+    InputError
+        If a folder is no run folder, or no parameter is free in all of them.
+    ConfigurationError
+        If an argument is of another kind.
+    """
+    name = plain_text(name, "name of a type")
+    runs = [_read(file_path(folder, "folder")) for folder in sequence(folders, "folders", '["runs/a", "runs/b"]')]
+    if part_spread is not None:
+        part_spread = number(part_spread, "1", "part_spread")
+    if not runs:
+        raise InputError("A type needs at least one calibrated part; name a run folder.")
+    shared = [key for key in runs[0].parameters if all(key in run.parameters for run in runs)]
+    if not shared:
+        raise InputError(f"{runs[0].folder}: no parameter is free in all runs; a type is of what all parts fitted.")
+    source = f"fitted to {', '.join(run.record['title'] for run in runs)}"
+    found = tuple(_over_runs(key, [run.parameters[key] for run in runs], source, part_spread) for key in shared)
+    return InjectorType(
+        name,
+        f"{name}: {len(runs)} calibrated part{'s' if len(runs) > 1 else ''}",
+        found,
+        tuple(run.part for run in runs),
+        runs[0].injector,
+        synthetic=" ".join(dict.fromkeys(run.record["synthetic"] for run in runs if run.record["synthetic"])),
+        fixed=fixed_values([run.values for run in runs], shared),
+    )
+
+
+def _read(folder: Path) -> _Run:
+    record = read_record(folder / RESULT, "commonrail calibrate")
+    note_stopped(folder, record)
+    if record.get("kind") != "calibration":
+        raise InputError(f"{folder}: this is no run folder of commonrail calibrate; name one.")
+    own = {RESULT: fingerprint(folder / RESULT)}
+    sources = "; ".join(dict.fromkeys(d["source"] for d in record["data"] if d["role"] == "fit"))
+    if not (folder / STUDY).is_file() or not (folder / STUDY).stat().st_size:
+        return _Run(folder, record, None, TypePart(record["title"], sources, own))  # a study made in Python
+    study = load_study(folder / STUDY)
+    root = folder.absolute()
+    files = {path.relative_to(root).as_posix(): digest for path, digest in study.files.items()}
+    return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | own), study.fixed)
+
+
+def _over_runs(name: str, own: Sequence[Mapping[str, Any]], source: str, part_spread: float | None) -> TypeParameter:
+    """A parameter over the records of parts."""
+    lower, upper = min(p["lower"] for p in own), max(p["upper"] for p in own)
+    if len(own) == 1:
+        value, spread, why = _of_one(own[0], part_spread)
+        between = None if part_spread is None else min(part_spread * abs(value), spread)
+        return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}", between)
+    errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in own]
+    found = [without_prior(p["best"], e, _prior_of(p)) for p, e in zip(own, errors, strict=True)]
+    sigma = min((p["prior"]["sigma"] for p in own if "prior" in p), default=math.inf)
+    best = float(np.mean([p["best"] for p in own]))
+    return _estimated(name, np.array(found, dtype=float).T, (lower, upper), source, (best, sigma))
+
+
+def _prior_of(p: Mapping[str, Any]) -> tuple[float, float] | None:
+    return (p["prior"]["value"], p["prior"]["sigma"]) if p.get("prior") else None
+
+
+def _of_one(p: Mapping[str, Any], part_spread: float | None) -> tuple[float, float, str]:
+    """Value and spread of a parameter of one part, and the origin of the spread."""
+    value = p["best"]
+    error = p.get("standard_error")
+    if part_spread is not None:
+        spread = math.hypot(_widest(p) if error is None else error, part_spread * abs(value))
+        if spread > 0.0:
+            return value, spread, f"standard error and {100 * part_spread:g} % between parts [E, assumed]"
+    if "prior" in p:
+        return value, p["prior"]["sigma"], "that of the study's prior"
+    return value, _widest(p), "of a value anywhere within the bounds"
+
+
+def _widest(p: Mapping[str, Any]) -> float:
+    """Standard deviation of a value anywhere within the bounds."""
+    return float((p["upper"] - p["lower"]) / math.sqrt(12.0))
+
+
+def _estimated(
+    name: str, found: Floats, bounds: tuple[float, float], source: str, otherwise: tuple[float, float]
+) -> TypeParameter:
+    """A parameter over parts.
+
+    Parameters
+    ----------
+    name : str
+    found : (2, parts)
+        Values and errors by the data alone.
+    bounds : (lower, upper)
+    source : str
+    otherwise : (value, sigma)
+        Taken where the data of fewer than two parts hold the parameter; `sigma` is that of a prior, or infinite.
+    """
+    known, between = int(np.isfinite(found).all(axis=0).sum()), None
+    widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)
+    if known < FEWEST:
+        why = f"held by the data of {known} of {found.shape[1]} parts; spread of the prior or the bounds"
+        value, spread = otherwise[0], min(otherwise[1], widest)
+    else:
+        estimate = over_parts(*found)
+        why = f"spread over {known} parts"
+        value, spread = estimate.value, min(estimate.spread or 1e-6 * widest, widest)  # parts may be exactly alike
+        between = min(estimate.between, spread)
+    value = min(max(value, bounds[0]), bounds[1])
+    return TypeParameter(name, value, spread, *bounds, "F", f"{source}; {why}", between)
+
+
+def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
+    """Type of injector from the tables that ``commonrail fleet`` leaves.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder with fleet.json and results.csv.
+    name : str
+        Of the type.
+
+    Returns
+    -------
+    InjectorType
+        Mean and spread of every free parameter over the injectors that were calibrated, see `over_parts`, with the
+        bounds of their study.
+
+    Raises
+    ------
+    InputError
+        If a table cannot be read, is not the one that was written, or fewer than two injectors are in it.
+    ConfigurationError
+        If an argument is of another kind.
+    """
+    folder, name = file_path(folder, "folder"), plain_text(name, "name of a type")
+    record = read_record(folder / FLEET, "commonrail fleet")
+    check_sum(folder / TABLE)
+    columns, count = _columns(folder / TABLE)
+    source = f"fleet: {record['title']}"
+    found = []
+    for own in (p for p in record["parameters"] if p["name"] in columns):  # those of meters are no injector's
+        values, errors = columns[own["name"]], columns[own["name"] + ERROR]
+        there, prior = np.isfinite(values), _prior_of(own)
+        otherwise = float(np.mean(values[there])), prior[1] if prior else math.inf
+        of_data = np.array(without_prior(values[there], errors[there], prior))
+        found.append(_estimated(own["name"], of_data, (own["lower"], own["upper"]), source, otherwise))
+    files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
+    part = TypePart(record["title"], source, files, count)
+    return InjectorType(
+        name,
+        f"{name}: fleet of {count} injectors",
+        tuple(found),
+        (part,),
+        synthetic=record["synthetic"],
+        fixed=tuple(FixedValue(**one) for one in record["fixed"]),
+    )
+
+
+def _columns(path: Path) -> tuple[dict[str, Floats], int]:
+    """Columns of parameters, and of their standard errors, of the injectors that are finished; their number."""
+    table = CsvFile(path, most=MOST_ROWS, plain=True)
+    names = [name_and_unit(cell)[0] for cell in table.header]
+    if "status" not in names:
+        raise InputError(f"{path}: there is no column status; name the folder of commonrail fleet.")
+    rows = [row for _, row in table.rows if row[names.index("status")].strip() == "finished"]
+    if len(rows) < FEWEST_MEMBERS:
+        raise InputError(
+            f"{path}: {len(rows)} injectors are finished, and at least {FEWEST_MEMBERS} are needed for a spread; "
+            "make a type of one part from its run folder."
+        )
+    known = parameter_quantities()
+    wanted = {i: name for i, name in enumerate(names) if name.removesuffix(ERROR) in known}
+    found = {name: np.array([_cell(row[i], path) for row in rows]) for i, name in wanted.items()}
+    return found, len(rows)
+
+
+def _cell(text: str, path: Path) -> float:
+    try:
+        return float(text) if text.strip() else math.nan
+    except ValueError as error:
+        raise InputError(f'{path}: "{text[:40]}" is no number; the table is not the one that was written.') from error

@@ -1,0 +1,305 @@
+"""Joint fit of a family in a run folder, and its resumption: progress, result, report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import click
+
+from commonrail.base.errors import InputError
+from commonrail.base.units import parse, to_text
+from commonrail.cli.console import print_json, print_rows, print_table, say
+from commonrail.cli.fit import end_if_stopped, reported
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import (
+    ClusterAddress,
+    Json,
+    Threads,
+    WorkerCount,
+    check_file,
+    free_run_folder,
+    open_workers,
+    stem_of,
+)
+from commonrail.cli.study_kind import RunOptions, StudyKind
+
+if TYPE_CHECKING:
+    from commonrail.calibration.injector_type import InjectorType
+    from commonrail.plugins.family.fit import FamilyFit
+    from commonrail.runs.fit import Listener
+    from commonrail.workers.workers import Workers
+
+# commonrail family: type file of parts of one type, which were calibrated or are fitted together.
+
+
+@verb
+def family(
+    sources: Annotated[
+        tuple[Path, ...],
+        Argument(
+            metavar="SOURCE",
+            help="Family file whose parts are fitted together; or run folders of `calibrate`, one for each part; or "
+            "the folder of a fleet.",
+        ),
+    ],
+    *,
+    out: Annotated[Path, Option(metavar="TYPE.toml", help="Type file to be written.")],
+    name: Annotated[str | None, Option(help="Name of the type. [default: that of the file]")] = None,
+    part_spread: Annotated[
+        str | None,
+        Option(
+            help="Assumed standard deviation between parts, e.g. 3%, for a type of one part. [default: the priors' of "
+            "its study]"
+        ),
+    ] = None,
+    run: Annotated[
+        Path | None,
+        Option(metavar="RUN", help="New run folder of a family file. [default: runs/<family>-<n>]"),
+    ] = None,
+    models: Annotated[
+        Path | None,
+        Option(metavar="FOLDER", help="New folder for the injector of each part of a family file."),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        Option(min=0, help="Seed of the random numbers of a family file. [default: as in the file]"),
+    ] = None,
+    threads: Threads = None,
+    workers: WorkerCount = None,
+    cluster: ClusterAddress = None,
+    json: Json = False,
+) -> None:
+    """Write a type file from parts of one type.
+
+    A study takes it as start and prior with the key `type`; `commonrail adapt` makes a part's model of it.
+    The joint fit of a family file has a run folder: Ctrl-C stops it with the best values so far and exit
+    status 130, and `commonrail resume RUN` resumes it.
+
+    \b
+    Examples:
+      commonrail family cases/family/family.toml --out cri2.toml --models parts
+      commonrail family runs/part-1 runs/part-2 runs/part-3 --out cri2.toml
+      commonrail family fleets/line-4 --out cri2.toml
+      commonrail family runs/part-1 --part-spread 3% --out cri2.toml
+    """
+    from commonrail.calibration.study_file.type import dump_type, names_injector
+    from commonrail.plugins.family.type import FLEET
+
+    check_file(out, "--out")
+    share = None if part_spread is None else parse(part_spread, "1", "--part-spread")
+    joint = [source for source in sources if source.suffix == ".toml"]
+    if joint and len(sources) > 1:
+        raise InputError(f"{joint[0]}: a family file is a source by itself; name it alone, or run folders only.")
+    if not joint and any(one is not None for one in (run, models, seed, workers, cluster)):
+        raise InputError("--run, --models, --seed, --workers and --cluster: only for a family file; omit them.")
+    if share is not None and (joint or any((source / FLEET).is_file() for source in sources)):
+        raise InputError("--part-spread: only for run folders; omit it for a family file or a fleet.")
+    if joint:
+        with open_workers(workers, cluster) as crew:
+            stated = {key: value for key, value in (("name", name), ("seed", seed)) if value is not None}
+            outcome = run_family(joint[0], run or free_run_folder(stem_of(joint[0])), stated, models, threads, crew)
+        dump_type(outcome.fit.injector_type, out)
+        print_family(outcome, json, out)
+        return
+    found = _from_results(sources, name or out.stem, share)
+    dump_type(found, out)
+    if json:
+        print_json(type_record(found, out))
+    else:
+        print_type(found)
+    if not names_injector(found):
+        say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
+    say(f"wrote {out}")
+
+
+def _from_results(sources: Sequence[Path], name: str, share: float | None) -> InjectorType:
+    from commonrail.plugins.family.type import FLEET, type_from_fleet, type_from_runs
+
+    fleets = [source for source in sources if (source / FLEET).is_file()]
+    if fleets and len(sources) > 1:
+        raise InputError(f"{fleets[0]}: a fleet is a source by itself; name it alone, or run folders only.")
+    if fleets:
+        return type_from_fleet(fleets[0], name)
+    _refuse_twice(sources)
+    return type_from_runs(sources, name, part_spread=share)
+
+
+def _refuse_twice(sources: Sequence[Path]) -> None:
+    """Refuse a run that is named twice, or beside its copy: a part that equals another has no spread.
+
+    Raises
+    ------
+    InputError
+        If there is one.
+    """
+    from commonrail.base.input import fingerprint
+    from commonrail.runs.folder import RESULT
+
+    seen: dict[str, Path] = {}
+    for source in sources:
+        if (source / RESULT).is_file():
+            first = seen.setdefault(fingerprint(source / RESULT), source)
+            if first is not source:
+                raise InputError(f"{source}: this is the same run as {first}; name each part once.")
+
+
+class FamilyOutcome(NamedTuple):
+    """Run folder, its report and the joint fit."""
+
+    folder: Path
+    report: Path
+    fit: FamilyFit
+
+
+def run_family(
+    source: Path,
+    folder: Path,
+    changes: Mapping[str, Any],
+    models: Path | None,
+    threads: int | None,
+    workers: Workers | None,
+) -> FamilyOutcome:
+    """Fit the parts of a family file together in a new run folder, with progress on stderr.
+
+    Parameters
+    ----------
+    source : Path
+        Family file.
+    folder : Path
+        New or empty.
+    changes : mapping
+        Name of the type and seed, in place of those of the file.
+    models : Path or None
+        New folder for the injectors of the parts.
+    threads : int or None
+        None: all processors.
+    workers : Workers or None
+        Simulate in place of this process.
+
+    Raises
+    ------
+    InputError, OutputError, StudyError
+        As `commonrail.plugins.family.run.fit_into`.
+    """
+    from commonrail.plugins.family.run import fit_into
+    from commonrail.plugins.family.study import load_family
+    from commonrail.readers.injector.file import dump_injector
+    from commonrail.runs.folder import create_run_folder, refuse_used
+
+    if models is not None:
+        refuse_used(models)
+    family = replace(load_family(source), **changes)
+    outcome = _told(
+        family.title,
+        folder,
+        lambda listener: fit_into(folder, family, threads=threads, workers=workers, listener=listener),
+    )
+    if models is not None:
+        place = create_run_folder(models)
+        for part, own in outcome.fit.parts.items():
+            dump_injector(own.injector, place / f"{part}.toml", header=f"{family.title}: {part}")
+    return outcome
+
+
+def _resume(folder: Path, options: RunOptions) -> None:
+    from commonrail.plugins.family.run import TYPE, resume_family
+
+    if options.generations:
+        raise InputError(f"--generations: {folder} is the run of a family; state them in a new family file.")
+    with open_workers(options.workers, options.cluster) as workers:
+
+        def resumed(listener: Listener) -> FamilyFit:
+            return resume_family(
+                folder, as_begun=options.as_begun, threads=options.threads, workers=workers, listener=listener
+            )
+
+        outcome = _told(f"resuming {folder}", folder, resumed)
+    print_family(outcome, options.json, folder / TYPE)
+
+
+STUDY = StudyKind(_resume)
+
+
+def _told(title: str, folder: Path, work: Callable[[Listener], FamilyFit]) -> FamilyOutcome:
+    return FamilyOutcome(folder, *reported(title, folder, work))
+
+
+def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
+    """Print the figures of a joint fit; exit status 130 if it was stopped.
+
+    Parameters
+    ----------
+    outcome : FamilyOutcome
+    json : bool
+        Print one record instead of tables.
+    out : Path
+        The type file.
+    """
+    from commonrail.calibration.study_file.type import names_injector
+    from commonrail.plugins.family.file import TEXTS, parts_data
+    from commonrail.report.fit.tables import tables_of
+
+    fit, folder = outcome.fit, outcome.folder
+    if json:
+        print_json(type_record(fit.injector_type, out) | _record_of(outcome))
+    else:
+        for part, data in parts_data(fit).items():
+            click.echo(part)
+            for table in tables_of(data, TEXTS):
+                print_table(table)
+        print_type(fit.injector_type)
+        click.echo(f"report: {outcome.report}")
+    if not names_injector(fit.injector_type):
+        say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
+    say(f"wrote {out}")
+    end_if_stopped(fit.status, folder)
+
+
+def _record_of(outcome: FamilyOutcome) -> dict[str, Any]:
+    from commonrail.plugins.family.file import parts_data
+
+    fit = outcome.fit
+    data = parts_data(fit)
+    return {
+        "run": str(outcome.folder),
+        "report": str(outcome.report),
+        "status": fit.status,
+        "cost": fit.cost,
+        "injections": fit.simulations,
+        "joint": dict(fit.joint),
+        "fits": {name: {"best": dict(part.best), "data": data[name]} for name, part in fit.parts.items()},
+    }
+
+
+def type_record(found: InjectorType, out: Path) -> dict[str, Any]:
+    """Record of a type for ``--json``.
+
+    Parameters
+    ----------
+    found : InjectorType
+    out : Path
+        Its file.
+    """
+    parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in found.parts]
+    values = [
+        {"name": p.name, "value": p.value, "spread": p.spread, "lower": p.lower, "upper": p.upper, "source": p.source}
+        for p in found.parameters
+    ]
+    head = {"schema": 1, "kind": "type", "type": str(out), "name": found.name, "synthetic": found.synthetic}
+    fixed = [{"name": v.name, "value": v.value, "mark": v.mark, "source": v.source} for v in found.fixed]
+    return {**head, "parts": parts, "parameters": values, "fixed": fixed}
+
+
+def print_type(found: InjectorType) -> None:
+    """Print the parameters of a type with their spreads."""
+    from commonrail.physics.injector import parameter_quantities
+
+    if found.synthetic:
+        click.echo(f"SYNTHETIC: {found.synthetic}")
+    units = {name: q.unit for name, q in parameter_quantities().items()}
+    rows = [[p.name, to_text(p.value, units[p.name]), to_text(p.spread, units[p.name])] for p in found.parameters]
+    rows += [[v.name, to_text(v.value, units[v.name]), "fixed"] for v in found.fixed]
+    print_rows(["parameter", "value", "spread"], rows, found.title, texts=1)

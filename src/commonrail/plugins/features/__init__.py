@@ -1,0 +1,1 @@
+"""Features of measured traces on the command line."""

@@ -1,0 +1,176 @@
+"""commonrail features: delays, ramps, rates and quantities of measured traces, or of a run beside its simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import click
+
+from commonrail.base.errors import InputError
+from commonrail.base.units import parse
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, check_file, read_energisings
+
+if TYPE_CHECKING:
+    from commonrail.data.features.settings import FeatureSettings
+    from commonrail.engine.operating_point import Energising
+    from commonrail.plugins.features.file import RateColumns
+    from commonrail.readers.columns import FileForm
+
+
+@verb
+def features(
+    source: Annotated[
+        Path, Argument(metavar="FILE|RUN", help="File with a time and one or more rates, or a run folder.")
+    ],
+    *,
+    time: Annotated[str, Option(help="Column of the time.")] = "time",
+    rate: Annotated[
+        tuple[str, ...],
+        Option(help="Column of a rate, a shot each; repeatable. [default: all with a unit of a rate]"),
+    ] = (),
+    time_unit: Annotated[str | None, Option(help="Unit of the time, if the file has none.")] = None,
+    rate_unit: Annotated[str | None, Option(help="Unit of the rates, if the file has none.")] = None,
+    centred: Annotated[
+        bool, Option("--centred", help="Samples are means around their times, not before them.")
+    ] = False,
+    window: Annotated[str | None, Option(metavar="BEGIN:END", help="Times that count. [default: all]")] = None,
+    energising_time: Annotated[
+        str | None, Option(help="Energising time from time 0, e.g. 700us; delays need it.")
+    ] = None,
+    energising: Annotated[
+        tuple[str, ...], Option(metavar="START:DURATION", help="One of several energisings; repeatable.")
+    ] = (),
+    threshold: Annotated[
+        str, Option(help="Rate of opening and closing: a share of the largest, or e.g. 2mm3/ms.")
+    ] = "10%",
+    split: Annotated[str, Option(help="Share of the smaller peak below which fused injections are divided.")] = "50%",
+    averaging: Annotated[
+        str | None, Option(help="Time over which rates are averaged. [default: a sample; to 25us in noise]")
+    ] = None,
+    tail: Annotated[str, Option(help="Time beyond opening and closing that counts for the quantity.")] = "500us",
+    zero_at_rest: Annotated[
+        bool, Option("--zero-at-rest", help="Subtract the mean rate before the first energising.")
+    ] = False,
+    separate: Annotated[
+        bool, Option("--separate", help="The rates are of different operating points, no repeated shots.")
+    ] = False,
+    encoding: Annotated[str | None, Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: utf-8]")] = None,
+    decimal: Annotated[str, Option(help='Decimal sign of a text, "." or ",".')] = ".",
+    sheet: Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
+    model: Annotated[str, Option(help="Simulation of a run: best, start or rigid.")] = "best",
+    out: Annotated[Path | None, Option(metavar="FILE.csv", help="Table of all features.")] = None,
+    json: Json = False,
+) -> None:
+    """Find delays, ramps, rates and quantities in traces.
+
+    Several rates of a file count as repeated shots: mean and scatter are shown with intervals, and shots that stand
+    apart are named. Of a run folder, measured and simulated features stand side by side.
+
+    \b
+    Examples:
+      commonrail features data/evi.csv --energising-time 700us
+      commonrail features train.csv --energising 0us:200us --energising 900us:600us --out features.csv
+      commonrail features bench.txt --encoding cp1252 --decimal , --energising-time 700us
+      commonrail features runs/first --threshold 2mm3/ms
+    """
+    from commonrail.data.features.settings import FeatureSettings
+    from commonrail.plugins.features.file import RateColumns
+
+    check_file(out, "--out")
+    settings = FeatureSettings(
+        threshold, split=parse(split, "1", "--split"), averaging=averaging, tail=tail, zero_at_rest=zero_at_rest
+    )
+    pulses = _energisings(energising_time, energising)
+    if source.is_dir():
+        if rate or pulses:
+            raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
+        _print_run(source, model, settings, out, json)
+        return
+    form = _form(encoding, decimal, sheet)
+    columns = RateColumns(time, rate, time_unit, rate_unit, centred, _window(window), form)
+    _print_file(source, _Wanted(columns, pulses, settings, not separate), out, json)
+
+
+def _energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...]:
+    from commonrail.engine.operating_point import OperatingPoint
+
+    if duration is None and not pulses:
+        return ()
+    return OperatingPoint(100e6, read_energisings(duration, pulses)).pulses
+
+
+def _form(encoding: str | None, decimal: str, sheet: str | None) -> FileForm:
+    from commonrail.readers.columns import FileForm, check_encoding
+
+    if decimal not in (".", ","):
+        raise InputError(f'--decimal {decimal}: the decimal sign of a text is "." or ",".')
+    return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal, sheet or "")
+
+
+def _window(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    begin, colon, end = text.partition(":")
+    if not colon:
+        raise InputError(f"--window {text}: expected BEGIN:END, such as 0us:3000us.")
+    return parse(begin, "s", "--window"), parse(end, "s", "--window")
+
+
+class _Wanted(NamedTuple):
+    """Columns of a file, energisings, settings, and whether several rates are repeated shots."""
+
+    columns: RateColumns
+    energisings: tuple[Energising, ...]
+    settings: FeatureSettings
+    repeated: bool
+
+
+def _print_file(path: Path, wanted: _Wanted, out: Path | None, json: bool) -> None:
+    from commonrail.data.features.features import features as find
+    from commonrail.data.features.shots import shot_statistics
+    from commonrail.plugins.features.file import are_repeated, read_rates
+    from commonrail.plugins.features.page import feature_sentences, feature_table, shot_table
+    from commonrail.runs.features import features_record, write_features
+
+    traces = read_rates(path, wanted.columns, wanted.energisings)
+    found = {name: find(trace, settings=wanted.settings) for name, trace in traces.items()}
+    repeated = wanted.repeated and len(found) > 1 and are_repeated(list(found))
+    shots = shot_statistics(list(found.values())) if repeated else ()
+    if out is not None:
+        write_features(out, found)
+    if json:
+        print_json(features_record(found, shots) | {"files": [str(out)] if out else []})
+        return
+    for name, one in found.items():
+        if not shots and one.injections:
+            print_table(feature_table(name, one))
+        for line in feature_sentences(name, one):
+            click.echo(line)
+    if shots:
+        click.echo("")
+        print_table(shot_table(shots, len(found)))
+    if out is not None:
+        say(f"wrote {out}")
+
+
+def _print_run(folder: Path, model: str, settings: FeatureSettings, out: Path | None, json: bool) -> None:
+    from commonrail.plugins.features.page import compared_table, feature_sentences
+    from commonrail.runs.features import compared_record, run_features, write_compared
+
+    found = run_features(folder, model, settings)
+    if out is not None:
+        write_compared(out, found)
+    if json:
+        print_json(compared_record(found) | {"files": [str(out)] if out else []})
+        return
+    for one in found:
+        print_table(compared_table(one))
+        for line in (*feature_sentences(one.name, one.measured), *feature_sentences("simulated", one.simulated)):
+            click.echo(line)
+        click.echo("")
+    if out is not None:
+        say(f"wrote {out}")

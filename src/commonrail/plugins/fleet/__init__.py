@@ -1,0 +1,1 @@
+"""Many injectors, each calibrated by one study."""

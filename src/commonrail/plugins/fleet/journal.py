@@ -1,0 +1,332 @@
+"""The journal of a fleet: one SQLite file that keeps every injector as soon as it is done."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from commonrail.base.errors import StudyError
+from commonrail.base.input import fingerprint, sha256
+from commonrail.compiler.target import package_versions
+from commonrail.plugins.fleet.member import Attempt, shared_files
+from commonrail.plugins.fleet.study import MISSING_FILE, Fleet, Supply
+from commonrail.readers.injector.meters import free_names
+from commonrail.runs.journal import JournalFile, facts, now
+from commonrail.runs.lock import trusted
+from commonrail.runs.seals import put
+from commonrail.runs.tables import Schema
+
+# Fingerprints under which an injector's result is booked: those of what its worker read.
+
+Inputs = Mapping[str, str]
+
+
+class Booking:
+    """Comparison of what the workers of a fleet read with what they were given.
+
+    Parameters
+    ----------
+    supply : Supply
+    shared : mapping of Path to str
+        SHA-256 of the files that are the same for all injectors, as they were when the fleet began.
+    """
+
+    def __init__(self, supply: Supply, shared: Mapping[Path, str]) -> None:
+        self.supply = supply
+        self._seen = dict(shared)
+        self._written: dict[str, Mapping[Path, str]] = {}
+
+    def hand_out(self, name: str, study: Path) -> Path:
+        """Note the files that were written for an injector, of which `study` is one; returns that."""
+        folder = study.absolute().parent
+        self._written[name] = {path: fingerprint(path) for path in folder.iterdir() if path.is_file()}
+        return study
+
+    def book(self, name: str, attempt: Attempt, before: Inputs) -> tuple[Attempt, Inputs]:
+        """Attempt and fingerprints of the data to be kept.
+
+        Data that were changed while the fleet ran are booked as what they were when they were read. Where another file
+        was changed, the attempt has failed, and has no fingerprints: the next run repeats it.
+
+        Parameters
+        ----------
+        name : str
+        attempt : Attempt
+        before : mapping of str to str
+            Fingerprints of the injector's data from when the fleet began.
+        """
+        written = self._written.pop(name, {})
+        if not attempt.files:
+            return attempt, before
+        inputs = self.supply.fingerprints_read(name, attempt.files)
+        data = set(inputs.values())
+        for path, digest in attempt.files.items():
+            if path in written or digest not in data:
+                expected = written.get(path) or self._seen.setdefault(path, digest)
+                if expected != digest:
+                    reason = f"{path}: the file was changed while the fleet ran; run the fleet again."
+                    return Attempt({}, reason, attempt.seconds), {}
+        return attempt, inputs
+
+
+JOURNAL, LOCK = "fleet.sqlite", "fleet.lock"
+FINISHED, FAILED = "finished", "failed"
+
+FLEET = Schema(
+    """
+CREATE TABLE about (name TEXT PRIMARY KEY, text TEXT NOT NULL, seal TEXT NOT NULL);
+CREATE TABLE input (name TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, seal TEXT NOT NULL);
+CREATE TABLE injector (
+    name TEXT PRIMARY KEY,
+    status TEXT NOT NULL,       -- finished or failed
+    reason TEXT NOT NULL,       -- of a failure
+    attempts INTEGER NOT NULL,
+    inputs TEXT NOT NULL,       -- JSON: fingerprint of each of its data files
+    record TEXT NOT NULL,       -- JSON: see task.calibrate_file
+    seconds REAL NOT NULL,      -- processor time
+    ended TEXT NOT NULL,        -- UTC
+    seal TEXT NOT NULL          -- in every table: see runs/seals.py
+);""",
+    "{path} is not the journal of a fleet: it holds other tables; name the fleet's own folder.",
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Outcome of an injector.
+
+    Attributes
+    ----------
+    name, status, reason : str
+        `status` is "finished" or "failed".
+    attempts : int
+    inputs : mapping of str to str
+        Fingerprint of each of its data files.
+    record : mapping
+        What `task.calibrate_file` returned; empty if it failed.
+    seconds : float
+        Processor time [s].
+    """
+
+    name: str
+    status: str
+    reason: str
+    attempts: int
+    inputs: Mapping[str, str]
+    record: Mapping[str, Any]
+    seconds: float
+
+
+class Journal(JournalFile):
+    """The journal of a fleet, a `JournalFile`: what was written survives a killed process, and a power cut too."""
+
+    NAME, LOCK, SCHEMA = JOURNAL, LOCK, FLEET
+    HOLDER = "{here} since {since}"
+    HELD = "{folder}: another fleet is at work here ({holder}); wait for it, or end it."
+    NEW = "it has just begun"
+    DURABLE = True
+
+    def inputs(self) -> dict[str, str]:
+        """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
+        with trusted(self.path):
+            return {str(name): str(fingerprint) for name, fingerprint in self._table("input")}
+
+    def write_inputs(self, inputs: Mapping[str, str]) -> None:
+        """Keep the fingerprints of a new fleet."""
+        kept = [put("input", *item) for item in inputs.items()]
+        self._write(("DELETE FROM input", ()), *kept)
+
+    @property
+    def targets(self) -> list[dict[str, str]]:
+        """Versions, and the processor that was compiled for, of the processes that have calibrated; the latest last."""
+        with trusted(self.path):
+            found = json.loads(dict(self._table("about")).get("targets", "[]"))
+            return [{str(name): str(text) for name, text in target.items()} for target in found]
+
+    def note_target(self, target: Mapping[str, str]) -> None:
+        """Keep the target of this process as the latest, if it is not that already."""
+        if self.targets[-1:] != [target]:
+            self._write(*facts([("targets", json.dumps([*self.targets, target]))]))
+
+    def entries(self) -> dict[str, Entry]:
+        """All injectors that are done, by name."""
+        with trusted(self.path):
+            return {str(row[0]): _entry(row) for row in self._table("injector")}
+
+    def write(self, entry: Entry) -> None:
+        """Keep an injector; one that is there is replaced."""
+        texts = [json.dumps(part, sort_keys=True, allow_nan=False) for part in (entry.inputs, entry.record)]
+        self._write(
+            put("injector", entry.name, entry.status, entry.reason, entry.attempts, *texts, entry.seconds, now())
+        )
+
+
+def _entry(row: tuple[Any, ...]) -> Entry:
+    name, status, reason, attempts, inputs, record, seconds, _ = row
+    if status not in (FINISHED, FAILED) or not 0.0 <= seconds < math.inf:
+        raise ValueError("an injector's state")
+    fingerprints = {str(source): str(text) for source, text in json.loads(inputs).items()}
+    return Entry(str(name), status, str(reason), int(attempts), fingerprints, dict(json.loads(record)), float(seconds))
+
+
+# Injectors that an earlier run has calibrated: taken over if they are this fleet's, to these data, and undamaged.
+
+_CURE = "bring it back as it was, or take another folder."
+
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
+
+
+class _Costs(_Part):
+    start: float | None
+    best: float
+
+
+class _Data(_Part):
+    name: str
+    role: str
+    measure: str
+    unit: str
+    start: float | None
+    best: float | None
+
+
+class _Prior(_Part):
+    value: float
+    sigma: float
+
+
+class _Parameter(_Part):
+    best: float
+    standard_error: float | None
+    verdict: str
+    position: float
+    at_bound: bool
+    lower: float
+    upper: float
+    prior: _Prior | None = None
+
+
+class _Fixed(_Part):
+    name: str
+    value: float
+    mark: str
+    source: str
+
+
+class _Warning(_Part):
+    code: str
+    subject: str
+    sentence: str
+
+
+class _Record(_Part):
+    seed: Count
+    synthetic: str
+    J: _Costs
+    slots: Count
+    simulated: Count
+    failed: Count
+    data: list[_Data]
+    fixed: list[_Fixed]
+    parameters: dict[str, _Parameter]
+    warnings: list[_Warning]
+
+
+def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> None:
+    """Refuse what no worker has told, or has told of another template.
+
+    Parameters
+    ----------
+    fleet : Fleet
+    entries : mapping of str to Entry
+    folder : Path
+        Of the journal that holds them.
+
+    Raises
+    ------
+    StudyError
+        If there is such a record.
+    """
+    model = fleet.template.model
+    data, parameters = {d.name for d in model.data}, {p.name for p in model.parameter} | {*free_names(model.meters)}
+    with trusted(folder / JOURNAL):
+        for entry in entries.values():
+            if entry.status == FINISHED:
+                found = _Record.model_validate(entry.record)
+                if not {part.name for part in found.data} <= data or set(found.parameters) != parameters:
+                    raise ValueError("other data sets or parameters than the template's")
+
+
+def entries_of(
+    fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: Journal, shared: Mapping[Path, str]
+) -> dict[str, Entry]:
+    """Injectors of a fleet that are done; to a journal without any, the fleet is made known.
+
+    Parameters
+    ----------
+    fleet : Fleet
+    inputs : mapping
+        Fingerprints of the data files of each injector.
+    journal : Journal
+    shared : mapping of Path to str
+        As `read_shared` returns it.
+
+    Raises
+    ------
+    StudyError
+        If another fleet was begun there, or an injector was calibrated to other data; some may have been added.
+    """
+    folder, entries = journal.path.parent, journal.entries()
+    now, before = _common(fleet, shared), journal.inputs()
+    if entries and not before:
+        raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
+    if entries and (changed := _changed(before, now)):
+        raise StudyError(f"{folder} {_difference(changed, before, now)}; {_CURE}")
+    journal.write_inputs(now)  # while nothing is calibrated, a fault of the template may be mended
+    for name, entry in entries.items():
+        if entry.status == FAILED:
+            continue
+        if name not in inputs:
+            raise StudyError(f'{folder} has injector "{name}", which {fleet.supply.path} has no more; {_CURE}')
+        own = inputs[name]
+        if own != entry.inputs:
+            changed = next(s for s in {**entry.inputs, **own} if entry.inputs.get(s) != own.get(s))
+            what = "is missing now" if own.get(changed) == MISSING_FILE else "has changed since"
+            raise StudyError(
+                f'{folder} has injector "{name}" calibrated to other data: its file of "{changed}" {what}; {_CURE}'
+            )
+    found = {name: entry for name, entry in entries.items() if name in inputs}
+    check_entries(fleet, found, folder)
+    return found
+
+
+def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Name of an input that is another now, "" if there is none."""
+    return next((name for name in {**before, **now} if before.get(name) != now.get(name)), "")
+
+
+def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
+    """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
+    template = fleet.template
+    found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
+    found |= {f"version of {name}": version for name, version in package_versions().items()}
+    found[f"file {template.path.name}"] = sha256(template.text.encode())
+    names = {Path(os.path.abspath(path)): name for name, path in shared_files(template).items()}
+    return found | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}
+
+
+def _difference(name: str, before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    if name.startswith("file "):
+        return f"was begun with another {name.removeprefix('file ')}"
+    return f'was begun with {name} "{before.get(name, "")}", and it is "{now.get(name, "")}" now'

@@ -1,0 +1,272 @@
+"""The study of one injector, made from the template: its own data files, title and seed; all paths absolute."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.base.errors import CommonrailError
+from commonrail.base.input import noting_files, read_plain, sha256
+from commonrail.base.output import write_text, writing
+from commonrail.base.text import number
+from commonrail.calibration.result import warning_records
+from commonrail.calibration.run import Calibration, calibrate
+from commonrail.calibration.scoring import scores_of
+from commonrail.calibration.study import Study
+from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file.type import load_type
+from commonrail.data.base import DataSet, Score
+from commonrail.physics.injector import Injector
+from commonrail.plugins.certainty.linear import Near, certify_near
+from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.limits import ALLOW, Reach
+from commonrail.readers.location import Place, located
+
+_COURSES = ("rail_pressure", "cylinder_pressure", "return_pressure", "drive")  # of a curve; tables if they are measured
+_LONGEST = 80  # characters of a folder's name
+
+
+def seed_of(seed: int, name: str) -> int:
+    """Seed of an injector's search, from the fleet's seed and its name; its place in the table plays no part."""
+    return int(sha256(f"{seed}\n{name}".encode())[:15], 16)  # 60 bits: a whole number of TOML has 63
+
+
+def folders_of(names: Sequence[str]) -> dict[str, str]:
+    """Folder for each injector: its name, if that makes a folder's name of its own, else with some digits added."""
+    plain = {name: re.sub(r"[^A-Za-z0-9._-]", "_", name)[:_LONGEST] for name in names}
+    counts = Counter(folder.lower() for folder in plain.values())  # some systems do not tell A from a
+    return {
+        name: folder
+        if folder == name and counts[folder.lower()] == 1 and folder.strip(".")
+        else f"{folder}-{sha256(name.encode())[:8]}"
+        for name, folder in plain.items()
+    }
+
+
+def write_study(fleet: Fleet, name: str, folder: Path) -> Path:
+    """Write the study of an injector, and its data if they are rows of a table; returns the study's path.
+
+    Parameters
+    ----------
+    fleet : Fleet
+    name : str
+        Of the injector.
+    folder : Path
+        Made if it is not there.
+
+    Notes
+    -----
+    The study can be run by itself, with the same result: ``commonrail calibrate FOLDER/study.toml``.
+    """
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    files = fleet.supply.deliver(name, folder)
+    path = folder / "study.toml"
+    write_text(path, _text(fleet, name, files))
+    return path
+
+
+def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
+    import tomlkit  # slow to import
+
+    template = fleet.template
+    base = template.path.parent
+    tables = {ALLOW: True} | dict(template.document)  # the paths are absolute, and lead out of the member's folder
+    tables["title"] = f"{template.model.title}: injector {name}"
+    tables["seed"] = seed_of(fleet.seed, name)
+    tables["injector"] = _absolute(base, tables["injector"]) if _is_file(tables["injector"]) else tables["injector"]
+    if "type" in tables:
+        tables["type"] = _absolute(base, tables["type"])
+    tables["data"] = [_data(data, files, base) for data in template.document["data"] if data["name"] in files]
+    if "meters" in tables:
+        seen = {data.get("meter") for data in tables["data"]}
+        tables["meters"] = {n: m for n, m in tables["meters"].items() if n in seen or _is_fitted(m)}
+    return f"# Made by commonrail fleet from {template.path.name}.\n{tomlkit.dumps(tables)}"
+
+
+def _is_fitted(meter: Mapping[str, Any]) -> bool:
+    """True if any quantity of a meter's table has bounds."""
+    return any(isinstance(value, Mapping) and "lower" in value for value in meter.values())
+
+
+def _data(data: Mapping[str, Any], files: Mapping[str, Path], base: Path) -> dict[str, Any]:
+    own = dict(data, file=str(files[data["name"]].absolute()))
+    for key in _COURSES:
+        if isinstance(own.get(key), dict) and "file" in own[key]:
+            own[key] = dict(own[key], file=_absolute(base, own[key]["file"]))
+    if "dead_times" in own:
+        dead = files.get(data["name"] + DEAD_TIMES)
+        if dead is None:
+            del own["dead_times"]
+        else:
+            own["dead_times"] = dict(own["dead_times"], file=str(dead.absolute()))
+    return own
+
+
+def shared_files(template: Template) -> dict[str, Path]:
+    """Files that are the same for all injectors, by the names that the template gives them."""
+    names = [template.model.injector] if _is_file(template.model.injector) else []
+    names += [template.model.type] if template.model.type else []
+    for data in template.document["data"]:
+        courses = [data[key] for key in _COURSES if isinstance(data.get(key), dict)]
+        names += [course["file"] for course in courses if "file" in course and data["name"] not in template.left_out]
+    return {name: template.path.parent / name for name in names}
+
+
+def read_shared(template: Template) -> dict[Path, str]:
+    """SHA-256 of those files, and of the files that the injector's file names in turn.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read.
+    """
+    with noting_files() as noted, located(Place(str(template.path))):
+        for name, path in shared_files(template).items():
+            if name == template.model.injector:
+                load_injector(path, Reach(template.path, outside=True))
+            elif name == template.model.type:
+                load_type(path, Reach(template.path, outside=True))
+            read_plain(path)
+    return noted
+
+
+def _is_file(injector: str) -> bool:
+    return injector.endswith(".toml")
+
+
+def _absolute(base: Path, file: str) -> str:
+    return str((base / file).absolute())
+
+
+# Calibration of one injector on a worker, and the record that is kept of it.
+
+
+class Attempt(NamedTuple):
+    """Outcome of an injector on its worker.
+
+    Attributes
+    ----------
+    record : mapping
+    reason : str
+        Sentence of an error if it cannot be calibrated.
+    seconds : float
+        Processor time [s].
+    files : mapping of Path to str
+        SHA-256 of each file as it was read.
+    """
+
+    record: Mapping[str, Any]
+    reason: str
+    seconds: float
+    files: Mapping[Path, str] = {}
+
+
+def failed(error: CommonrailError, seconds: float = 0.0) -> Attempt:
+    """Attempt that ended with an error."""
+    return Attempt({}, " ".join(str(error).split()), seconds)
+
+
+class Calibrations:
+    """Calibrations of the injectors of a fleet: the work of its workers.
+
+    Parameters
+    ----------
+    first : Study or None
+        One of them, to try a worker with.
+    """
+
+    def __init__(self, first: Study | None) -> None:
+        self.first = first
+
+    def __call__(self, given: Study | Path) -> Attempt:
+        """Attempt at a study, which may be its file."""
+        start = time.thread_time()  # on a busy machine too it says what the work costs
+        try:
+            study = load_study(given) if isinstance(given, Path) else given
+            record = calibrate_study(study)
+        except CommonrailError as error:
+            return failed(error, time.thread_time() - start)
+        return Attempt(record, "", time.thread_time() - start, dict(study.files))
+
+    @property
+    def same_bits(self) -> bool:
+        """As the studies have it."""
+        return self.first is not None and self.first.same_bits
+
+    def probe(self) -> bytes:
+        """Figures of the first study's start values; what every study needs is loaded then."""
+        if self.first is None:
+            return b""
+        scores = scores_of(self.first, self.first.injector, 1)["best"]
+        return json.dumps([_data_record(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]).encode()
+
+
+def calibrate_study(study: Study) -> dict[str, Any]:
+    """Calibrate the study of an injector on one thread.
+
+    Returns
+    -------
+    dict
+        "seed", "synthetic", "J" of start and best, "slots", "simulated", "failed" candidates, "data", "parameters" and
+        "warnings".
+
+    Raises
+    ------
+    CommonrailError
+        If the study cannot be run, or no candidate can be simulated.
+    """
+    calibration = calibrate(study, threads=1)
+    if calibration.status != "finished":
+        raise KeyboardInterrupt
+    counts = calibration.counts
+    return {
+        "seed": study.seed,
+        "synthetic": study.synthetic,
+        "J": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
+        "slots": counts.slots,
+        "simulated": counts.simulated,
+        "failed": counts.failed,
+        "data": [
+            _data_record(d, calibration.scores["start"][i], calibration.scores["best"][i])
+            for i, d in enumerate(study.data)
+        ],
+        "fixed": [_fixed(study.injector, name) for name in study.fixed],
+        "parameters": _parameters(calibration, certify_near(study, calibration.best, 1)),
+        "warnings": warning_records(calibration.warnings),
+    }
+
+
+def _fixed(injector: Injector, name: str) -> dict[str, Any]:
+    mark, source = injector.sources[name]
+    return {"name": name, "value": injector.values[name], "mark": mark, "source": source}
+
+
+def _data_record(data: DataSet, start: Score, best: Score) -> dict[str, Any]:
+    measure, unit = data.error_head
+    found = {"name": data.name, "role": data.role.value, "measure": measure, "unit": unit}
+    return found | {"start": number(start.error), "best": number(best.error)}
+
+
+def _parameters(calibration: Calibration, certain: Mapping[str, Near]) -> dict[str, dict[str, Any]]:
+    space = calibration.study.space
+    found = {}
+    for p in space.parameters:
+        best = calibration.best[p.name]
+        found[p.name] = {
+            "best": best,
+            "standard_error": certain[p.name].standard_error,
+            "verdict": certain[p.name].verdict.value,
+            "position": p.position(best),
+            "at_bound": p.is_at_bound(best),
+            "lower": p.lower,
+            "upper": p.upper,
+            "prior": None if p.prior is None else {"value": p.prior.value, "sigma": p.prior.sigma},
+        }
+    return found

@@ -1,0 +1,272 @@
+"""The page of a fleet: how the fit and the parameters spread, the worst injectors, the failures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from commonrail.base.chart import Boxes, Figure, HeatMap, Panel, Series
+from commonrail.base.errors import InputError
+from commonrail.base.output import write_text
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import duration, fixed, listed, number, percent, quantity, significant
+from commonrail.data.records import Record
+from commonrail.plugins.fleet.file import RECORD
+from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
+from commonrail.report.draw.figure import drawings, small_html
+from commonrail.report.draw.heat_map import heat_map_html
+from commonrail.report.html import render
+from commonrail.report.result_kind import ResultKind
+
+SHOWN = 100  # failures that the page lists
+# Keys of a spread, and what a table calls them.
+_QUARTILES = {
+    "minimum": "least",
+    "q1": "lower quartile",
+    "median": "median",
+    "q3": "upper quartile",
+    "maximum": "greatest",
+}
+
+
+def _page(record: Record, folder: Path) -> str:
+    """Refuse: the page names the file of the fleet, which the folder does not hold."""
+    raise InputError(
+        f"{folder}: this is the folder of a fleet; `commonrail fleet FLEET --out {folder}` makes its report."
+    )
+
+
+RESULT = ResultKind(RECORD, "fleet", "fleet", _page)
+
+
+def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
+    """Write ``report.html`` of a fleet.
+
+    Parameters
+    ----------
+    folder : Path
+    record : mapping
+    command : str
+        Line that continues or repeats the fleet.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    path = folder / "report.html"
+    write_text(path, fleet_html(record, command))
+    return path
+
+
+def fleet_html(record: Record, command: str) -> str:
+    """The page of a fleet."""
+    return render(
+        "fleet.html",
+        kind="Fleet",
+        record=record,
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
+        lines=fleet_lines(record),
+        warnings=fleet_warnings(record),
+        tables=fleet_tables(record),
+        figures=drawings(fleet_figures(record), 380),
+        heat=_correlations(record),
+        classes=[
+            (figure, small_html(figure, f"class-{i}")) for i, figure in enumerate(histograms(record, _names(record)))
+        ],
+        each=each_injector(record),
+        commands=[("Go on with this fleet, or write its results again", command)],
+        facts=_facts(record),
+    )
+
+
+def fleet_lines(record: Record) -> list[str]:
+    """Sentences on the number of calibrated injectors, their errors, and the parameters that the data determine."""
+    counts, best, start = record["counts"], record["J"]["best"], record["J"]["start"]
+    lines = [f"{counts['finished']} of {_injectors(counts['injectors'])} calibrated, {counts['failed']} failed."]
+    if counts["pending"]:
+        lines.append(f"{_injectors(counts['pending'])} not done yet: the same command goes on.")
+    if best and start:
+        lines.append(
+            f"J of the fitted data fell from {significant(start['median'])} to {significant(best['median'])} "
+            f"(medians); of half the injectors it lies between {significant(best['q1'])} and {significant(best['q3'])}."
+        )
+    bounded = [p["name"] for p in record["parameters"] if p["at_bound"] > 0.05 * counts["finished"]]
+    if bounded:
+        lines.append(
+            f"At a bound in more than 5 % of the injectors: {listed(bounded)}; widen it if the part allows it."
+        )
+    return lines
+
+
+def fleet_warnings(record: Record) -> list[str]:
+    """For each kind of warning, how many injectors have it, and the sentence of the first."""
+    total = record["counts"]["finished"]
+    return [
+        f"{w['injectors']:,} of {_injectors(total)}: {w['code']}. The first, {w['first']}: {w['sentence']}"
+        for w in record["warnings"]
+    ]
+
+
+def _injectors(count: int) -> str:
+    return f"{count:,} injector{'' if count == 1 else 's'}"
+
+
+def fleet_tables(record: Record) -> list[Table]:
+    """Fit of the data sets, parameters, what the data pin down, worst injectors and failures."""
+    tables = [_data_table(record), _parameter_table(record), _verdict_table(record), _worst_table(record)]
+    return [table for table in (*tables, outlier_table(record), _failure_table(record)) if table.rows]
+
+
+def _names(record: Record) -> dict[str, str]:
+    names = [p["name"] for p in record["parameters"]]
+    return dict(zip(names, short_names(names), strict=True))
+
+
+def _correlations(record: Record) -> tuple[HeatMap, str] | None:
+    heat = correlation_map(record, _names(record))
+    return None if heat is None else (heat, heat_map_html(heat, "correlations"))
+
+
+def _data_table(record: Record) -> Table:
+    columns: list[Column] = [
+        ("data set", "name"),
+        ("role", "role"),
+        ("error", lambda d: f"{d['measure']}, {d['unit'].replace('mm3', 'mm³')}"),
+        ("injectors", "injectors"),
+        ("start, median", lambda d: significant((d["start"] or {}).get("median"), 4)),
+        *((head, lambda d, key=key: significant((d["best"] or {}).get(key), 4)) for key, head in _QUARTILES.items()),
+    ]
+    note = "Errors of the calibrated injectors; those of the start values in one column."
+    return tabulated("Error of each data set over the fleet", record["data"], columns, note, 3)
+
+
+def _parameter_table(record: Record) -> Table:
+    def apart(p: Record) -> str:
+        spread, median = p["best"], p["best"]["median"]
+        return percent((spread["q3"] - spread["q1"]) / abs(median) if median else None)
+
+    columns: list[Column] = [
+        ("parameter", "name"),
+        *((head, lambda p, key=key: quantity(p["best"][key], p["unit"])) for key, head in _QUARTILES.items()),
+        ("between quartiles, %", apart),
+        ("at a bound", "at_bound"),
+    ]
+    note = "The share is that of the distance between the quartiles in the median; “at a bound” counts injectors."
+    return tabulated("Calibrated parameters over the fleet", record["parameters"], columns, note)
+
+
+def _verdict_table(record: Record) -> Table:
+    total: Counter[str] = Counter()
+    for p in record["parameters"]:
+        total.update(p["verdicts"])
+    columns: list[Column] = [
+        ("parameter", "name"),
+        *((v, lambda p, v=v: str(p["verdicts"].get(v, 0))) for v, _ in total.most_common()),
+    ]
+    note = (
+        "Number of injectors. What is not pinned must not be read as a measurement of the part. Intervals: "
+        f"{record['estimator']}."
+    )
+    return tabulated("What the data pin down", record["parameters"], columns, note)
+
+
+def _worst_table(record: Record) -> Table:
+    median = (record["J"]["best"] or {}).get("median")
+
+    def times(w: Record) -> str:
+        best = number(w["J"]["best"])
+        return fixed(best / median if best is not None and median else None, 2)
+
+    columns: list[Column] = [
+        ("injector", "injector"),
+        ("J, start", lambda w: significant(w["J"]["start"])),
+        ("J, calibrated", lambda w: significant(number(w["J"]["best"]))),
+        ("times the median", times),
+        ("parameters at a bound", lambda w: listed(w["at_bound"]) or "none"),
+    ]
+    note = "Each has a study of its own in the folder “injectors”, which commonrail calibrate runs to the same result."
+    return tabulated("Worst fits", record["worst"], columns, note)
+
+
+def _failure_table(record: Record) -> Table:
+    failures = record["failures"]
+    more = len(failures) - SHOWN
+    note = f"{more:,} more are in results.csv." if more > 0 else ""
+    columns: list[Column] = [("injector", "injector"), ("reason", "reason")]
+    return tabulated("Failures", failures[:SHOWN], columns, note, 2)
+
+
+def fleet_figures(record: Record) -> list[Figure]:
+    """J over the share of the fleet, and where between their bounds the parameters lie."""
+    return [_cost_figure(record), _position_figure(record)] if record["parameters"] else []
+
+
+def _cost_figure(record: Record) -> Figure:
+    texts = {"start": "start values", "best": "calibrated"}
+    series = [_sorted_series(text, look, record["curve"][look]) for look, text in texts.items()]
+    values = [v for look in texts for v in record["curve"][look]]
+    wide = min(values) > 0.0 and max(values) > 20.0 * min(values)
+    return Figure(
+        "Objective over the fleet",
+        "Injectors sorted by J, for start and calibrated values apart: nine of ten are below the J at 90 %.",
+        "share of the injectors, %",
+        (Panel("J of the fitted data", tuple(series), logarithmic=wide),),
+    )
+
+
+def _sorted_series(text: str, look: str, values: Sequence[float]) -> Series:
+    last = max(len(values) - 1, 1)
+    x = tuple(100.0 * i / last for i in range(len(values)))
+    return Series(text, look, x, tuple(values), "lines" if len(values) > 1 else "markers")
+
+
+def _position_figure(record: Record) -> Figure:
+    parameters = record["parameters"]
+    boxes = tuple(_box(p["position"]) for p in parameters)
+    panel = Panel(
+        "place between the bounds, %",
+        (),
+        boxes=(Boxes("calibrated", "best", boxes),),
+        categories=tuple(short_names([p["name"] for p in parameters])),
+    )
+    return Figure(
+        "Calibrated parameters between their bounds",
+        "Least, quartiles and greatest over the fleet; 0 % is the lower bound and 100 % the upper one.",
+        "parameter",
+        (panel,),
+    )
+
+
+def _box(position: Record) -> tuple[float, float, float, float, float]:
+    low, q1, median, q3, high = (100.0 * float(position[key]) for key in _QUARTILES)
+    return low, q1, median, q3, high
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Names without their room, where that tells them apart."""
+    counts = Counter(name.rpartition(".")[2] for name in names)
+    return [short if counts[short := name.rpartition(".")[2]] == 1 else name for name in names]
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    clock = record["clock"]
+    each = (clock["core_seconds_of_an_injector"] or {}).get("median")
+    return [
+        ("Study", f"{record['study']['title']} ({record['study']['file']})"),
+        ("Table", record["table"]),
+        ("Seed", str(record["seed"])),
+        ("Processor time of an injector", f"{duration(each)} (median)"),
+        ("Processor time of all injectors", duration(clock["core_seconds"])),
+        ("Last run", _last_run(clock)),
+        ("Software", ", ".join(f"{name} {version}" for name, version in record["software"].items())),
+    ]
+
+
+def _last_run(clock: Record) -> str:
+    if not clock["calibrated_now"]:
+        return "nothing was left to calibrate"
+    speed = significant(clock["injectors_per_second"], 3)
+    workers = f"{clock['workers']} worker{'' if clock['workers'] == 1 else 's'}"
+    return f"{_injectors(clock['calibrated_now'])} in {duration(clock['seconds'])} with {workers}, {speed} injectors/s"

@@ -1,0 +1,306 @@
+"""Run a fleet: hand every injector that is not done yet to a worker, and keep what comes back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import file_path, flag, function, instance
+from commonrail.base.errors import CommonrailError, StudyError
+from commonrail.base.hooks import note
+from commonrail.calibration.search import objective_of
+from commonrail.calibration.study import Study
+from commonrail.calibration.study_file.file import load_study
+from commonrail.compiler.target import describe
+from commonrail.engine.simulate import usable_threads
+from commonrail.plugins.fleet.file import write_results
+from commonrail.plugins.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Booking, Entry, Journal, entries_of
+from commonrail.plugins.fleet.member import Attempt, Calibrations, failed, folders_of, read_shared, write_study
+from commonrail.plugins.fleet.study import Fleet
+from commonrail.runs.fingerprint import TARGET, differing, other_bits
+from commonrail.runs.folder import create_run_folder
+from commonrail.workers.interrupt import held_interrupts
+from commonrail.workers.pool import Limits, check_count
+from commonrail.workers.task import Lost, Outcome, Package, Task, pack
+from commonrail.workers.workers import Workers
+
+# Targets that a fleet was computed on: its table need not be that of one target alone.
+
+Warnings = list[dict[str, Any]]
+
+
+def target_warnings(journal: Journal, entries: Sequence[Entry], study_of: Callable[[str], Study] | None) -> Warnings:
+    """Warning, in the form of those of a fleet's record, that injectors were calibrated on different targets.
+
+    The first finished injector is simulated again and compared bit for bit.
+
+    Parameters
+    ----------
+    journal : Journal
+        Its last target is the one of this process, if this process calibrates.
+    entries : sequence of Entry
+        Injectors that were done before.
+    study_of : function of str, optional
+        Study of an injector by its name; None if this process calibrates nothing, so that its bits do not matter.
+    """
+    finished = [entry for entry in entries if entry.status == FINISHED]
+    if not finished:
+        return []
+    first = finished[0]
+    again = (0.0, 0.0) if study_of is None else _again(first, study_of)
+    text = other_bits(differing(journal.targets), f"the best values of {first.name}", *again)
+    if not text:
+        return []
+    sentence = (
+        f"{text}: the table need not be that of a fleet that was never stopped; take a new folder for one target."
+    )
+    return [{"code": TARGET, "injectors": len(finished), "first": first.name, "sentence": sentence}]
+
+
+def _again(entry: Entry, study_of: Callable[[str], Study]) -> tuple[float, float]:
+    """Objective of an injector's best values in the journal and here; equal if it cannot be simulated here."""
+    with suppress(CommonrailError):
+        study = study_of(entry.name)
+        best = np.array([[entry.record["parameters"][name]["best"] for name in study.space.names]])
+        return entry.record["J"]["best"], float(objective_of(study, 1).costs(best).costs[0])
+    return 0.0, 0.0
+
+
+INJECTORS = "injectors"  # folder with a study for each
+TRIED = 3  # injectors that are read before the workers start
+
+
+class FleetProgress(NamedTuple):
+    """Progress of a fleet.
+
+    Injectors done, failed among them, in all, done since the start, seconds since then, and the one done last.
+    """
+
+    done: int
+    failed: int
+    total: int
+    now: int
+    seconds: float
+    last: Entry
+
+
+@dataclass(frozen=True)
+class FleetRun:
+    """A run of a fleet.
+
+    Attributes
+    ----------
+    folder : Path
+    record : dict
+        What ``fleet.json`` holds.
+    entries : tuple of Entry
+        Injectors that are done, in the table's order.
+    """
+
+    folder: Path
+    record: dict[str, Any]
+    entries: tuple[Entry, ...]
+
+    @property
+    def interrupted(self) -> bool:
+        """Return whether the user stopped it."""
+        return bool(self.record["status"] == "interrupted")
+
+
+def run_fleet(
+    fleet: Fleet,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    cluster: str | None = None,
+    retry: bool = False,
+    progress: Callable[[FleetProgress], None] | None = None,
+) -> FleetRun:
+    """Calibrate the injectors of a fleet into a folder, or go on where an earlier run in that folder stopped.
+
+    The result does not depend on the number of workers, on the order of the table, or on how often the run was stopped.
+    In a script, call it below ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    fleet : Fleet
+    folder : Path
+        New, empty, or left by an earlier run of the same fleet; injectors may have been added to its table.
+    workers : int, optional
+        Processes, or workers of a "local" cluster; all usable processors by default.
+    cluster : str, optional
+        Address of the scheduler of a Dask cluster, "tcp://host:port", or "local" for one on this machine.
+    retry : bool
+        Try failed injectors again; without it only those whose data have changed.
+    progress : function of FleetProgress, optional
+        Called after every injector.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or there are too many workers; nothing is written then.
+    InputError
+        If the folder holds something else or cannot be written.
+    StudyError
+        If another process is at work in the folder, what was begun there differs from this fleet, or not one of the
+        first injectors can be read; or if workers do not start or a cluster has gone: the tables are written then.
+    OutputError
+        If the disk is full; finished injectors are kept.
+    """
+    instance(fleet, Fleet, "fleet")
+    folder = file_path(folder, "folder")
+    if workers is not None:
+        check_count(workers)
+    flag(retry, "retry")
+    function(progress, "progress")
+    if not (folder / JOURNAL).is_file() and not _is_left_over(folder):
+        create_run_folder(folder)
+    with Journal(folder) as journal, held_interrupts() as wish:
+        run = _Run(fleet, folder, journal, retry, progress)
+        warnings = run.check_target()
+        status, fault = FINISHED, None
+        try:
+            run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
+        except KeyboardInterrupt:
+            status = "interrupted"
+        except StudyError as error:  # workers that do not start, a cluster that has gone
+            if not run.begun:
+                raise
+            status, fault = FAILED, error
+        journal.check_place()
+        entries = run.in_order()
+        clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
+        why = "" if fault is None else str(fault)
+        record = write_results(folder, fleet, entries, status, clock, warnings=warnings, why=why)
+        if fault is not None:
+            raise fault
+        return FleetRun(folder, record, entries)
+
+
+def _is_left_over(folder: Path) -> bool:
+    """Return whether a folder holds only the lock of a fleet that was killed before its journal was there."""
+    return folder.is_dir() and {path.name for path in folder.iterdir()} in ({LOCK}, {LOCK, f"{LOCK}-journal"})
+
+
+class _Run:
+    """A fleet at work."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        folder: Path,
+        journal: Journal,
+        retry: bool,
+        progress: Callable[[FleetProgress], None] | None,
+    ) -> None:
+        self.fleet, self.folder, self.journal, self.progress = fleet, folder, journal, progress
+        self.folders = folders_of(fleet.supply.names)
+        self.inputs = {name: fleet.supply.fingerprints(name) for name in fleet.supply.names}
+        shared = read_shared(fleet.template)
+        self.booking = Booking(fleet.supply, shared)
+        self.entries = entries_of(fleet, self.inputs, journal, shared)
+        self.pending = [name for name in fleet.supply.names if self._is_pending(name, retry)]
+        for name in self.pending:
+            self.entries.pop(name, None)
+        self.now = self.workers = 0
+        self.first: float | None = None
+        self.begun = False
+        self.start = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Since the workers were started, or were about to be."""
+        return time.perf_counter() - self.start
+
+    def in_order(self) -> tuple[Entry, ...]:
+        """Injectors that are done, in the table's order."""
+        return tuple(self.entries[name] for name in self.fleet.supply.names if name in self.entries)
+
+    def calibrate(self, count: int, cluster: str | None, heed: Callable[[], None]) -> None:
+        """Calibrate what is pending."""
+        if not self.pending:
+            return
+        package = self._package()
+        count, limits = min(count, len(self.pending)), Limits(failures=self.fleet.attempts)
+        self.start, self.begun = time.perf_counter(), True
+        opened = Workers.processes(count, limits) if cluster is None else Workers.cluster(cluster, count, limits)
+        with opened as workers:
+            self.workers = workers.backend.count
+            tasks = self._tasks(self.pending, package, workers.backend.shares_files)
+            for task, outcome in workers.run(tasks, heed=heed):
+                self._keep(str(task.name), *_attempt(task, outcome))
+
+    def _tasks(self, names: Sequence[str], package: Package, shared: bool) -> Iterator[Task]:
+        """Task of each injector, made when its turn comes; what workers cannot read themselves is read here."""
+        for name in names:
+            path = self._study(name)
+            try:
+                given = path if shared else load_study(path)
+            except CommonrailError as error:
+                self._keep(name, failed(error), 1)
+            else:
+                yield Task(name, package, given, self.fleet.time_limit)
+
+    def _study(self, name: str) -> Path:
+        self.journal.check_place()
+        return self.booking.hand_out(name, write_study(self.fleet, name, self.folder / INJECTORS / self.folders[name]))
+
+    def _keep(self, name: str, attempt: Attempt, attempts: int) -> None:
+        attempt, inputs = self.booking.book(name, attempt, self.inputs[name])
+        status = FAILED if attempt.reason else FINISHED
+        entry = Entry(name, status, attempt.reason, attempts, inputs, attempt.record, attempt.seconds)
+        self.journal.write(entry)
+        self.now += name not in self.entries
+        self.entries[name] = entry
+        self.first = self.seconds if self.first is None else self.first
+        self._tell(entry)
+
+    def _tell(self, last: Entry) -> None:
+        if self.progress is None:
+            return
+        failed = sum(entry.status == FAILED for entry in self.entries.values())
+        total = len(self.fleet.supply.names)
+        with suppress(OSError, ValueError):  # a terminal that went away must not end the work
+            self.progress(FleetProgress(len(self.entries), failed, total, self.now, self.seconds, last))
+
+    def _is_pending(self, name: str, retry: bool) -> bool:
+        entry = self.entries.get(name)
+        if entry is None:
+            return True
+        return entry.status == FAILED and (retry or entry.inputs != self.inputs[name])
+
+    def check_target(self) -> list[dict[str, Any]]:
+        """Note the target of this process if it will calibrate; a warning if injectors have another one."""
+        if self.pending:
+            self.journal.note_target(describe().record)
+        study_of = (lambda name: load_study(self._study(name))) if self.pending else None
+        found = target_warnings(self.journal, self.in_order(), study_of)
+        for warning in found:
+            note(f"{self.folder}: {warning['sentence']}")
+        return found
+
+    def _package(self) -> Package:
+        """Try the first studies, so that a fault of all is told at once, and compile what the workers will load."""
+        faults: list[CommonrailError] = []
+        for name in self.pending[:TRIED]:
+            try:
+                return pack(Calibrations(load_study(self._study(name))))
+            except CommonrailError as error:
+                faults.append(error)
+        if not self.entries:
+            raise type(faults[0])(f"Not one of the first {len(faults)} injectors can be read; the first: {faults[0]}")
+        return pack(Calibrations(None))
+
+
+def _attempt(task: Task, outcome: Outcome) -> tuple[Attempt, int]:
+    """Attempt at an injector as its journal keeps it, and the number of attempts."""
+    if isinstance(outcome, Lost):
+        reason = f"Each of {task.losses} attempts was lost; the last time the worker {outcome.reason}."
+        return Attempt({}, reason, 0.0), task.losses
+    return outcome.result, task.losses + 1

@@ -1,0 +1,199 @@
+"""Measured data beside the outputs of an FMU: simulations to be run, and the values expected of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonrail.base.arguments import array, chosen, number, plain_text, settle
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.base import Role
+
+Setting = float | bool | str
+
+SHARE = 0.01  # tolerance where none is stated: this share of the range of the measured values
+
+
+class FmuInputs(NamedTuple):
+    """Courses of inputs: times (k,) [s], and for each variable its values (k,), linear between them."""
+
+    times: Floats
+    values: Mapping[str, Floats]
+
+
+class Run(NamedTuple):
+    """One simulation.
+
+    Attributes
+    ----------
+    start : mapping of str to number, Boolean or text
+        Values of variables that are set before the initialization.
+    inputs : FmuInputs or None
+    stop : float
+        End of the simulation [s].
+    outputs : tuple of str
+        Variables that are compared.
+    times : (n,)
+        Times [s] at which they are.
+    """
+
+    start: Mapping[str, Setting]
+    inputs: FmuInputs | None
+    stop: float
+    outputs: tuple[str, ...]
+    times: Floats
+
+    @property
+    def size(self) -> int:
+        """Number of values that it gives."""
+        return len(self.outputs) * len(self.times)
+
+
+@dataclass(frozen=True)
+class FmuData:
+    """A set of measured data.
+
+    Attributes
+    ----------
+    name : str
+    runs : tuple of Run
+    measured : (m,)
+        Run by run, in each output by output, in each time by time; in the units of the FMU.
+    tolerances : (m,)
+        Error that counts as 1.
+    role : Role
+    weight : float
+        Factor of the squares.
+    source, synthetic : str
+        Where the data come from; what about them is synthetic, empty if measured.
+    """
+
+    name: str
+    runs: tuple[Run, ...]
+    measured: Floats
+    tolerances: Floats
+    role: Role = Role.FIT
+    weight: float = 1.0
+    source: str = ""
+    synthetic: str = ""
+    bounds: ClassVar[None] = None  # not a mean over intervals, as an injection rate is
+
+    def __post_init__(self) -> None:
+        for what in ("name", "source", "synthetic"):
+            plain_text(getattr(self, what), f"{what} of the data")
+        weight = number(self.weight, "1", f"weight of {self.name}")
+        if not weight > 0.0:
+            raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
+        settle(self, role=chosen(self.role, Role, "role of the data"), weight=weight)
+        if len(self.measured) != sum(run.size for run in self.runs):
+            raise ConfigurationError(f"{self.name}: there is not one measured value for each output at each time.")
+        if not (self.tolerances > 0.0).all():
+            raise ConfigurationError(f"{self.name}: a tolerance must be greater than zero.")
+
+    def residuals(self, values: Floats) -> Floats:
+        """Differences of simulated values (…, m) from the measured ones, in tolerances."""
+        return np.asarray((values - self.measured) / self.tolerances)
+
+    def discrepancy(self, values: Floats) -> Floats:
+        """Tolerances, in which the residuals are."""
+        return self.tolerances
+
+
+def fmu_curve(
+    name: str,
+    times: ArrayLike,
+    measured: Mapping[str, ArrayLike],
+    *,
+    tolerance: Mapping[str, float] | float | None = None,
+    start: Mapping[str, Setting] | None = None,
+    inputs: FmuInputs | None = None,
+    **more: Any,
+) -> FmuData:
+    """Measured courses of outputs in one simulation.
+
+    Parameters
+    ----------
+    name : str
+    times : (n,)
+        [s], increasing, none below 0.
+    measured : mapping of str to (n,)
+        Values of each output, in the units of the FMU.
+    tolerance : float or mapping of str to float, optional
+        Error that counts as 1; by default `SHARE` of each output's range.
+    start : mapping, optional
+        Values of variables that are set before the initialization.
+    inputs : FmuInputs, optional
+    **more
+        Role, weight, source, synthetic.
+
+    Raises
+    ------
+    ConfigurationError
+        If lengths differ, times do not increase, or an output has no range and no tolerance.
+    """
+    at = array(times, "1", f"times of {name}", 1)
+    if len(at) == 0 or at[0] < 0.0 or not (np.diff(at) > 0.0).all() or not at[-1] > 0.0:
+        raise ConfigurationError(f"{name}: the times must increase from 0 or later; sort the rows.")
+    columns = {output: array(own, "1", f"{output} of {name}", 1) for output, own in measured.items()}
+    for output, own in columns.items():
+        if len(own) != len(at):
+            raise ConfigurationError(f"{name}: {output} has {len(own)} values for {len(at)} times.")
+    run = Run(dict(start or {}), inputs, float(at[-1]), tuple(columns), at)
+    tolerances = [np.full(len(own), _tolerance(name, output, own, tolerance)) for output, own in columns.items()]
+    return FmuData(name, (run,), np.concatenate(list(columns.values())), np.concatenate(tolerances), **more)
+
+
+def fmu_rows(
+    name: str,
+    settings: Sequence[Mapping[str, Setting]],
+    measured: Mapping[str, ArrayLike],
+    stop: float,
+    *,
+    tolerance: Mapping[str, float] | float | None = None,
+    inputs: FmuInputs | None = None,
+    **more: Any,
+) -> FmuData:
+    """Measured values at the end of simulations, one for each row.
+
+    Parameters
+    ----------
+    name : str
+    settings : sequence of mapping
+        Values of variables that are set before the initialization of each simulation.
+    measured : mapping of str to (rows,)
+        Values of each output at the end, in the units of the FMU.
+    stop : float
+        End of each simulation [s].
+    tolerance, inputs, **more
+        As in `fmu_curve`.
+
+    Raises
+    ------
+    ConfigurationError
+        As `fmu_curve`.
+    """
+    columns = {output: array(own, "1", f"{output} of {name}", 1) for output, own in measured.items()}
+    for output, own in columns.items():
+        if len(own) != len(settings):
+            raise ConfigurationError(f"{name}: {output} has {len(own)} values for {len(settings)} rows.")
+    if not stop > 0.0:
+        raise ConfigurationError(f"{name}: the end of the simulations must be greater than zero.")
+    sizes = np.array([_tolerance(name, output, own, tolerance) for output, own in columns.items()])
+    runs = tuple(Run(dict(one), inputs, stop, tuple(columns), np.array([stop])) for one in settings)
+    table = np.column_stack(list(columns.values()))
+    return FmuData(name, runs, table.ravel(), np.tile(sizes, len(settings)), **more)
+
+
+def _tolerance(name: str, output: str, measured: Floats, given: Mapping[str, float] | float | None) -> float:
+    stated = given.get(output) if isinstance(given, Mapping) else given
+    if stated is not None:
+        return float(stated)
+    found = SHARE * float(np.ptp(measured))
+    if not found > 0.0:
+        raise ConfigurationError(f"{name}: {output} has no range of which a share could be the tolerance; state one.")
+    return found

@@ -1,0 +1,116 @@
+"""A calibration of an FMU as one JSON-able record: what its run folder keeps and the report reads."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.text import number
+from commonrail.calibration.optimisers.registry import registered
+from commonrail.calibration.result import CLOCK
+from commonrail.compiler.target import package_versions
+from commonrail.plugins.foreign_fmu.data import FmuData
+from commonrail.plugins.foreign_fmu.fit import FmuFit
+from commonrail.plugins.foreign_fmu.fmu import FmuStatus
+
+SCHEMA, KIND = 1, "fmu calibration"
+LABELS = ("start", "best")
+
+
+def fmu_record(fit: FmuFit) -> dict[str, Any]:
+    """Record of a calibration: parameters, data with simulated values, failures with the FMU's own words."""
+    study, entry = fit.study, registered(fit.study.method.evolution)
+    return {
+        "schema": SCHEMA,
+        "kind": KIND,
+        "software": package_versions(),
+        "title": study.title,
+        "note": study.note,
+        "notes": list(study.notes),
+        "synthetic": study.synthetic,
+        "fmu": {"name": study.fmu.name, "version": study.fmu.version, "sha256": study.fmu.digest},
+        "step": study.step,
+        "seed": study.seed,
+        "status": fit.status,
+        "reason": fit.reason,
+        "optimiser": {"method": entry.name if entry else "", **vars(study.method.evolution)},
+        "convergence": None if fit.convergence is None else fit.convergence.record(),
+        "objective": {"start": number(fit.start_cost), "best": number(fit.cost)},
+        "parameters": _parameters(fit),
+        "data": [_data(fit, one) for one in study.data],
+        "evaluations": {**asdict(fit.counts), "simulations": fit.simulations, "failures": _failures(fit)},
+        "generations": [
+            {"generation": g.generation, "best": number(g.best), "mean": number(g.mean)} for g in fit.history
+        ],
+        "messages": dict(fit.told),  # of the session that ended the run, which may not have met all failures
+        CLOCK: {"seconds": fit.seconds},
+    }
+
+
+def _parameters(fit: FmuFit) -> list[dict[str, Any]]:
+    variables = fit.study.fmu.variables
+    return [
+        {
+            "name": p.name,
+            "unit": variables[p.name].unit,
+            "meaning": variables[p.name].description,
+            "start": p.reference,
+            "best": fit.best[p.name],
+            "lower": p.lower,
+            "upper": p.upper,
+            "at_bound": p.is_at_bound(fit.best[p.name]),
+            "mark": p.mark,
+            "source": p.source,
+            "standard_error": fit.found[p.name]["standard_error"],
+            "verdict": fit.found[p.name]["verdict"],
+        }
+        for p in fit.study.space.parameters
+    ]
+
+
+def _failures(fit: FmuFit) -> list[dict[str, Any]]:
+    return [
+        {"status": name, "count": count, "sentence": FmuStatus[name.upper()].sentence}
+        for name, count in fit.failures.items()
+    ]
+
+
+def _data(fit: FmuFit, data: FmuData) -> dict[str, Any]:
+    values = {label: fit.simulated[label][data.name] for label in LABELS}
+    rms = {label: number(np.sqrt(np.mean(data.residuals(own) ** 2))) for label, own in values.items()}
+    largest = {label: number(np.max(np.abs(data.residuals(own)))) for label, own in values.items()}
+    return {
+        "name": data.name,
+        "role": data.role.value,
+        "weight": data.weight,
+        "source": data.source,
+        "synthetic": data.synthetic,
+        "values": len(data.measured),
+        "simulations": len(data.runs),
+        "rms": rms,
+        "largest": largest,
+        **({"half_step": number(fit.step_effect[data.name])} if fit.step_effect else {}),
+        "outputs": _outputs(fit, data),
+    }
+
+
+def _outputs(fit: FmuFit, data: FmuData) -> list[dict[str, Any]]:
+    """Courses or, of simulations that are compared at their ends, values by the number of the simulation."""
+    names, count = data.runs[0].outputs, len(data.runs[0].times)
+    parts = {"measured": data.measured, **{label: fit.simulated[label][data.name] for label in LABELS}}
+    shaped = {label: own.reshape(len(data.runs), len(names), count) for label, own in parts.items()}
+    tolerances = data.tolerances.reshape(len(data.runs), len(names), count)
+    single = len(data.runs) == 1
+    return [
+        {
+            "variable": name,
+            "unit": fit.study.fmu.variables[name].unit,
+            "tolerance": float(tolerances[0, k, 0]),
+            "axis": "time" if single else "row",
+            "at": data.runs[0].times.tolist() if single else list(range(1, len(data.runs) + 1)),
+            **{label: [number(v) for v in own[:, k, :].ravel()] for label, own in shaped.items()},
+        }
+        for k, name in enumerate(names)
+    ]

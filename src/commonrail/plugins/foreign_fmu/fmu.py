@@ -1,0 +1,599 @@
+"""Foreign FMU: its description, and its files unpacked for the processes that simulate it."""
+
+from __future__ import annotations
+
+import functools
+import io
+import math
+import os
+import tempfile
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.arguments import file_path
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError, nearest
+from commonrail.base.input import read_plain, sha256
+from commonrail.base.units import compatible
+from commonrail.plugins.foreign_fmu.data import FmuData, Run, Setting
+from commonrail.workers.pool import USUAL
+from commonrail.workers.task import Answer, Lost, Task, pack
+from commonrail.workers.workers import Workers
+
+INSTALL = "FMUs are read with FMPy; install it with: pip install 'commonrail[fmi]'"
+REAL = ("Real", "Float64", "Float32")  # types of numbers that can be calibrated and compared
+LARGEST_CONTENT = 2_000_000_000  # [bytes] of an FMU when it is unpacked
+LARGEST_DESCRIPTION = 200_000_000  # [bytes] of its description, which is held as a tree some ten times as large
+DESCRIPTION = "modelDescription.xml"
+
+
+class FmuVariable(NamedTuple):
+    """A scalar variable.
+
+    Attributes
+    ----------
+    name, causality, variability, type, description : str
+        In the words of the standard.
+    unit : str
+        As the FMU writes it; "1" where it has none.
+    start : str or None
+        Start value as the FMU writes it.
+    settable : bool
+        Whether a value can be set before the initialization.
+    lower, upper : float
+        Smallest and largest value that the FMU allows; infinite where it states none.
+    """
+
+    name: str
+    causality: str
+    variability: str
+    type: str
+    unit: str
+    start: str | None
+    settable: bool
+    description: str
+    lower: float = -math.inf
+    upper: float = math.inf
+
+    @property
+    def known_unit(self) -> str:
+        """The unit if this program can convert it, else "1": numbers are then taken as they stand."""
+        try:
+            return self.unit if compatible(self.unit, self.unit) else "1"
+        except InputError:
+            return "1"
+
+
+@dataclass(frozen=True)
+class Fmu:
+    """An FMU for co-simulation, version 2.0 or 3.0 of the standard.
+
+    Attributes
+    ----------
+    path : Path
+    digest : str
+        SHA-256 of the file.
+    name, version : str
+        Of the model; version of the standard.
+    variables : mapping of str to FmuVariable
+    content : bytes
+        The file.
+    """
+
+    path: Path
+    digest: str
+    name: str
+    version: str
+    variables: Mapping[str, FmuVariable]
+    content: bytes = field(repr=False)
+
+    def variable(self, name: str) -> FmuVariable:
+        """Variable of a name.
+
+        Raises
+        ------
+        InputError
+            If there is none; the sentence names the nearest.
+        """
+        if name not in self.variables:
+            raise InputError(f'{self.path}: the FMU has no variable "{name}"{nearest(name, self.variables)}.')
+        return self.variables[name]
+
+    def number(self, name: str) -> FmuVariable:
+        """Variable that is a real number; `InputError` for another."""
+        found = self.variable(name)
+        if found.type not in REAL:
+            raise InputError(f"{self.path}: {name} is of type {found.type}, and a real number is expected.")
+        return found
+
+    def outside(self, name: str, value: float, what: str) -> str:
+        """Sentence on a value that lies outside the limits that the FMU states; empty where it does not.
+
+        Parameters
+        ----------
+        name : str
+            Of the variable.
+        value : float
+            In the unit of the FMU.
+        what : str
+            Words for the value.
+        """
+        found = self.variable(name)
+        if found.lower <= value <= found.upper:
+            return ""
+        beyond, limit = ("below the min", found.lower) if value < found.lower else ("above the max", found.upper)
+        return (
+            f"{what} of {name}, {_in_unit(value, found)}, lies {beyond} that the FMU states, {_in_unit(limit, found)}"
+        )
+
+    def adjustable(self, name: str) -> FmuVariable:
+        """Variable whose value can be set before the initialization; `InputError` for another."""
+        found = self.variable(name)
+        if not found.settable:
+            raise InputError(
+                f"{self.path}: {name} cannot be set (causality {found.causality}, variability {found.variability}); "
+                "name a parameter or an input."
+            )
+        return found
+
+
+def read_fmu(path: str | Path) -> Fmu:
+    """Read the description of an FMU; none of its binaries is loaded.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        If it is no FMU of version 2.0 or 3.0, none for co-simulation, has no binary for this machine or two
+        variables of one name, or FMPy is not installed.
+    """
+    file = file_path(path, "path of an FMU")
+    content = read_plain(file)
+    fmpy = fmpy_or_error()
+    try:
+        names = _names(content)  # first: what is too large is not unpacked to be read
+        description = fmpy.read_model_description(io.BytesIO(content), validate=False)
+    except Exception as error:  # FMPy and lxml raise of their own what they cannot read
+        raise InputError(f"{file}: this is no FMU that can be read ({_short(error)}).") from error
+    if not description.fmiVersion.startswith(("2.", "3.")):
+        raise InputError(f"{file}: the FMU is of version {description.fmiVersion}, and 2.0 or 3.0 is expected.")
+    if description.coSimulation is None:
+        raise InputError(f"{file}: the FMU is not for co-simulation; export it for co-simulation.")
+    _check_binary(file, names, description.coSimulation.modelIdentifier, fmpy)
+    named = Counter(one.name for one in description.modelVariables)
+    if len(named) < len(description.modelVariables):
+        raise InputError(
+            f"{file}: {named.most_common(1)[0][0]} is the name of more than one variable, which the standard forbids; "
+            "export the FMU anew with names that differ."
+        )
+    variables = {one.name: _variable(one) for one in description.modelVariables if not one.dimensions}
+    return Fmu(file, sha256(content), description.modelName, description.fmiVersion, variables, content)
+
+
+def fmpy_or_error() -> Any:
+    """FMPy; `InputError` where it is not installed."""
+    try:
+        import fmpy
+    except ImportError as error:
+        raise InputError(f"{INSTALL}.") from error
+    return fmpy
+
+
+def _names(content: bytes) -> list[str]:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST_CONTENT:
+            raise ValueError(f"unpacked it has {size / 1e6:.0f} MB, more than {LARGEST_CONTENT / 1e6:g} MB")
+        described = archive.getinfo(DESCRIPTION).file_size
+        if described > LARGEST_DESCRIPTION:
+            limit = LARGEST_DESCRIPTION / 1e6
+            raise ValueError(f"unpacked its {DESCRIPTION} has {described / 1e6:.0f} MB, more than {limit:g} MB")
+        return archive.namelist()
+
+
+def _check_binary(file: Path, names: list[str], model: str, fmpy: Any) -> None:
+    wanted = [
+        f"binaries/{folder}/{model}{fmpy.sharedLibraryExtension}" for folder in (fmpy.platform, fmpy.platform_tuple)
+    ]
+    if not any(name in names for name in wanted):
+        held = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
+        raise InputError(
+            f"{file}: the FMU has no binary {model}{fmpy.sharedLibraryExtension} for this machine ({fmpy.platform}), "
+            f"only folders for {', '.join(held) or 'none'}; "
+            "export it for this platform too, or compile its sources with `fmpy compile`."
+        )
+
+
+def _variable(one: Any) -> FmuVariable:
+    unit = one.unit or (one.declaredType.unit if one.declaredType is not None else None)
+    settable = one.causality == "input" or (one.variability != "constant" and one.initial in ("exact", "approx"))
+    start = None if one.start is None else str(one.start)
+    words = one.name, one.causality, one.variability, one.type, unit or "1", start
+    return FmuVariable(
+        *words, settable, one.description or "", _limit(one, "min", -math.inf), _limit(one, "max", math.inf)
+    )
+
+
+def _limit(one: Any, which: str, otherwise: float) -> float:
+    """Limit of a variable, by its own statement or that of its type."""
+    stated = getattr(one, which, None)
+    if stated is None and one.declaredType is not None:
+        stated = getattr(one.declaredType, which, None)
+    try:
+        return otherwise if stated is None else float(stated)
+    except ValueError:
+        return otherwise
+
+
+def _in_unit(value: float, variable: FmuVariable) -> str:
+    return f"{value:g}" if variable.unit == "1" else f"{value:g} {variable.unit}"
+
+
+def _short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+@contextmanager
+def unpacked(fmu: Fmu) -> Iterator[Path]:
+    """Folder with the files of an FMU, removed at the end.
+
+    Raises
+    ------
+    InputError
+        If the archive cannot be unpacked.
+    """
+    with tempfile.TemporaryDirectory(prefix="commonrail-fmu-", ignore_cleanup_errors=True) as temporary:
+        folder = Path(temporary)
+        try:
+            fmpy_or_error().extract(io.BytesIO(fmu.content), unzipdir=folder)
+        except InputError:
+            raise
+        except Exception as error:  # of zipfile and FMPy
+            raise InputError(f"{fmu.path}: the FMU cannot be unpacked ({_short(error)}).") from error
+        yield folder
+
+
+# Status of a simulation of a foreign FMU, whose sentence says what to do.
+
+
+class FmuStatus(IntEnum):
+    """Outcome of one candidate. All but `FMU_OK` cost +inf: a candidate that failed never wins.
+
+    The numbers are apart from those of `commonrail.engine.status.Status`: both stand in journals.
+    """
+
+    FMU_OK = 0
+    FMU_NOT_STARTED = 64
+    FMU_DISCARDED = 65
+    FMU_ERROR = 66
+    FMU_FATAL = 67
+    FMU_NOT_FINITE = 68
+    FMU_ENDED_EARLY = 69
+    FMU_TOO_LONG = 70
+    FMU_CRASHED = 71
+
+    @property
+    def sentence(self) -> str:
+        """Event and cure in one sentence."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    FmuStatus.FMU_OK: "The simulation ended well.",
+    FmuStatus.FMU_NOT_STARTED: (
+        "The FMU could not be loaded or gave no instance; check its platform, its token and the libraries it needs."
+    ),
+    FmuStatus.FMU_DISCARDED: (
+        'The FMU ended a call with the status "discard"; take a shorter communication step or narrow the bounds.'
+    ),
+    FmuStatus.FMU_ERROR: 'The FMU ended a call with the status "error"; narrow the bounds, or correct a start value.',
+    FmuStatus.FMU_FATAL: 'The FMU ended a call with the status "fatal"; narrow the bounds, or ask the FMU\'s maker.',
+    FmuStatus.FMU_NOT_FINITE: "An output of the FMU is not finite; narrow the bounds or shorten the step.",
+    FmuStatus.FMU_ENDED_EARLY: "The FMU ended its simulation before the last measured time; narrow the bounds.",
+    FmuStatus.FMU_TOO_LONG: (
+        "The FMU gave no answer within the time limit, and its process was ended; raise time_limit or narrow bounds."
+    ),
+    FmuStatus.FMU_CRASHED: (
+        "The FMU's binary ended its process; narrow the bounds, or ask the FMU's maker. Other candidates went on."
+    ),
+}
+
+
+# Simulation of a foreign FMU inside a process of its own: what it does there cannot harm the search.
+
+FATAL_EXIT = 71  # of a process whose FMU may not be called any more
+LONGEST = 300  # characters of a message
+DISCARD, ERROR = 2, 3  # statuses of the standard
+_STATUSES = {DISCARD: FmuStatus.FMU_DISCARDED, ERROR: FmuStatus.FMU_ERROR}
+_Found = tuple[Floats | None, FmuStatus, str]
+_NEAR = 1e-6  # share of a communication step that rounding may move the end by
+
+
+class Asked(NamedTuple):
+    """Run by its number, values of the calibrated variables, and the number of steps that replace one."""
+
+    number: int
+    values: tuple[float, ...]
+    finer: int = 1
+
+
+class Answered(NamedTuple):
+    """Values (n,) of a run, NaN where it failed, its status, and what the FMU has said."""
+
+    values: Floats
+    status: int
+    told: str
+
+
+@dataclass(frozen=True)
+class FmuWork:
+    """Work of the processes: one simulation of one candidate.
+
+    Attributes
+    ----------
+    folder : str
+        Files of the FMU.
+    digest : str
+        SHA-256 of the FMU.
+    names : tuple of str
+        Variables that are calibrated.
+    runs : tuple of Run
+    step : float
+        Communication step [s].
+    """
+
+    folder: str
+    digest: str
+    names: tuple[str, ...]
+    runs: tuple[Run, ...]
+    step: float
+    same_bits: bool = True  # its bits are not those of our compiler
+
+    def probe(self) -> bytes:
+        """Digest of the FMU: it is loaded where it can do no harm, never in the calling process."""
+        return self.digest.encode()
+
+    def __call__(self, argument: Asked) -> Answered:
+        """Result of a run with values of the calibrated variables."""
+        number, values, finer = argument
+        run = self.runs[number]
+        _keep_the_output_clean()
+        start = {**run.start, **dict(zip(self.names, values, strict=True))}
+        found, status, told = _simulated(self.folder, run, start, self.step / finer)
+        return Answered(np.full(run.size, np.nan) if found is None else found, int(status), told)
+
+
+@functools.cache
+def _keep_the_output_clean() -> None:
+    """Send what the FMU prints to standard error: standard output may hold a record."""
+    os.dup2(2, 1)
+
+
+@functools.cache
+def _description(folder: str) -> Any:
+    from fmpy import read_model_description
+
+    return read_model_description(folder, validate=False)
+
+
+def _simulated(folder: str, run: Run, start: Mapping[str, Setting], step: float) -> _Found:
+    from fmpy.fmi1 import FMICallException
+    from fmpy.simulation import instantiate_fmu
+
+    said: list[str] = []
+    try:
+        instance = instantiate_fmu(
+            folder,
+            _description(folder),
+            "CoSimulation",
+            logger=lambda *row: said.append(_text(row[-1])),
+            require_functions=False,
+        )
+    except Exception as error:  # whatever loading a library may raise
+        return None, FmuStatus.FMU_NOT_STARTED, _told(said, error)
+    _end_at_discard(instance, FMICallException)
+    try:
+        found = _courses(instance, folder, run, start, step)
+    except _Discarded as error:
+        return _freed(instance, (None, FmuStatus.FMU_DISCARDED, _told(said, error)))
+    except FMICallException as error:
+        if error.status not in _STATUSES:
+            os._exit(FATAL_EXIT)  # the standard forbids any further call of the FMU
+        return _freed(instance, (None, _STATUSES[error.status], _told(said, error)))
+    except Exception as error:  # a termination that the FMU asks for, a value that it cannot take
+        return _freed(instance, (None, FmuStatus.FMU_ERROR, _told(said, error)))
+    return _freed(instance, _sampled(found, run, step))
+
+
+def _courses(instance: Any, folder: str, run: Run, start: Mapping[str, Setting], step: float) -> Any:
+    from fmpy.simulation import simulate_fmu
+
+    return simulate_fmu(
+        folder,
+        validate=False,
+        start_time=0.0,
+        stop_time=step * np.ceil(run.stop / step - _NEAR),
+        output_interval=step,
+        start_values=start,
+        input=_signals(run),
+        output=list(run.outputs),
+        model_description=_description(folder),
+        fmu_instance=instance,
+    )
+
+
+def _signals(run: Run) -> Any:
+    if run.inputs is None:
+        return None
+    table = np.zeros(len(run.inputs.times), [("time", float), *((name, float) for name in run.inputs.values)])
+    table["time"] = run.inputs.times
+    for name, own in run.inputs.values.items():
+        table[name] = own
+    return table
+
+
+def _sampled(found: Any, run: Run, step: float) -> _Found:
+    """Values at the times of a run, linear between communication points."""
+    times = found["time"]
+    if times[-1] < run.times[-1] - _NEAR * step:
+        return None, FmuStatus.FMU_ENDED_EARLY, f"the simulation ended at {times[-1]:.6g} s"
+    courses = [np.asarray(found[name], float) for name in run.outputs]
+    for name, own in zip(run.outputs, courses, strict=True):
+        if not np.isfinite(own).all():
+            return None, FmuStatus.FMU_NOT_FINITE, f"{name} is not finite"
+    return np.concatenate([np.interp(run.times, times, own) for own in courses]), FmuStatus.FMU_OK, ""
+
+
+def _freed(instance: Any, result: _Found) -> _Found:
+    instance.freeInstance()
+    return result
+
+
+class _Discarded(Exception):
+    """A step that the FMU has discarded."""
+
+
+def _end_at_discard(instance: Any, failure: Any) -> None:
+    """End a simulation at a step that is discarded: FMPy would repeat it for ever."""
+    step = instance.doStep
+
+    def once(*given: Any, **named: Any) -> Any:
+        try:
+            return step(*given, **named)
+        except failure as error:
+            if error.status == DISCARD:
+                raise _Discarded(str(error)) from error
+            raise
+
+    instance.doStep = once
+
+
+def _text(message: Any) -> str:
+    return message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)
+
+
+def _told(said: list[str], error: BaseException) -> str:
+    return " ".join(" ".join([str(error), *said[-1:]]).split())[:LONGEST]
+
+
+# Candidates of a foreign FMU simulated in processes of their own, any of which may crash or hang.
+
+
+class Simulated(NamedTuple):
+    """Values (n, m) of candidates, NaN in the runs that failed, and statuses (n,): of the first run that failed."""
+
+    values: Floats
+    statuses: NDArray[np.int8]
+
+
+class FmuSimulator:
+    """Simulator of an FMU.
+
+    Parameters
+    ----------
+    work : FmuWork
+    data : sequence of FmuData
+        All of whose runs are those of the work, in this order.
+    workers : Workers
+        Processes.
+    time_limit : float
+        Of one simulation [s].
+    """
+
+    def __init__(self, work: FmuWork, data: Sequence[FmuData], workers: Workers, time_limit: float) -> None:
+        self._package, self._workers, self._limit = pack(work), workers, time_limit
+        self._runs = work.runs
+        self._first: dict[str, int] = {}
+        for one in data:
+            self._first[one.name] = sum(len(before.runs) for before in data[: len(self._first)])
+        self.heed: Callable[[], None] = lambda: None
+        self.told: dict[FmuStatus, str] = {}  # the first message with each status
+
+    def simulate(self, data: Sequence[FmuData], values: Floats, finer: int = 1) -> Simulated:
+        """Values of data sets, one after the other, for candidates (n, names).
+
+        Parameters
+        ----------
+        data : sequence of FmuData
+        values : (n, names)
+            In the units of the FMU.
+        finer : int
+            Communication steps that replace one.
+        """
+        numbers = [self._first[one.name] + i for one in data for i in range(len(one.runs))]
+        edges = np.cumsum([0, *(self._runs[number].size for number in numbers)])
+        found = np.full((len(values), edges[-1]), np.nan)
+        statuses = np.zeros((len(values), len(numbers)), np.int8)
+        rows = enumerate(tuple(row) for row in values.tolist())
+        tasks = (self._task((i, k), Asked(n, row, finer)) for i, row in rows for k, n in enumerate(numbers))
+        for task, outcome in self._workers.run(tasks, heed=self.heed):
+            assert isinstance(task.name, tuple)
+            i, k = task.name
+            answered = self._answered(outcome, edges[k + 1] - edges[k])
+            statuses[i, k] = answered.status
+            found[i, edges[k] : edges[k + 1]] = answered.values
+            if answered.status:
+                self.told.setdefault(FmuStatus(answered.status), answered.told)
+        first = np.argmax(statuses > 0, axis=1)
+        return Simulated(found, statuses[np.arange(len(values)), first])
+
+    def _task(self, name: tuple[int, int], asked: Asked) -> Task:
+        # a simulation that was lost once is not tried again: an FMU that crashed would do so again
+        return Task(name, self._package, asked, self._limit, losses=USUAL.failures - 1)
+
+    def _answered(self, outcome: object, size: int) -> Answered:
+        if isinstance(outcome, Answer):
+            assert isinstance(outcome.result, Answered)
+            return outcome.result
+        assert isinstance(outcome, Lost)
+        status = FmuStatus.FMU_CRASHED
+        if outcome.reason.startswith("gave no answer"):
+            status = FmuStatus.FMU_TOO_LONG
+        elif outcome.reason == f"ended with exit code {FATAL_EXIT}":
+            status = FmuStatus.FMU_FATAL
+        return Answered(np.full(size, np.nan), int(status), f"the process {outcome.reason}")
+
+
+@contextmanager
+def opened(
+    fmu: Fmu, names: Sequence[str], data: Sequence[FmuData], step: float, time_limit: float, processes: int | None
+) -> Iterator[FmuSimulator]:
+    """Simulator of an FMU with its processes, ended with the block.
+
+    Parameters
+    ----------
+    fmu : Fmu
+    names : sequence of str
+        Variables that are calibrated.
+    data : sequence of FmuData
+    step : float
+        Communication step [s].
+    time_limit : float
+        Of one simulation [s].
+    processes : int or None
+        All usable processors if None.
+
+    Raises
+    ------
+    InputError
+        If the FMU cannot be unpacked.
+    StudyError
+        If the processes cannot be started.
+    """
+    runs = tuple(run for one in data for run in one.runs)
+    with unpacked(fmu) as folder:
+        work = FmuWork(str(folder), fmu.digest, tuple(names), runs, step)
+        with Workers.processes(processes) as workers:
+            yield FmuSimulator(work, data, workers, time_limit)

@@ -1,0 +1,177 @@
+"""Page of a calibration of an FMU: parameters, errors and courses of each data set, failures in the FMU's own words."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import duration, quantity, significant
+from commonrail.calibration.optimisers.registry import size_in_words
+from commonrail.data.records import Record, origin_of, present
+from commonrail.plugins.foreign_fmu.file import KIND
+from commonrail.plugins.foreign_fmu.run import RECORD
+from commonrail.report.draw.figure import drawings, figure_html
+from commonrail.report.fit.figures import convergence_figure
+from commonrail.report.html import render
+from commonrail.report.result_kind import ResultKind
+
+TOLD = 0.1  # tolerances that half the communication step moves a value by
+
+
+def _page(record: Record, folder: Path) -> str:
+    return fmu_html(record, folder.as_posix() or "RUN")
+
+
+KEYS = ("title", "seed", "status", "fmu", "parameters", "objective", "data", "evaluations", "generations")
+RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
+
+
+def fmu_html(record: Record, run: str) -> str:
+    """Page of a calibration of an FMU.
+
+    Parameters
+    ----------
+    record : mapping
+    run : str
+        The folder's name, for the command lines in the page.
+    """
+    generations = record["generations"]
+    convergence = convergence_figure(generations) if len(generations) > 1 else None
+    return render(
+        "fmu.html",
+        kind="FMU",
+        record=record,
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
+        lines=fmu_lines(record),
+        tables=fmu_tables(record),
+        figures=drawings(fmu_figures(record)),
+        convergence=(convergence, figure_html(convergence, "convergence")) if convergence else None,
+        data=record["data"],
+        commands=[
+            ("Run again", f"commonrail calibrate {shlex.quote(f'{run}/fmu-study.toml')} --seed {record['seed']}"),
+            ("Make this report again", f"commonrail report {shlex.quote(run)}"),
+        ],
+        facts=_facts(record),
+    )
+
+
+def fmu_lines(record: Record) -> list[str]:
+    """Sentences on the fit of each data set, the search and its failures."""
+    lines = []
+    for data in record["data"]:
+        best, start = (data["rms"][label] for label in ("best", "start"))
+        before = "" if start is None else f", {significant(start, 3)} with the start values"
+        lines.append(
+            f"{data['name']} ({data['role']}): the errors of {data['values']} values have a root mean square of "
+            f"{significant(best, 3)} tolerances{before}."
+        )
+        if start is None:
+            lines.append(f"{data['name']}: the FMU failed with the start values.")
+    verdict, counts = record["convergence"], record["evaluations"]
+    if verdict is not None:
+        lines.append(f"The search: {verdict['sentence']}.")
+    if counts["failed"]:
+        lines.append(
+            f"{counts['failed']} of {counts['simulated']} candidates failed and could not win; the table of failures "
+            "has the reasons."
+        )
+    lines += record["notes"]
+    lines += _step_lines(record)
+    bounds = [p["name"] for p in record["parameters"] if p["at_bound"]]
+    if bounds:
+        lines.append(f"At a bound: {', '.join(bounds)}; the data may ask for a wider range.")
+    return lines
+
+
+def _step_lines(record: Record) -> list[str]:
+    """Sentence for each data set whose values depend on the communication step; none of an interrupted search."""
+    lines = []
+    for data in (one for one in record["data"] if "half_step" in one):
+        moved = data["half_step"]
+        if moved is None:
+            lines.append(f"{data['name']}: with half the communication step the FMU could not be simulated.")
+        elif moved >= TOLD:
+            lines.append(
+                f"{data['name']}: with half the communication step a value moves by {significant(moved, 2)} "
+                "tolerances; the parameters have absorbed what the step does. Lower the step until this line is gone."
+            )
+    return lines
+
+
+def fmu_tables(record: Record) -> list[Table]:
+    """Parameters, errors of the data sets, and failures if there were any."""
+    parameters: list[Column] = [
+        ("parameter", "name"),
+        ("start", lambda p: quantity(p["start"], p["unit"])),
+        ("best", lambda p: quantity(p["best"], p["unit"], 6)),
+        ("standard error", lambda p: quantity(p["standard_error"], p["unit"], 2)),
+        ("bounds", lambda p: f"{quantity(p['lower'], p['unit'], 3)} to {quantity(p['upper'], p['unit'], 3)}"),
+        ("verdict", "verdict"),
+    ]
+    note = "Numbers are in the units of the FMU. Standard errors are local, and say nothing about other optima."
+    errors: list[Column] = [
+        ("data", "name"),
+        ("role", "role"),
+        ("values", lambda d: str(d["values"])),
+        ("simulations", lambda d: str(d["simulations"])),
+        ("rms, start", lambda d: significant(d["rms"]["start"], 3)),
+        ("rms, best", lambda d: significant(d["rms"]["best"], 3)),
+        ("largest, best", lambda d: significant(d["largest"]["best"], 3)),
+    ]
+    found = [
+        tabulated("Parameters", record["parameters"], parameters, note),
+        tabulated("Errors in tolerances", record["data"], errors, "", 2),
+    ]
+    failures = record["evaluations"]["failures"]
+    if failures:
+        columns: list[Column] = [
+            ("status", "status"),
+            ("candidates", lambda f: str(f["count"])),  # before the texts, which a narrow page cuts
+            ("meaning", "sentence"),
+            ("first message", lambda f: record["messages"].get(f["status"], "")),
+        ]
+        found.append(tabulated("Failures", failures, columns, "", 4))
+    return found
+
+
+def fmu_figures(record: Record) -> list[Figure]:
+    """Measured and simulated values of each data set, one panel for each output."""
+    found = []
+    for data in record["data"]:
+        panels = tuple(_panel(output, origin_of(data)) for output in data["outputs"])
+        axis = "time, s" if data["outputs"][0]["axis"] == "time" else "row"
+        found.append(Figure(data["name"], f"Values of {data['name']} ({data['role']}).", axis, panels))
+    return found
+
+
+def _panel(output: Record, origin: str) -> Panel:
+    x = points(output["at"])
+    simulated = BOTH if output["axis"] == "row" else "lines"
+    series = (
+        Series(origin, "measured", x, tuple(output["measured"]), MARKERS),
+        Series("start values", "start", x, tuple(output["start"]), simulated),
+        Series("calibrated", "best", x, tuple(output["best"]), simulated),
+    )
+    unit = "" if output["unit"] == "1" else f", {output['unit']}"
+    return Panel(f"{output['variable']}{unit}", present(series))
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    moved = [d["half_step"] for d in record["data"] if d.get("half_step") is not None]
+    halved = [("With half of it", f"values move by {significant(max(moved), 2)} tolerances at most")] if moved else []
+    search, counts, fmu = record["optimiser"], record["evaluations"], record["fmu"]
+    objective = record["objective"]
+    return [
+        ("FMU", f"{fmu['name']}, FMI {fmu['version']}, SHA-256 {fmu['sha256']}"),
+        ("Communication step", f"{significant(record['step'], 6)} s"),
+        *halved,
+        ("Search", f"{search['method']}, {size_in_words(search)}"),
+        ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
+        ("Simulations", f"{counts['simulations']:,}"),
+        ("Time of the search", duration(record["clock"]["seconds"])),
+        ("Ended", f"{record['status']}: {record['reason']}"),
+        ("Seed", str(record["seed"])),
+        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+    ]

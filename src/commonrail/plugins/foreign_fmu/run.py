@@ -1,0 +1,130 @@
+"""A calibration of an FMU that survives: kept step by step in its run folder, and resumed after whatever stopped it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from commonrail.base.arguments import file_path, instance
+from commonrail.base.output import summed, write_csv
+from commonrail.calibration.search import Checkpoint
+from commonrail.plugins.foreign_fmu.file import fmu_record
+from commonrail.plugins.foreign_fmu.fit import FmuFit, calibrate_fmu
+from commonrail.plugins.foreign_fmu.study import FmuStudy, load_fmu_study
+from commonrail.runs.fingerprint import fingerprint_of
+from commonrail.runs.fit import FolderFit, FolderWords, Listener
+from commonrail.runs.folder import read_record, write_record
+from commonrail.runs.journal import Journal
+
+STUDY, RECORD, VALUES = "fmu-study.toml", "fmu-result.json", "values.csv"
+SILENT = Listener()
+
+
+def calibrate_fmu_into(
+    folder: str | Path, study: FmuStudy, *, processes: int | None = None, listener: Listener = SILENT
+) -> FmuFit:
+    """Calibrate an FMU into a new run folder that keeps every step; `resume_fmu` resumes it wherever it was stopped.
+
+    Parameters
+    ----------
+    folder : str or Path
+        New or empty. In the end it holds fmu-study.toml with all files that it reads, fmu-result.json, values.csv,
+        SHA256SUMS and journal.sqlite.
+    study : FmuStudy
+        Read from a file.
+    processes : int, optional
+        All usable processors by default; the result does not depend on it.
+    listener : Listener, optional
+
+    Raises
+    ------
+    InputError
+        If the folder is not empty.
+    OutputError
+        If it cannot be written; what was done before is kept.
+    StudyError
+        If the study was made in Python, or cannot be run; what was done before is kept.
+    """
+    path = file_path(folder, "folder")
+    instance(study, FmuStudy, "study")
+    return _FOLDER.begin(path, study, _search(processes, listener))
+
+
+def resume_fmu(
+    folder: str | Path, *, as_begun: bool = False, processes: int | None = None, listener: Listener = SILENT
+) -> FmuFit:
+    """Resume a calibration of an FMU; where no simulation met its time limit the result is that of one never stopped.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Run folder; it may have been moved or copied.
+    as_begun : bool
+        Use the copies in the run folder although the files that they were made from have changed.
+    processes, listener
+        As in `calibrate_fmu_into`; they may differ from those of the beginning.
+
+    Raises
+    ------
+    StudyError
+        If there is no journal, another process is at work in the folder, or the study or its data have changed.
+    OutputError
+        If the folder cannot be written; what was done before is kept.
+    """
+    return _FOLDER.resume(file_path(folder, "folder"), _search(processes, listener), as_begun=as_begun)
+
+
+def _search(processes: int | None, listener: Listener) -> Callable[[FmuStudy, Journal, Checkpoint | None], FmuFit]:
+    """The search of `calibrate_fmu`, kept in a journal."""
+    return lambda study, journal, checkpoint: calibrate_fmu(
+        study, processes=processes, progress=listener.progress, recorder=journal, checkpoint=checkpoint
+    )
+
+
+def _content(study: FmuStudy) -> str:
+    """Fingerprint of a study: equal fingerprints mean identical searches, but for simulations that are given up."""
+    rows = study.space.rows
+    decisive: tuple[Any, ...] = (study.seed, study.method, study.step, study.time_limit, study.loss, study.loss_scale)
+    return fingerprint_of(
+        study.title, study.fmu.digest, study.space.parameters, (rows.matrix, rows.labels), study.data, *decisive
+    )
+
+
+def read_fmu_run(folder: str | Path) -> dict[str, Any]:
+    """fmu-result.json of a run folder.
+
+    Raises
+    ------
+    InputError
+        If the folder is not that of a calibration of an FMU, or the file is broken or not the one that was written.
+    """
+    return read_record(file_path(folder, "folder") / RECORD, "commonrail calibrate")
+
+
+def _write(folder: Path, fit: FmuFit) -> None:
+    record = fmu_record(fit)
+    synthetic = fit.study.synthetic
+    notes = (f"Values of: {fit.study.title}", f"SYNTHETIC: {synthetic}" if synthetic else "not declared synthetic")
+    header = ["data", "variable", "unit", "axis", "at", "measured", "start", "best"]
+    with summed(folder, RECORD, VALUES):
+        write_record(folder / RECORD, record)
+        write_csv(folder / VALUES, notes, header, _rows(record))
+
+
+def _rows(record: dict[str, Any]) -> Iterator[list[str]]:
+    for data in record["data"]:
+        for output in data["outputs"]:
+            head = [data["name"], output["variable"], output["unit"], output["axis"]]
+            for row in zip(output["at"], output["measured"], output["start"], output["best"], strict=True):
+                yield [*head, *("" if value is None else repr(value) for value in row)]
+
+
+_FOLDER = FolderFit(
+    STUDY,
+    FolderWords("study", "an FMU", "commonrail calibrate STUDY", "calibrate_fmu"),
+    load_fmu_study,
+    _content,
+    ("seed",),
+    _write,
+)

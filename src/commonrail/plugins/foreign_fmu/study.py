@@ -1,0 +1,603 @@
+"""Study of a foreign FMU: the model, measured data, free parameters and an optimiser."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PlainValidator
+
+from commonrail.base.arguments import chosen, file_path, instance, instances, mapping, number, plain_text, settle, whole
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.base.input import noting_files
+from commonrail.base.units import parse, parse_difference, to_text
+from commonrail.calibration.goal import Goal, Loss
+from commonrail.calibration.objective import Objective, Scores
+from commonrail.calibration.optimisers.evolution import EvolutionSettings
+from commonrail.calibration.parameter import Parameter, Priors
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Method
+from commonrail.calibration.study_file.file import method_of
+from commonrail.calibration.study_file.keys import (
+    MOST_CONSTRAINTS,
+    MOST_PARAMETERS,
+    MOST_SETS,
+    Optimisers,
+    read_optimisers,
+)
+from commonrail.data.base import Role
+from commonrail.data.study_block import Name
+from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, Setting, fmu_curve, fmu_rows
+from commonrail.plugins.foreign_fmu.fmu import Fmu, FmuSimulator, FmuStatus, FmuVariable, read_fmu
+from commonrail.readers.columns import Column
+from commonrail.readers.fields import FileModel, Text, Unit
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place, located
+from commonrail.readers.tables import read_columns
+from commonrail.readers.toml import read_model_file
+
+# Notes on a study of an FMU: what is allowed and can still make its result wrong.
+
+_NEAR = 1e-6  # share of a step by which rounding may bring samples closer together
+
+
+def notes_on(fmu: Fmu, data: Sequence[FmuData], step: float) -> tuple[str, ...]:
+    """Sentences on samples closer together than communication points, and on inputs that the FMU need not take.
+
+    Parameters
+    ----------
+    fmu : Fmu
+    data : sequence of FmuData
+    step : float
+        Communication step [s].
+    """
+    return tuple(sentence for one in data for sentence in _on(fmu, one, step))
+
+
+def _on(fmu: Fmu, data: FmuData, step: float) -> Iterator[str]:
+    inputs = data.runs[0].inputs  # all simulations of a data set share them
+    if closer := _closer(data.runs[0].times, step):
+        yield f"The samples of {data.name} {closer}: outputs are linear between them; lower the step."
+    if inputs is None:
+        return
+    if closer := _closer(inputs.times, step):
+        yield f"The inputs of {data.name} {closer}: inputs are held between them; lower the step."
+    yield from _beyond(fmu, data.name, inputs)
+
+
+def _closer(times: Floats, step: float) -> str:
+    """Words on times that are closer together than communication points; empty if they are not."""
+    apart = float(np.median(np.diff(times))) if len(times) > 1 else math.inf
+    if apart >= step * (1.0 - _NEAR):
+        return ""
+    return f"are {to_text(apart, 's')} apart, and the communication points {to_text(step, 's')}"
+
+
+def _beyond(fmu: Fmu, data: str, inputs: FmuInputs) -> Iterator[str]:
+    """Sentence on each input whose course leaves the limits that the FMU states, which noise can do."""
+    for name, course in inputs.values.items():
+        ends = ((np.min(course), "smallest"), (np.max(course), "largest"))
+        found = (fmu.outside(name, float(value), f"{data}: the {word} value") for value, word in ends)
+        yield from (f"{sentence}." for sentence in found if sentence)
+
+
+TIME_LIMIT = 60.0  # of one simulation [s]; far longer than one should take, so that a busy machine ends none
+POLISH = 3  # refinements: as many as must agree before a search is called converged
+EXAMPLE = '{"e": (0.5, 0.9)}'
+
+
+@dataclass(frozen=True)
+class FmuStudy:
+    """A calibration of a foreign FMU, ready to run.
+
+    Attributes
+    ----------
+    title : str
+    fmu : Fmu
+    data : tuple of FmuData
+        At least one with role fit; their names differ.
+    space : Space
+        Free variables of the FMU, in its units.
+    method : Method
+    seed : int
+    step : float
+        Communication step [s].
+    time_limit : float
+        Time [s] after which the process of a simulation is ended.
+    loss : Loss
+        `Loss.SQUARES` or `Loss.SOFT_L1` of the residuals in tolerances.
+    loss_scale : float
+        Residual from which soft L1 grows in proportion.
+    files : mapping of Path to str
+        SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
+    text, note : str
+        The study file as given; free text for the report.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, no data set has role fit, two have one name, or a number is out of range.
+    InputError
+        If the FMU lacks a variable, has one of another kind, or does not allow a bound or a value.
+    """
+
+    title: str
+    fmu: Fmu
+    data: tuple[FmuData, ...]
+    space: Space
+    method: Method
+    seed: int
+    step: float
+    time_limit: float = TIME_LIMIT
+    loss: Loss = Loss.SQUARES
+    loss_scale: float = 1.0
+    files: Mapping[Path, str] = field(default_factory=dict)
+    text: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for what in ("title", "text", "note"):
+            plain_text(getattr(self, what), f"{what} of the study")
+        instance(self.fmu, Fmu, "fmu of the study")
+        instance(self.space, Space, "space of the study")
+        instance(self.method, Method, "method of the study")
+        settle(
+            self,
+            data=instances(self.data, FmuData, "data"),
+            seed=whole(self.seed, "seed"),
+            step=_positive(self.step, "step"),
+            time_limit=_positive(self.time_limit, "time_limit"),
+            loss=chosen(self.loss, Loss, "loss"),
+            loss_scale=_positive(self.loss_scale, "loss_scale"),
+        )
+        if self.loss is Loss.KINDS:
+            raise ConfigurationError(f'The loss of a study of an FMU is "squares" or "soft_l1", not "{self.loss}".')
+        names = [one.name for one in self.data]
+        if len(set(names)) < len(names):
+            raise ConfigurationError("Two data sets of the study have one name; rename one.")
+        if all(one.role is not Role.FIT for one in self.data):
+            raise ConfigurationError(f"{self.title}: no data set has role fit; give at least one the role fit.")
+        self._check_variables()
+
+    @property
+    def same_bits(self) -> bool:
+        """Return False: the bits of a result are those of the FMU on this machine."""
+        return False
+
+    @property
+    def synthetic(self) -> str:
+        """Synthetic parts of the data, empty if there are none."""
+        return " ".join(dict.fromkeys(one.synthetic for one in self.data if one.synthetic))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on a step that is coarser than the data, and on inputs beyond the limits of the FMU."""
+        return notes_on(self.fmu, self.data, self.step)
+
+    def _refuse_outside(self, name: str, value: float, what: str) -> None:
+        if found := self.fmu.outside(name, value, what):
+            raise InputError(f"{self.fmu.path}: {found}; keep within what the FMU allows.")
+
+    def _check_variables(self) -> None:
+        for parameter in self.space.parameters:
+            self.fmu.number(parameter.name)
+            self.fmu.adjustable(parameter.name)
+            self._refuse_outside(parameter.name, parameter.lower, "the lower bound")
+            self._refuse_outside(parameter.name, parameter.upper, "the upper bound")
+        for run in (run for one in self.data for run in one.runs):
+            for output in run.outputs:
+                self.fmu.number(output)
+            for name, value in run.start.items():
+                self.fmu.adjustable(name)
+                if not isinstance(value, (bool, str)):
+                    self._refuse_outside(name, value, "the value")
+            for name in run.inputs.values if run.inputs else ():
+                if self.fmu.number(name).causality != "input":
+                    raise ConfigurationError(f"{self.fmu.path}: {name} is no input, so it has no course in time.")
+            both = [name for name in self.space.names if name in run.start]
+            if both:
+                raise ConfigurationError(f"{both[0]} is free and set by the data as well; keep one of both.")
+            driven = [name for name in self.space.names if run.inputs and name in run.inputs.values]
+            if driven:
+                raise ConfigurationError(f"{driven[0]} is free and has a measured course as well; keep one of both.")
+
+
+def _positive(value: object, what: str) -> float:
+    found = number(value, "1", what)
+    if not found > 0.0:
+        raise ConfigurationError(f"{what} must be greater than zero, not {found:g}.")
+    return found
+
+
+def fmu_study(
+    fmu: Fmu | str | Path,
+    data: FmuData | Sequence[FmuData],
+    *,
+    free: Mapping[str, Any],
+    step: float,
+    method: Method | None = None,
+    seed: int = 1,
+    title: str = "",
+    time_limit: float = TIME_LIMIT,
+    loss: Loss = Loss.SQUARES,
+) -> FmuStudy:
+    """Study of an FMU and measured data, ready for `calibrate_fmu`.
+
+    Parameters
+    ----------
+    fmu : Fmu or path
+    data : FmuData or sequence of FmuData
+        At least one with role fit.
+    free : mapping of str to (lower, upper)
+        Bounds of variables by their names, in the units of the FMU; the search starts at the FMU's own values.
+    step : float
+        Communication step [s].
+    method : Method, optional
+        By default differential evolution and three least-squares refinements, ended when it has converged.
+    seed : int
+    title : str
+        By default the model's name.
+    time_limit : float
+        Of one simulation [s].
+    loss : Loss
+
+    Raises
+    ------
+    ConfigurationError, InputError
+        As `FmuStudy` and `read_fmu`.
+    """
+    model = fmu if isinstance(fmu, Fmu) else read_fmu(fmu)
+    found = (data,) if isinstance(data, FmuData) else tuple(data)
+    space = Space([_free(model, name, bounds) for name, bounds in mapping(free, "free", EXAMPLE).items()])
+    usual = Method(EvolutionSettings(), POLISH, stop_when_converged=True)
+    return FmuStudy(title or model.name, model, found, space, method or usual, seed, step, time_limit, loss)
+
+
+def _free(fmu: Fmu, name: str, bounds: Any) -> Parameter:
+    variable = fmu.number(name)
+    if not isinstance(bounds, Sequence) or isinstance(bounds, str) or len(bounds) != 2:
+        raise ConfigurationError(f"The bounds of {name} must be (lower, upper), not {bounds!r}.")
+    lower, upper = (number(value, variable.known_unit, f"bound of {name}") for value in bounds)
+    return free_parameter(variable, lower, upper)
+
+
+def free_parameter(variable: FmuVariable, lower: float, upper: float, start: float | None = None) -> Parameter:
+    """Free parameter of a variable.
+
+    Parameters
+    ----------
+    variable : FmuVariable
+    lower, upper : float
+        Bounds in the unit of the FMU.
+    start : float, optional
+        By default the FMU's own value, or the middle of the bounds where it states none or one outside them.
+    """
+    own = _own(variable)
+    inside = own is not None and lower <= own <= upper
+    source = "start value of the FMU" if inside and start is None else "start value of the study"
+    middle = 0.5 * (lower + upper)
+    value = start if start is not None else own if own is not None and inside else middle
+    return Parameter(variable.name, value, lower, upper, variable.unit, mark="E", source=source, signed=True)
+
+
+def _own(variable: FmuVariable) -> float | None:
+    try:
+        found = float(variable.start or "nan")
+    except ValueError:
+        return None
+    return found if math.isfinite(found) else None
+
+
+# Objective of a study of a foreign FMU.
+
+EXACT = 1e-6  # relative error of a simulation, which solvers of FMUs do not fall below
+
+
+class FmuObjective(Objective):
+    """Σ weight · loss of the residuals in tolerances, over the data with role fit.
+
+    Parameters
+    ----------
+    study : FmuStudy
+    simulator : FmuSimulator
+    """
+
+    statuses = FmuStatus
+
+    def __init__(self, study: FmuStudy, simulator: FmuSimulator) -> None:
+        self.names, self._reference = study.space.names, study.space.reference
+        self.goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
+        self._fitted = tuple(one for one in study.data if one.role is Role.FIT)
+        self.data: tuple[Any, ...] = self._fitted
+        self._fmu = simulator
+
+    @property
+    def least_cost(self) -> float:
+        """Objective that errors of the simulations alone leave: data without noise let costs differ by them alone."""
+        sizes = ((d.weight, EXACT * d.measured / d.tolerances) for d in self._fitted)
+        return float(sum(weight * np.sum(size**2) for weight, size in sizes))
+
+    @property
+    def threads(self) -> int | None:
+        """Return None: an FMU is simulated in processes."""
+        return None
+
+    @threads.setter
+    def threads(self, threads: int | None) -> None:
+        """Ignore threads."""
+
+    def own_values(self) -> list[float]:
+        """Reference values of the free parameters."""
+        return [float(value) for value in self._reference]
+
+    @property
+    def injections(self) -> int:
+        """Simulations that a candidate takes."""
+        return sum(len(one.runs) for one in self._fitted)
+
+    def costs(self, values: Floats) -> Scores:
+        """Objective of candidates (n, names); +inf with a status where one of its simulations failed."""
+        residuals, statuses = self._found(values)
+        costs = np.sum(residuals**2, axis=1)
+        if len(self.goal.priors):
+            costs = costs + self.goal.priors.costs(values)
+        failed = (statuses != FmuStatus.FMU_OK) | ~np.isfinite(costs)
+        statuses = np.where(failed & (statuses == FmuStatus.FMU_OK), FmuStatus.FMU_NOT_FINITE, statuses)
+        return Scores(np.where(failed, np.inf, costs), statuses.astype(np.int8), len(values) * self.injections)
+
+    def residuals(self, values: Floats) -> Floats:
+        """Residuals (n, all values, then priors); NaN in what a failed simulation would have given."""
+        return np.concatenate([self._found(values)[0], self.goal.priors.residuals(values)], axis=1)
+
+    def screened(self, values: Floats) -> Floats:
+        """Residuals as `residuals` returns them: an FMU has no coarser simulation."""
+        return self.residuals(values)
+
+    def linearised(self, values: Floats) -> Floats:
+        """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
+        found = self._plain(self._fmu.simulate(self._fitted, values).values)
+        weights = [self.goal.roots_of_weights(own[0]) if self.goal.bent(own) is not own else 1.0 for own in found]
+        parts = [np.sqrt(d.weight) * w * r for d, w, r in zip(self._fitted, weights, found, strict=True)]
+        return np.concatenate([*parts, self.goal.priors.residuals(values)], axis=1)
+
+    def _found(self, values: Floats) -> tuple[Floats, NDArray[np.int8]]:
+        """Residuals (n, all values) whose squares sum to the loss, and statuses (n,)."""
+        simulated = self._fmu.simulate(self._fitted, values)
+        found = zip(self._fitted, self._plain(simulated.values), strict=True)
+        return np.concatenate([np.sqrt(d.weight) * self.goal.bent(r) for d, r in found], axis=1), simulated.statuses
+
+    def _plain(self, values: Floats) -> list[Floats]:
+        """Residuals in tolerances of each data set."""
+        edges = np.cumsum([len(one.measured) for one in self._fitted])[:-1]
+        return [d.residuals(own) for d, own in zip(self._fitted, np.split(values, edges, axis=1), strict=True)]
+
+
+# Studies of foreign FMUs from TOML: model, measured data, free parameters and optimiser.
+
+FORMAT = "commonrail-fmu-study/1"
+MOST_OUTPUTS = 100
+
+_Value = str | float | int | bool
+_Settings = dict[str, _Value]
+_Columns = dict[str, Text]
+
+
+class _OutputModel(FileModel):
+    variable: Text
+    column: Text | None = None
+    tolerance: str | float | None = None
+
+
+class _InputsModel(FileModel):
+    file: Text
+    time: Text = "time"
+    columns: _Columns
+
+
+class _DataModel(FileModel):
+    name: Name
+    file: Text
+    role: Role = Field(default=Role.FIT, strict=False)
+    weight: float = Field(default=1.0, gt=0.0)
+    source: str = ""
+    synthetic: str = ""
+    time: Text = "time"
+    stop: Annotated[float, Unit("s")] | None = None
+    rows: _Columns = Field(default_factory=dict)
+    set: _Settings = Field(default_factory=dict)
+    inputs: _InputsModel | None = None
+    output: list[_OutputModel] = Field(min_length=1, max_length=MOST_OUTPUTS)
+
+
+class _ParameterModel(FileModel):
+    name: Text
+    lower: str | float
+    upper: str | float
+    start: str | float | None = None
+    scale: Literal["linear", "log"] = "linear"
+
+
+class _StudyModel(FileModel):
+    """The whole file."""
+
+    format: Literal["commonrail-fmu-study/1"]
+    title: Text
+    fmu: Text
+    step: Annotated[float, Unit("s")]
+    time_limit: Annotated[float, Unit("s")] = TIME_LIMIT
+    seed: int = Field(default=1, ge=0)
+    note: str = ""
+    allow_outside: bool = False
+    loss: Loss = Field(default=Loss.SQUARES, strict=False)
+    loss_scale: float = Field(default=1.0, gt=0.0)
+    set: _Settings = Field(default_factory=dict)
+    parameter: list[_ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
+    constraints: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
+    data: list[_DataModel] = Field(min_length=1, max_length=MOST_SETS)
+    optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(
+        default_factory=lambda: read_optimisers({"polish": 3, "stop_when_converged": True})
+    )
+
+
+class _Reading(NamedTuple):
+    """FMU, values that all data set, and the folder that files may lie in."""
+
+    fmu: Fmu
+    settings: Mapping[str, Setting]
+    reach: Reach
+
+
+def load_fmu_study(path: str | Path) -> FmuStudy:
+    """Read a study of an FMU with all its data.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file; the paths in it are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
+    ConfigurationError
+        If values contradict one another.
+    """
+    with noting_files() as files:
+        study = _study(file_path(path, "path of a study"))
+    return replace(study, files=files)
+
+
+def _study(file: Path) -> FmuStudy:
+    model, at, reach, text = read_model_file(_StudyModel, file)
+    fmu = read_fmu(reach.path(file.parent, model.fmu, at / "fmu"))
+    reading = _Reading(fmu, _settings(model.set, fmu, at / "set"), reach)
+    free = [_parameter(one, fmu, (at / "parameter")[i]) for i, one in enumerate(model.parameter)]
+    with located(at):
+        space = Space(free, model.constraints)
+    data = tuple(_data(one, reading, (at / "data")[i]) for i, one in enumerate(model.data))
+    method = method_of(model.optimiser, space, at / "optimiser")
+    how = model.seed, model.step, model.time_limit, model.loss, model.loss_scale
+    with located(at):
+        return FmuStudy(model.title, fmu, data, space, method, *how, text=text, note=model.note)
+
+
+def _parameter(model: _ParameterModel, fmu: Fmu, at: Place) -> Parameter:
+    with located(at):
+        variable = fmu.number(model.name)
+        lower, upper = _number(model.lower, variable), _number(model.upper, variable)
+        start = None if model.start is None else _number(model.start, variable)
+        return replace(free_parameter(variable, lower, upper, start), scale=model.scale)
+
+
+def _number(item: str | float, variable: FmuVariable) -> float:
+    """Number in the unit of a variable: as it stands, or of a text with its unit."""
+    return parse(item, variable.known_unit) if isinstance(item, str) else float(item)
+
+
+def _difference(item: str | float, variable: FmuVariable) -> float:
+    """As `_number`, of a difference: a tolerance of 2 °C is one of 2 K."""
+    return parse_difference(item, variable.known_unit) if isinstance(item, str) else float(item)
+
+
+def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, Setting]:
+    found: dict[str, Setting] = {}
+    for name, item in stated.items():
+        with located(at / name):
+            variable = fmu.adjustable(name)
+            is_number = variable.type not in ("Boolean", "String") and not isinstance(item, bool)
+            found[name] = _number(item, variable) if is_number else item
+    return found
+
+
+def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
+    variables = {}
+    for i, one in enumerate(model.output):
+        with located((at / "output")[i]):
+            if one.variable in variables:
+                raise InputError(f"{one.variable} is compared twice; keep one.")
+            variables[one.variable] = reading.fmu.number(one.variable)
+    columns = {one.variable: _column(one.column or one.variable, variables[one.variable]) for one in model.output}
+    more: dict[str, Any] = {
+        "tolerance": _tolerances(model, variables, at),
+        "inputs": _inputs(model.inputs, reading, at / "inputs"),
+        "role": model.role,
+        "weight": model.weight,
+        "source": model.source,
+        "synthetic": model.synthetic,
+    }
+    settings = {**reading.settings, **_settings(model.set, reading.fmu, at / "set")}
+    path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
+    if model.rows or model.stop is not None:
+        return _rows(model, reading.fmu, path, columns, settings, more, at)
+    time = _time(model.time)
+    table = read_columns(path, [time, *columns.values()], 1)
+    measured = {name: table.columns[column.name] for name, column in columns.items()}
+    with located(at):
+        return fmu_curve(model.name, table.columns[model.time], measured, start=settings, **more)
+
+
+def _rows(
+    model: _DataModel,
+    fmu: Fmu,
+    path: Path,
+    columns: Mapping[str, Column],
+    settings: Mapping[str, Setting],
+    more: Mapping[str, Any],
+    at: Place,
+) -> FmuData:
+    """Values at the end of one simulation for each row."""
+    if model.stop is None:
+        raise (at / "stop").error('this key is missing; with rows, state the end of each simulation, such as "3 ms"')
+    given = {}
+    for name, column in model.rows.items():
+        with located(at / "rows" / name):
+            fmu.adjustable(name)
+            given[name] = _column(column, fmu.number(name))
+    table = read_columns(path, [*columns.values(), *given.values()], 1)
+    count = len(table.rows)
+    each: list[dict[str, Setting]] = [
+        {**settings, **{name: float(table.columns[column.name][i]) for name, column in given.items()}}
+        for i in range(count)
+    ]
+    measured = {name: table.columns[column.name] for name, column in columns.items()}
+    with located(at):
+        return fmu_rows(model.name, each, measured, model.stop, **more)
+
+
+def _column(name: str, variable: FmuVariable) -> Column:
+    """Column whose numbers become those of a variable; without a unit they are in that of the FMU."""
+    return Column(name, variable.known_unit, otherwise=variable.known_unit)
+
+
+def _time(name: str) -> Column:
+    """Column of times; without a unit they are in seconds, the unit of time in an FMU."""
+    return Column(name, "s", increasing=True, otherwise="s")
+
+
+def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Place) -> dict[str, float]:
+    found = {}
+    for i, one in enumerate(model.output):
+        if one.tolerance is not None:
+            with located((at / "output")[i] / "tolerance"):
+                found[one.variable] = _difference(one.tolerance, variables[one.variable])
+                if not found[one.variable] > 0.0:
+                    raise InputError("a tolerance must be greater than zero.")
+    return found
+
+
+def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> FmuInputs | None:
+    if model is None:
+        return None
+    path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
+    columns = {}
+    for name, column in model.columns.items():
+        with located(at / "columns" / name):
+            columns[name] = _column(column, reading.fmu.number(name))
+    table = read_columns(path, [_time(model.time), *columns.values()], 2)
+    return FmuInputs(table.columns[model.time], {name: table.columns[one.name] for name, one in columns.items()})

@@ -1,0 +1,1 @@
+"""Quantity maps, their inverse, sweeps and files for ECUs."""

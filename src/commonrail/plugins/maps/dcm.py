@@ -1,0 +1,182 @@
+"""Maps as DCM 2.0, the text format of calibration data of control units.
+
+Each map is a KENNFELD: its x axis once (ST/X), then for each value of the y axis (ST/Y) a row of values (WERT). Lines
+hold six numbers, decimal points, no thousands separators. The format is ASCII; other characters are transcribed.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.errors import InputError
+from commonrail.base.output import write_text
+from commonrail.plugins.maps.table import Axis, MapTable
+from commonrail.readers.limits import read_text
+
+NUMBERS = 6  # in a line
+LARGEST = 20_000_000  # [bytes]
+MOST_VALUES = 1_000_000
+_FORMAT = "KONSERVIERUNG_FORMAT"
+_SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg", "−": "-", '"': "'"})
+
+
+def write_dcm(path: Path, tables: Sequence[MapTable]) -> None:
+    """Write maps into one file, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    tables : sequence of MapTable
+
+    Raises
+    ------
+    InputError
+        If a cell has no number.
+    OutputError
+        If it cannot be written.
+    """
+    for table in tables:
+        table.require_numbers("A DCM file")
+    write_text(path, "\n".join(_lines(tables)) + "\n")
+
+
+def _lines(tables: Sequence[MapTable]) -> Iterator[str]:
+    yield f"* {_plain('written by commonrail')}"
+    for note in dict.fromkeys(note for table in tables for note in table.notes):
+        yield f"* {_plain(note)}"
+    yield ""
+    yield f"{_FORMAT} 2.0"
+    for table in tables:
+        yield ""
+        yield from _map(table)
+
+
+def _map(table: MapTable) -> Iterator[str]:
+    yield f"KENNFELD {table.label} {len(table.x.values)} {len(table.y.values)}"
+    yield f'   LANGNAME "{_plain(table.title)}"'
+    yield f'   EINHEIT_X "{_plain(table.x.unit)}"'
+    yield f'   EINHEIT_Y "{_plain(table.y.unit)}"'
+    yield f'   EINHEIT_W "{_plain(table.unit)}"'
+    yield from _numbers("ST/X", table.x.values.tolist())
+    for place, row in zip(table.y.values.tolist(), table.values.tolist(), strict=True):
+        yield f"   ST/Y   {number_text(place)}"
+        yield from _numbers("WERT", row)
+    yield "END"
+
+
+def _numbers(word: str, values: Sequence[float]) -> Iterator[str]:
+    for first in range(0, len(values), NUMBERS):
+        yield f"   {word}   " + "   ".join(map(number_text, values[first : first + NUMBERS]))
+
+
+def number_text(value: float) -> str:
+    """Number with a decimal point and without an exponent, read back to the same double."""
+    return np.format_float_positional(value + 0.0, trim="0")
+
+
+def _plain(text: str) -> str:
+    """Text in ASCII on one line, without quotation marks."""
+    decomposed = unicodedata.normalize("NFKD", " ".join(text.split()).translate(_SIGNS))
+    return decomposed.encode("ascii", "ignore").decode("ascii")
+
+
+def read_dcm(path: Path) -> list[MapTable]:
+    """Maps of a file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; whatever else it holds is passed over.
+
+    Parameters
+    ----------
+    path : Path
+        DCM 2.0 in UTF-8 or ASCII.
+
+    Raises
+    ------
+    InputError
+        If it is not DCM, or a map in it is damaged; the message names the line.
+    """
+    lines = enumerate(read_text(path, LARGEST).splitlines(), start=1)
+    content = ((n, line.strip()) for n, line in lines if line.strip() and line.strip()[0] not in "*!.")
+    first = next(content, (1, ""))
+    if not re.fullmatch(rf"{_FORMAT}\s+2\.\d", first[1]):
+        raise InputError(f"{path}, line {first[0]}: a DCM file begins with {_FORMAT} 2.0; this one does not.")
+    found = []
+    for number, line in content:
+        words = line.split()
+        if re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]):
+            found.append(_read_map(path, number, words, content))
+    return found
+
+
+def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tuple[int, str]]) -> MapTable:
+    if len(words) != 4 or not all(word.isdecimal() for word in words[2:]):
+        raise InputError(f"{path}, line {start}: expected {words[0]} NAME NX NY.")
+    if max(map(len, words[2:])) > len(str(MOST_VALUES)):  # Python reads no number of thousands of digits
+        digits = max(map(len, words[2:]))
+        raise InputError(f"{path}, line {start}: a size has {digits} digits, and 1 to {MOST_VALUES} values are read.")
+    nx, ny = int(words[2]), int(words[3])
+    if not 0 < nx * ny <= MOST_VALUES:
+        raise InputError(f"{path}, line {start}: the map has {nx} × {ny} values, and 1 to {MOST_VALUES} are read.")
+    texts: dict[str, str] = {}
+    numbers: dict[str, list[float]] = {"ST/X": [], "ST/Y": [], "WERT": []}
+    for number, line in content:
+        word, _, rest = line.partition(" ")
+        word, _, rest = line.partition("\t") if "\t" in word else (word, "", rest)
+        if word == "END":
+            return _checked(path, start, words[1], (nx, ny), (texts, numbers))
+        if word in numbers:
+            numbers[word] += _floats(path, number, rest)
+        else:
+            texts[word] = rest.strip().strip('"')
+    raise InputError(f"{path}, line {start}: the map {words[1]} has no END; the file is cut.")
+
+
+def _floats(path: Path, number: int, text: str) -> list[float]:
+    try:
+        found = [float(word) for word in text.split()]
+    except ValueError as error:
+        raise InputError(f'{path}, line {number}: "{text.strip()[:40]}" are not numbers.') from error
+    if not np.all(np.isfinite(found)):
+        raise InputError(f"{path}, line {number}: a number is not finite.")
+    return found
+
+
+def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: tuple[dict[str, str], Any]) -> MapTable:
+    texts, numbers = found
+    nx, ny = size
+    counts = {"ST/X": nx, "ST/Y": ny, "WERT": nx * ny}
+    for word, count in counts.items():
+        if len(numbers[word]) != count:
+            raise InputError(
+                f"{path}, line {start}: the map {label} has {len(numbers[word])} numbers in its {word} lines, and "
+                f"{count} are expected for {nx} × {ny}."
+            )
+    x, y = (Axis(axis, texts.get(f"EINHEIT_{axis}", ""), np.array(numbers[f"ST/{axis}"])) for axis in "XY")
+    for axis in (x, y):
+        if np.any(np.diff(axis.values) <= 0.0):
+            raise InputError(f"{path}, line {start}: the {axis.name} axis of {label} does not increase strictly.")
+    values = np.array(numbers["WERT"]).reshape(ny, nx)
+    states = tuple(("",) * nx for _ in range(ny))
+    return MapTable(label, texts.get("LANGNAME", ""), "value", texts.get("EINHEIT_W", ""), x, y, values, states)
+
+
+def facts_of(file: Path) -> dict[str, str]:
+    """Maps in a DCM file, for `commonrail inspect`: size, axes and unit of each by its label.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or holds no map.
+    """
+    maps = read_dcm(file)
+    if not maps:
+        raise InputError(f"{file}: there is no map in this DCM file; single values and curves are passed over.")
+    facts = {"taken for": "calibration data, DCM 2"}
+    for m in maps:
+        (ny, nx), axes = m.values.shape, f"{m.x.unit or 'no unit'} × {m.y.unit or 'no unit'}"
+        facts[m.label] = f"{nx} × {ny} over {axes}, values in {m.unit or 'no unit'}"
+    return facts

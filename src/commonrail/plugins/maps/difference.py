@@ -1,0 +1,106 @@
+"""A simulated map beside another one: a second model, or measured quantities."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.units import convert
+from commonrail.data.quantities.data import rms
+from commonrail.plugins.maps.response import respond
+from commonrail.plugins.maps.run import InjectionMap
+from commonrail.readers.grid import read_grid
+from commonrail.readers.quantity_matrix import FoundMap, find_map
+
+SMALL = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
+
+
+class MeasuredMap(NamedTuple):
+    """Measured quantities: rail pressures [Pa], energising times [s] and volumes [m³], all (n,)."""
+
+    rail_pressure: Floats
+    energising_time: Floats
+    volume: Floats
+
+
+class Comparison(NamedTuple):
+    """Measured map, its source, and the volumes (n,) that the model injects at its points [m³]."""
+
+    measured: MeasuredMap
+    source: str
+    simulated: Floats
+
+    @property
+    def rms_large(self) -> float:
+        """Root mean square of the relative errors where more than `SMALL` is measured; NaN if nowhere."""
+        large = (self.measured.volume > SMALL) & np.isfinite(self.simulated)
+        return rms((self.simulated[large] - self.measured.volume[large]) / self.measured.volume[large])
+
+    @property
+    def rms_small(self) -> float:
+        """Root mean square of the errors elsewhere [m³]; NaN if nowhere."""
+        small = (self.measured.volume <= SMALL) & np.isfinite(self.simulated)
+        return rms(self.simulated[small] - self.measured.volume[small])
+
+
+def compare_with(found: InjectionMap, measured: MeasuredMap, source: str) -> Comparison:
+    """Simulate a map's injector at the points of a measured map.
+
+    Parameters
+    ----------
+    found : InjectionMap
+    measured : MeasuredMap
+    source : str
+        Name of its file.
+    """
+    response = respond(found.injector, measured.rail_pressure, measured.energising_time, found.conditions)
+    return Comparison(measured, source, response.volume)
+
+
+def difference(first: InjectionMap, second: InjectionMap) -> tuple[Floats, Floats]:
+    """Second less first: energising times (pressures, quantities) [s] and volumes (pressures, times) [m³].
+
+    Raises
+    ------
+    ConfigurationError
+        If their axes differ.
+    """
+    for name in ("rail_pressure", "quantity", "energising_time"):
+        if not np.array_equal(getattr(first.axes, name), getattr(second.axes, name)):
+            raise ConfigurationError(f"Two maps are compared over the same axes; their axes of {name} differ.")
+    return second.inverse.energising_time - first.inverse.energising_time, second.volume - first.volume
+
+
+# Measured quantity maps as a model is compared with them, in SI units.
+
+
+def read_measured_map(path: Path, density: float) -> MeasuredMap:
+    """Measured quantities of a file.
+
+    Parameters
+    ----------
+    path : Path
+        CSV or workbook.
+    density : float
+        Density that makes volumes of masses [kg/m³].
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or no map is found in it.
+    """
+    return in_si(find_map(read_grid(path)), density)
+
+
+def in_si(found: FoundMap, density: float) -> MeasuredMap:
+    """Map in SI units; masses are divided by a density [kg/m³]."""
+    units = found.units
+    rail = convert(found.rail_pressure, units["rail pressure"], "Pa")
+    time = convert(found.energising_time, units["energising time"], "s")
+    if found.by_mass:
+        return MeasuredMap(rail, time, convert(found.quantity, units["quantity"], "kg") / density)
+    return MeasuredMap(rail, time, convert(found.quantity, units["quantity"], "m3"))

@@ -1,0 +1,264 @@
+"""Maps in files, each in the format that the end of its name says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError
+from commonrail.base.output import neutralised, replacing, write_csv, write_text
+from commonrail.base.text import number
+from commonrail.plugins.maps.cdfx import write_cdfx
+from commonrail.plugins.maps.dcm import number_text, write_dcm
+from commonrail.plugins.maps.difference import Comparison
+from commonrail.plugins.maps.inverse import CellState
+from commonrail.plugins.maps.run import InjectionMap, MapBands
+from commonrail.plugins.maps.table import MapTable
+
+LONGEST_SHEET = 31  # characters of the name of a sheet
+
+
+def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
+    """Write maps into one file, whole or not at all, in the format of its name's end.
+
+    Parameters
+    ----------
+    path : Path
+        See `ENDINGS`. CSV holds one map.
+    tables : sequence of MapTable
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown, the format cannot hold the maps, or its library is not installed.
+    OutputError
+        If it cannot be written.
+    """
+    check_map_file(path)
+    _WRITERS[path.suffix.lower()](path, tables)
+
+
+def check_map_file(path: Path) -> None:
+    """Refuse a name whose end tells no format, and a format whose library is missing.
+
+    Raises
+    ------
+    InputError
+        In both cases.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _WRITERS:
+        raise InputError(f"{path}: maps are written as {', '.join(ENDINGS)}; name a file that ends so.")
+    if suffix == ".xlsx" and find_spec("openpyxl") is None:
+        raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or write CSV.")
+
+
+def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
+    """One row for each cell, so that the file can serve as data of a study."""
+    if len(tables) != 1:
+        raise InputError(f"{path}: a CSV file holds one map, not {len(tables)}; write each into a file of its own.")
+    (table,) = tables
+    header = [f"{name} [{unit}]" for name, unit, _ in (table.x, table.y)] + [f"{table.name} [{table.unit}]", "state"]
+    header += [f"{layer.name} [{layer.unit}]" for layer in table.layers]
+    write_csv(path, (table.title, *table.notes), header, _cells(table))
+
+
+def _cells(table: MapTable) -> list[list[str]]:
+    rows = []
+    for i, x in enumerate(table.x.values.tolist()):
+        for j, y in enumerate(table.y.values.tolist()):
+            own = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
+            rows.append(own + [_cell(layer.values[j, i]) for layer in table.layers])
+    return rows
+
+
+def _cell(value: float) -> str:
+    return number_text(float(value)) if np.isfinite(value) else ""
+
+
+def _with_gaps(values: Floats) -> list[list[float | None]]:
+    """Rows of numbers, None where there is none."""
+    return [[v if np.isfinite(v) else None for v in row] for row in values.tolist()]
+
+
+def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
+    maps = [
+        {
+            "label": table.label,
+            "title": table.title,
+            "name": table.name,
+            "unit": table.unit,
+            "x": {"name": table.x.name, "unit": table.x.unit, "values": table.x.values.tolist()},
+            "y": {"name": table.y.name, "unit": table.y.unit, "values": table.y.values.tolist()},
+            "values": _with_gaps(table.values),
+            "states": table.states,
+            "notes": table.notes,
+            "layers": [
+                {"name": layer.name, "unit": layer.unit, "values": _with_gaps(layer.values)} for layer in table.layers
+            ],
+        }
+        for table in tables
+    ]
+    write_text(path, json.dumps({"kind": "maps", "schema": 1, "maps": maps}, indent=1, allow_nan=False) + "\n")
+
+
+def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
+    """MATLAB 5: a structure for each map, named by its label."""
+    from scipy.io import savemat
+
+    content = {}
+    for table in tables:
+        content[_variable(path, table.label)] = {
+            "title": table.title,
+            "name": table.name,
+            "unit": table.unit,
+            "x_name": table.x.name,
+            "x_unit": table.x.unit,
+            "x": table.x.values,
+            "y_name": table.y.name,
+            "y_unit": table.y.unit,
+            "y": table.y.values,
+            "values": table.values,
+            "states": np.array(table.states, object),
+            "notes": np.array(table.notes, object),
+            **{layer.name: layer.values for layer in table.layers},
+        }
+    if len(content) != len(tables):
+        raise InputError(f"{path}: two of the maps have the same name in MATLAB; rename a label.")
+    with replacing(path, "wb") as stream:
+        savemat(stream, content, oned_as="row")
+
+
+def _variable(path: Path, label: str) -> str:
+    """Name of a variable of MATLAB: points and brackets become underscores."""
+    name = label.translate(str.maketrans(".[]", "___"))
+    if len(name) > 31 or name.startswith("_"):
+        raise InputError(
+            f"{path}: the label {label} is no name of a MATLAB variable, which has at most 31 characters and begins "
+            "with a letter; give a shorter label."
+        )
+    return name
+
+
+def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
+    """Sheets for each map, its values, its states and edges of bands, and one with notes."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    notes = book.active
+    notes.title = "notes"
+    for table in tables:
+        for line in (f"{table.label}: {table.title}", *table.notes):
+            notes.append([neutralised(line)])
+        layers = [(layer.name, _with_gaps(layer.values)) for layer in table.layers]
+        for what, cells in ((table.name, _with_gaps(table.values)), ("states", table.states), *layers):
+            sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
+            corner = f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]"
+            sheet.append([corner, *table.x.values.tolist()])
+            for place, row in zip(table.y.values.tolist(), cells, strict=True):
+                sheet.append([place, *row])
+            sheet.freeze_panes = "B2"
+    with replacing(path, "wb") as stream:
+        book.save(stream)
+
+
+def _sheet_name(wanted: str, taken: Sequence[str]) -> str:
+    name, count = wanted[:LONGEST_SHEET], 2
+    while name in taken:
+        name, count = f"{wanted[: LONGEST_SHEET - 3]} {count}", count + 1
+    return name
+
+
+_WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
+    ".csv": _write_csv,
+    ".xlsx": _write_xlsx,
+    ".mat": _write_mat,
+    ".json": _write_json,
+    ".dcm": write_dcm,
+    ".cdfx": write_cdfx,
+}
+ENDINGS = tuple(_WRITERS)
+
+
+# A map as one JSON object in SI units.
+
+
+def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
+    """Record of maps by the labels of their models; null where there is no number.
+
+    Parameters
+    ----------
+    found : mapping of str to InjectionMap
+    compared : Comparison, optional
+        Of the first map with measured data.
+    """
+    record: dict[str, Any] = {"schema": 1, "kind": "map", "maps": [_one(label, m) for label, m in found.items()]}
+    if compared is not None:
+        record["measured"] = {
+            "source": compared.source,
+            "rail_pressure": compared.measured.rail_pressure.tolist(),
+            "energising_time": compared.measured.energising_time.tolist(),
+            "measured": compared.measured.volume.tolist(),
+            "simulated": _numbers(compared.simulated),
+            "rms_large": number(compared.rms_large),
+            "rms_small": number(compared.rms_small),
+        }
+    return record
+
+
+def _one(label: str, found: InjectionMap) -> dict[str, Any]:
+    conditions, inverse = found.conditions, found.inverse
+    return {
+        "label": label,
+        "injector": found.injector.name,
+        "variant": found.injector.variant.label,
+        "synthetic": found.injector.synthetic,
+        "conditions": {
+            "cylinder_pressure": conditions.cylinder_pressure,
+            "return_pressure": conditions.return_pressure,
+            "time_step": conditions.time_step,
+        },
+        "reference_density": found.density,
+        "rules": {"several": found.rules.several.value, "unreachable": found.rules.beyond.value},
+        "simulations": found.simulations,
+        "rail_pressure": found.axes.rail_pressure.tolist(),
+        "quantity": found.axes.quantity.tolist(),
+        "energising_time": found.axes.energising_time.tolist(),
+        "injected_volume": _numbers(found.volume),
+        "ballistic": found.ballistic.tolist(),
+        "falls_with_pressure": found.falls_with_pressure.tolist(),
+        "inverse": {
+            "energising_time": _numbers(inverse.energising_time),
+            "delivered": _numbers(inverse.delivered),
+            "state": [[CellState(state).name for state in row] for row in inverse.state.tolist()],
+            "ballistic": found.inverse_ballistic.tolist(),
+        },
+        "falls": [fall._asdict() for fall in found.falls],
+        "bands": None if found.bands is None else _bands(found.bands),
+    }
+
+
+def _bands(bands: MapBands) -> dict[str, Any]:
+    """Edges by the share that a band is to hold, over the cells of the quantity map and of the inverse."""
+    return {
+        "estimator": bands.estimator,
+        "levels": list(bands.quantity),
+        "injected_volume": [_edges(pair) for pair in bands.quantity.values()],
+        "delivered": [_edges(pair) for pair in bands.delivered.values()],
+    }
+
+
+def _edges(pair: tuple[Floats, Floats]) -> dict[str, Any]:
+    return {"lower": _numbers(pair[0]), "upper": _numbers(pair[1])}
+
+
+def _numbers(values: Floats) -> list[Any]:
+    if values.ndim == 1:
+        return [number(value) for value in values.tolist()]
+    return [_numbers(row) for row in values]

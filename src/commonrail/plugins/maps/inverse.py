@@ -1,0 +1,242 @@
+"""Inverse of a quantity map: the energising time that delivers a quantity, found by simulation, not by interpolation.
+
+Each cell has a bracket of two simulated energising times, which Chandrupatla's method (Advances in Engineering Software
+28, 1997) narrows; all open cells of a round are simulated at once. A cell is done when the simulated quantity meets the
+wanted one, so that every number that is not named otherwise has been simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum, IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
+from commonrail.plugins.maps.response import Line, Response, falls_of
+
+# Choices of an inverse map, and the states that its cells can have.
+
+
+class Several(Enum):
+    """Energising time that is taken where several deliver the quantity, because it falls in between."""
+
+    SHORTEST = "shortest"
+    LONGEST = "longest"
+
+
+class Beyond(Enum):
+    """Energising time of a quantity that the longest simulated one does not deliver.
+
+    EXTRAPOLATE continues the last two simulated times as a straight line, as makers of control units do; HOLD takes
+    the longest time; EMPTY leaves the cell without a number.
+    """
+
+    EXTRAPOLATE = "extrapolate"
+    HOLD = "hold"
+    EMPTY = "empty"
+
+
+class CellState(IntEnum):
+    """State of a cell of a map; `sentence` says what its number means."""
+
+    REACHED = 0
+    ZERO = 1
+    SEVERAL = 2
+    JUMP = 3
+    BEYOND = 4
+    FAILED = 5
+
+    @property
+    def sentence(self) -> str:
+        """Meaning of the number in a cell of this state."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    CellState.REACHED: "simulated: this energising time delivers the quantity",
+    CellState.ZERO: "no quantity: the energising time is 0",
+    CellState.SEVERAL: "several energising times deliver the quantity, because it falls in between: one is taken",
+    CellState.JUMP: "the quantity jumps past this value: the energising time just behind the jump",
+    CellState.BEYOND: "more than the longest simulated energising time delivers: by the stated rule",
+    CellState.FAILED: "the simulation failed or the needle did not close: no number",
+}
+
+
+States = Ints
+
+# Responses (n,) of lines, given by their indices (n,), at energising times (n,) [s].
+Simulate = Callable[[IndexArray, Floats], Response]
+
+TOLERANCE = 0.01e-9  # of a delivered quantity [m³]
+NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s]; control units have 100 ns
+INSIDE = 0.02  # share of a bracket that the next time keeps from its ends: each round narrows it
+
+
+class Rules(NamedTuple):
+    """Rules for cells with several energising times, and with none."""
+
+    several: Several = Several.SHORTEST
+    beyond: Beyond = Beyond.EXTRAPOLATE
+
+
+class Inverse(NamedTuple):
+    """Energising times (pressures, quantities) [s], what they deliver [m³], largest lifts [m], and states.
+
+    A time is NaN where there is none, a delivered quantity and a lift where nothing was simulated.
+    """
+
+    energising_time: Floats
+    delivered: Floats
+    lift: Floats
+    state: States
+
+
+class _Cells(NamedTuple):
+    """Open cells (n,): their places (2, n), wanted volumes, and simulated times with their misses (3, n) [s], [m³].
+
+    The wanted volume lies between the first two times; the third is the one that they have replaced last.
+    """
+
+    place: IndexArray
+    wanted: Floats
+    time: Floats
+    miss: Floats
+
+    def only(self, kept: Bools) -> _Cells:
+        """Cells of a mask."""
+        return _Cells(self.place[:, kept], self.wanted[kept], self.time[:, kept], self.miss[:, kept])
+
+
+def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules) -> tuple[Inverse, list[Line]]:
+    """Energising times for quantities at each of some lines.
+
+    Parameters
+    ----------
+    simulate : function
+        Simulates lines, given by their indices (n,), at energising times (n,) [s].
+    lines : list of Line
+        Samples of each line.
+    quantity : (k,)
+        Wanted volumes [m³].
+    rules : Rules
+
+    Returns
+    -------
+    inverse : Inverse
+        (lines, quantities).
+    lines : list of Line
+        With the samples that the search has added.
+    """
+    shape = len(lines), len(quantity)
+    number = np.full(shape, np.nan)
+    found = Inverse(number, number.copy(), number.copy(), np.full(shape, int(CellState.FAILED)))
+    open_ = []
+    for cell in np.ndindex(shape):
+        around = _settled(found, (cell[0], cell[1]), lines[cell[0]], float(quantity[cell[1]]), rules)
+        if around is not None:
+            open_.append((cell, around))
+    if open_:
+        place = np.array([cell for cell, _ in open_], np.intp).T
+        around = np.array([found for _, found in open_]).transpose(1, 2, 0)
+        lines = _searched(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
+    _mark_several(found, lines, quantity)
+    return found, lines
+
+
+def _settled(found: Inverse, cell: tuple[int, int], line: Line, wanted: float, rules: Rules) -> Floats | None:
+    """Three times around a cell and their misses (2, 3), as in `_Cells`; None where its number needs no search."""
+    if wanted == 0.0:
+        found.energising_time[cell], found.delivered[cell], found.state[cell] = 0.0, 0.0, CellState.ZERO
+        return None
+    sound = np.isfinite(line.volume)
+    if not sound.any():
+        return None
+    time = np.concatenate([[0.0], line.time[sound]])
+    miss = np.concatenate([[0.0], line.volume[sound]]) - wanted
+    crossings = np.flatnonzero((miss[:-1] < 0.0) & (miss[1:] >= 0.0))
+    if not len(crossings):
+        found.energising_time[cell], found.state[cell] = _beyond(time, miss, rules.beyond), CellState.BEYOND
+        return None
+    at = int(crossings[0 if rules.several is Several.SHORTEST else -1])
+    places = [at, at + 1, max(at - 1, 0)]
+    return np.stack([time[places], miss[places]])
+
+
+def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
+    """Energising time of a quantity that is not reached, by the rule."""
+    if rule is Beyond.EMPTY:
+        return float("nan")
+    slope = (miss[-1] - miss[-2]) / (time[-1] - time[-2]) if len(time) > 2 else 0.0
+    if rule is Beyond.HOLD or not slope > 0.0:
+        return float(time[-1])
+    return float(time[-1] - miss[-1] / slope)
+
+
+def _searched(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
+    """Search all open cells in `found`; return the lines with the samples that were simulated."""
+    seen: list[tuple[IndexArray, Floats, Response]] = []
+    while cells.place.size:
+        near, far, _ = cells.time
+        narrow = np.abs(far - near) <= NARROWEST
+        time = np.where(narrow, np.maximum(near, far), near + _share(cells, first=not seen) * (far - near))
+        response = simulate(cells.place[0], time)
+        seen.append((cells.place[0], time, response))
+        miss = response.volume - cells.wanted
+        done = (np.abs(miss) <= TOLERANCE) | narrow | ~np.isfinite(miss)
+        _take(found, cells.only(done), time[done], Response(response.volume[done], response.lift[done]))
+        cells = _narrowed(cells, time, miss).only(~done)
+    return _with_samples(lines, seen)
+
+
+def _share(cells: _Cells, first: bool) -> Floats:
+    """Share of the way from the first to the second time at which each cell is simulated next.
+
+    Inverse quadratic interpolation where the three points are smooth enough for it, else one half; in the first round
+    the chord in place of one half.
+    """
+    (x1, x2, x3), (f1, f2, f3) = cells.time, cells.miss
+    with np.errstate(divide="ignore", invalid="ignore"):
+        xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
+        smooth = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
+        curved = f1 / (f2 - f1) * f3 / (f2 - f3) + (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
+        share = np.where(smooth, curved, f1 / (f1 - f2) if first else 0.5)
+    return np.asarray(np.clip(share, INSIDE, 1.0 - INSIDE))
+
+
+def _narrowed(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
+    """Cells with the simulated time as first end of each bracket; the end that it replaces becomes the third point."""
+    same = (miss < 0.0) == (cells.miss[0] < 0.0)
+
+    def moved(new: Floats, old: Floats) -> Floats:
+        return np.stack([new, np.where(same, old[1], old[0]), np.where(same, old[0], old[1])])
+
+    return cells._replace(time=moved(time, cells.time), miss=moved(miss, cells.miss))
+
+
+def _take(found: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
+    """Write cells that are done into `found`."""
+    at = cells.place[0], cells.place[1]
+    sound = np.isfinite(response.volume)
+    found.energising_time[at] = np.where(sound, time, np.nan)
+    found.delivered[at], found.lift[at] = response.volume, response.lift
+    met = np.abs(response.volume - cells.wanted) <= TOLERANCE
+    found.state[at] = np.select([~sound, met], [int(CellState.FAILED), int(CellState.REACHED)], int(CellState.JUMP))
+
+
+def _with_samples(lines: list[Line], seen: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
+    rows, times = np.concatenate([s[0] for s in seen]), np.concatenate([s[1] for s in seen])
+    volume, lift = (np.concatenate([getattr(s[2], name) for s in seen]) for name in ("volume", "lift"))
+    return [
+        line.joined(times[rows == row], Response(volume[rows == row], lift[rows == row]))
+        for row, line in enumerate(lines)
+    ]
+
+
+def _mark_several(found: Inverse, lines: list[Line], quantity: Floats) -> None:
+    """Name the cells whose quantity lies inside a fall: more than one energising time delivers it."""
+    for row, line in enumerate(lines):
+        for fall in falls_of(line):
+            inside = (quantity >= fall.low) & (quantity <= fall.high) & (found.state[row] == CellState.REACHED)
+            found.state[row, inside] = CellState.SEVERAL

@@ -1,0 +1,303 @@
+"""Quantity map of an injector, its inverse, and where the quantity is not monotone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonrail.base.arguments import Quantity, array, instance, number
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.display import Shown
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.text import counted
+from commonrail.calibration.run import Calibration
+from commonrail.engine.time_step import DEFAULT_STEP
+from commonrail.physics.injector import Injector
+from commonrail.plugins.maps.axes import MapAxes
+from commonrail.plugins.maps.inverse import Beyond, CellState, Inverse, Rules, Several, invert
+from commonrail.plugins.maps.response import (
+    Conditions,
+    Fall,
+    Line,
+    density_at,
+    falls_of,
+    knots_of,
+    require_some,
+    respond,
+)
+from commonrail.plugins.maps.sweep import OPERATING, Base, Sweep, Variable, unit_of
+from commonrail.plugins.maps.sweep import sweep as swept
+
+Edges = Mapping[float, tuple[Floats, Floats]]
+
+BALLISTIC = 0.98  # share of the largest lift at a rail pressure below which a needle turns round before its end
+
+
+class MapBands(NamedTuple):
+    """Edges between which measured quantities are expected, by the share of them that a band is to hold.
+
+    Attributes
+    ----------
+    estimator : str
+        Estimator of the bands, as `Prediction.estimator`.
+    quantity : mapping of float to (lower, upper)
+        Of the quantity map, (pressures, energising times) each [m³].
+    delivered : mapping of float to (lower, upper)
+        Of what the energising times of the inverse deliver, (pressures, quantities) each [m³]; NaN in cells that hold
+        no simulated time.
+    """
+
+    estimator: str
+    quantity: Edges
+    delivered: Edges
+
+
+@dataclass(frozen=True, repr=False)
+class InjectionMap(Shown):
+    """Simulated map of an injector.
+
+    Attributes
+    ----------
+    injector : Injector
+    axes : MapAxes
+    conditions : Conditions
+    rules : Rules
+    density : float
+        Reference density [kg/m³]: mass over volume of every quantity.
+    volume : (pressures, energising times)
+        Injected volumes [m³], NaN where the simulation failed.
+    ballistic : (pressures, energising times) bool
+        Needle turns round below `BALLISTIC` of its largest lift at that rail pressure.
+    inverse : Inverse
+        Over pressures and quantities.
+    inverse_ballistic : (pressures, quantities) bool
+    falls : tuple of Fall
+        Places where the quantity falls with the energising time, found on all simulated points.
+    lines : tuple of Line
+        All simulated points, one line for each rail pressure.
+    bands : MapBands or None
+        Of measured quantities, where a fit tells them.
+    """
+
+    presenter = "commonrail.plugins.maps.page:INJECTION_MAP"
+
+    injector: Injector
+    axes: MapAxes
+    conditions: Conditions
+    rules: Rules
+    density: float
+    volume: Floats
+    ballistic: Bools
+    inverse: Inverse
+    inverse_ballistic: Bools
+    falls: tuple[Fall, ...]
+    lines: tuple[Line, ...]
+    bands: MapBands | None = None
+
+    @property
+    def simulations(self) -> int:
+        """Number of simulated injections."""
+        return sum(len(line.time) for line in self.lines)
+
+    @property
+    def falls_with_pressure(self) -> Bools:
+        """Cells (pressures, energising times) whose quantity is below that at the rail pressure before."""
+        fallen = np.zeros(self.volume.shape, bool)
+        fallen[1:] = np.diff(self.volume, axis=0) < -1e-11
+        return fallen
+
+    def count(self, state: CellState) -> int:
+        """Number of cells of the inverse in a state."""
+        return int(np.count_nonzero(self.inverse.state == state))
+
+
+def usual_axes(injector: Injector) -> MapAxes:
+    """Axes of a control unit, up to the highest pressure that the injector's fuel is declared for."""
+    return MapAxes.usual(injector.fuel.pressure_range[1])
+
+
+def injection_map(
+    injector: Injector,
+    axes: MapAxes | None = None,
+    conditions: Conditions = Conditions(),
+    rules: Rules = Rules(),
+    progress: Callable[[str], None] | None = None,
+) -> InjectionMap:
+    """Simulate the quantity map of an injector and its inverse.
+
+    Parameters
+    ----------
+    injector : Injector
+    axes : MapAxes, optional
+        By default those of a control unit.
+    conditions : Conditions
+        Pressures behind the nozzle and of the return line, time step, threads.
+    rules : Rules
+        For cells with several energising times, and with none.
+    progress : function, optional
+        Called with a line of text before each stage.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or a pressure lies outside what the model covers.
+    SimulationError
+        If no point could be simulated.
+    """
+    instance(injector, Injector, "injector")
+    axes = usual_axes(injector) if axes is None else instance(axes, MapAxes, "axes")
+    tell = progress or (lambda _: None)
+    lines = _sampled(injector, axes, conditions, tell)
+    forward = [line.at(axes.energising_time) for line in lines]
+    volume = np.array([found.volume for found in forward])
+    cells = len(axes.rail_pressure) * len(axes.quantity)
+    tell(f"inverting {counted(cells, 'cell')} ...")
+    inverse, lines = invert(
+        lambda rows, times: respond(injector, axes.rail_pressure[rows], times, conditions), lines, axes.quantity, rules
+    )
+    full = np.array([np.nanmax(line.lift, initial=0.0) for line in lines])[:, None]
+    return InjectionMap(
+        injector,
+        axes,
+        conditions,
+        rules,
+        density_at(injector, conditions),
+        volume,
+        np.array([found.lift for found in forward]) < BALLISTIC * full,
+        inverse,
+        np.nan_to_num(inverse.lift, nan=np.inf) < BALLISTIC * full,
+        tuple(fall for line in lines for fall in falls_of(line)),
+        tuple(lines),
+    )
+
+
+def _sampled(injector: Injector, axes: MapAxes, conditions: Conditions, tell: Callable[[str], None]) -> list[Line]:
+    """Samples on a fine grid of energising times at each rail pressure."""
+    knots = knots_of(axes.energising_time)
+    at = counted(len(axes.rail_pressure), "rail pressure")
+    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
+    rail, time = np.meshgrid(axes.rail_pressure, knots, indexing="ij")
+    found = respond(injector, rail, time, conditions)
+    require_some(injector, [conditions.point(float(rail[-1, 0]), float(knots[-1]))], found, conditions)
+    rows = zip(axes.rail_pressure.tolist(), found.volume, found.lift, strict=True)
+    return [Line(pressure, knots, volume, lift) for pressure, volume, lift in rows]
+
+
+# Maps and sweeps in one call, with units in texts.
+
+# Operating point of a sweep where nothing is said: SI values.
+_USUAL = {"rail_pressure": 100e6, "energising_time": 500e-6, "first_energising_time": 0.0, "dwell": 1e-3}
+_PRESSURES = {"cylinder_pressure": 5e6, "return_pressure": 0.5e6}
+
+
+def map(
+    model: Injector | Calibration,
+    *,
+    pressures: ArrayLike | None = None,
+    times: ArrayLike | None = None,
+    quantities: ArrayLike | None = None,
+    cylinder_pressure: Quantity = 5e6,
+    return_pressure: Quantity = 0.5e6,
+    time_step: Quantity = DEFAULT_STEP,
+    several: Several = Several.SHORTEST,
+    beyond: Beyond = Beyond.EXTRAPOLATE,
+    threads: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> InjectionMap:
+    """Quantity map of an injector and its inverse, as `commonrail map` computes it.
+
+    Parameters
+    ----------
+    model : Injector or Calibration
+        Of a calibration the calibrated injector.
+    pressures, times, quantities : array, optional
+        Axes, SI or texts with units, ``["40 MPa", "80 MPa"]``; by default those of a control unit.
+    cylinder_pressure, return_pressure : float or str
+        [Pa].
+    time_step : float or str
+        [s].
+    several : Several
+        Energising time where several deliver a quantity.
+    beyond : Beyond
+        Rule for quantities that are not reached.
+    threads : int, optional
+        All usable processors by default.
+    progress : function of str, optional
+        Called before each stage.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or an axis does not increase.
+    SimulationError
+        If no point could be simulated.
+    """
+    injector = _injector(model)
+    usual = usual_axes(injector)
+    axes = MapAxes(
+        usual.rail_pressure if pressures is None else array(pressures, "Pa", "pressures", 1),
+        usual.quantity if quantities is None else array(quantities, "m3", "quantities", 1),
+        usual.energising_time if times is None else array(times, "s", "times", 1),
+    )
+    conditions = Conditions(
+        number(cylinder_pressure, "Pa", "cylinder pressure"),
+        number(return_pressure, "Pa", "return pressure"),
+        number(time_step, "s", "time step"),
+        threads,
+    )
+    return injection_map(injector, axes, conditions, Rules(several, beyond), progress)
+
+
+def sweep(
+    model: Injector | Calibration,
+    vary: dict[str, Any],
+    *,
+    time_step: Quantity = DEFAULT_STEP,
+    threads: int | None = None,
+    **fixed: Quantity,
+) -> Sweep:
+    """Quantities over all combinations of one to three variables, as `commonrail sweep` computes them.
+
+    Parameters
+    ----------
+    model : Injector or Calibration
+    vary : dict of str to array
+        Values by name: rail_pressure, energising_time, first_energising_time, dwell, cylinder_pressure,
+        return_pressure, temperature, or a parameter of the injector; SI or texts with units.
+    time_step : float or str
+        [s].
+    threads : int, optional
+        All usable processors by default.
+    **fixed : float or str
+        Operating point besides: the first six names above.
+
+    Raises
+    ------
+    ConfigurationError
+        If a name is unknown, there are too many variables or values, or a point is refused.
+    SimulationError
+        If all simulations failed.
+    """
+    injector = _injector(model)
+    for name in fixed:
+        if name not in OPERATING:
+            raise ConfigurationError(f"There is no {name} of an operating point; there are {', '.join(OPERATING)}.")
+    own = {name: number(value, OPERATING[name], name) for name, value in fixed.items()}
+    given = _USUAL | _PRESSURES | own
+    pressures = given["cylinder_pressure"], given["return_pressure"]
+    conditions = Conditions(*pressures, number(time_step, "s", "time step"), threads)
+    base = Base(**{name: given[name] for name in _USUAL}, conditions=conditions)
+    return swept(injector, [_variable(*item) for item in vary.items()], base)
+
+
+def _variable(name: str, values: Sequence[Any]) -> Variable:
+    full, unit = unit_of(name)
+    return Variable(full, unit, np.atleast_1d(array(values, unit, name)))
+
+
+def _injector(model: object) -> Injector:
+    return model.injector if isinstance(model, Calibration) else instance(model, Injector, "model")

@@ -1,0 +1,490 @@
+"""Quantities over one to three variables: operating conditions, dwell, and any parameters of the injector.
+
+With two injections the dwell is the time from the end of the first energising to the start of the second. The quantity
+of the second injection is the total less what the first one injects alone. Where the needle does not close in between,
+the two are fused into one, and only the total is a quantity of its own.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.arguments import Limits, not_whole
+from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
+from commonrail.base.display import Shown
+from commonrail.base.errors import ConfigurationError, SimulationError, nearest
+from commonrail.base.text import field_unit
+from commonrail.base.units import to_text
+from commonrail.engine.operating_point import (
+    ENERGISING_TIMES,
+    LONGEST,
+    OTHER_PRESSURES,
+    RAIL_PRESSURES,
+    Energising,
+    OperatingPoint,
+)
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import OK, Status
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.physics.reads import reader_of, unread_parameters
+from commonrail.plugins.maps.response import Conditions, simulate_many
+
+# Operating point around which a sweep moves, and the points of many combinations at once.
+
+AFTER = 5e-3  # simulated after the last energising; it ends early once the needle has closed [s]
+
+
+class Base(NamedTuple):
+    """Operating point around which a sweep moves; SI values.
+
+    Attributes
+    ----------
+    rail_pressure : float
+        [Pa].
+    energising_time : float
+        Of the injection, or of the second of two [s].
+    first_energising_time : float
+        Of the first of two injections; 0 for a single one [s].
+    dwell : float
+        End of the first energising to the start of the second [s].
+    conditions : Conditions
+    """
+
+    rail_pressure: float
+    energising_time: float
+    first_energising_time: float
+    dwell: float
+    conditions: Conditions
+
+    def point(self, changed: Mapping[str, float], alone: bool = False) -> OperatingPoint:
+        """Operating point with some variables changed.
+
+        Parameters
+        ----------
+        changed : mapping of str to float
+            Values by the names of `OPERATING`.
+        alone : bool
+            With the first of two injections alone.
+        """
+        own = self._asdict() | self.conditions._asdict() | dict(changed)
+        first, second = own["first_energising_time"], own["energising_time"]
+        pulses = [(0.0, first)] if first > 0.0 else []
+        if not alone:
+            pulses.append((first + own["dwell"] if pulses else 0.0, second))
+        end = pulses[-1][0] + pulses[-1][1]
+        pressures = own["rail_pressure"], own["cylinder_pressure"], own["return_pressure"]
+        return OperatingPoint(pressures[0], tuple(pulses), *pressures[1:], horizon=end + AFTER)
+
+    def points(self, changed: Mapping[str, Floats], count: int, alone: bool = False) -> Points:
+        """Operating points as `point` makes each of them, in a tenth of the time, and made when they are needed.
+
+        All values are compared with the limits of operating points at once. A point outside is made by `point`, which
+        says what is wrong with it.
+
+        Parameters
+        ----------
+        changed : mapping of str to (count,)
+            Values by the names of `OPERATING`.
+        count : int
+        alone : bool
+            With the first of two injections alone.
+        """
+        own = self._asdict() | self.conditions._asdict() | dict(changed)
+        names = ("rail_pressure", "cylinder_pressure", "return_pressure")
+        pressures = [np.broadcast_to(np.asarray(own[name], float), count) for name in names]
+        first, second, dwell = (
+            np.broadcast_to(np.asarray(own[name], float), count)
+            for name in ("first_energising_time", "energising_time", "dwell")
+        )
+        before = first > 0.0
+        start = np.where(before, first + dwell, 0.0)
+        end = np.where(alone, first, start + second)
+        sound = _within(pressures[0], RAIL_PRESSURES) & _within(first, ENERGISING_TIMES) & (end + AFTER <= LONGEST)
+        for pressure in pressures[1:]:
+            sound &= _within(pressure, OTHER_PRESSURES) & (pressure < pressures[0])
+        sound &= before if alone else _within(second, ENERGISING_TIMES) & (start >= np.where(before, first, 0.0))
+        others = {
+            int(i): self.point({name: float(values[i]) for name, values in changed.items()}, alone)
+            for i in np.flatnonzero(~sound)
+        }
+        return Points(np.stack([*pressures, first, start, second, end + AFTER], axis=1), alone, others)
+
+
+class Points(Sequence[OperatingPoint]):
+    """Operating points of many combinations; those of a slice are made when it is taken.
+
+    Parameters
+    ----------
+    rows : (points, 7)
+        Checked values: three pressures, first energising, start and length of the last, horizon.
+    alone : bool
+        With the first of two injections alone.
+    others : mapping of int to OperatingPoint
+        Points that are not made of their rows.
+    """
+
+    def __init__(self, rows: Floats, alone: bool, others: Mapping[int, OperatingPoint]) -> None:
+        self._rows, self._alone, self._others = rows, alone, others
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, index: int) -> OperatingPoint: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[OperatingPoint]: ...
+    def __getitem__(self, index: int | slice) -> OperatingPoint | list[OperatingPoint]:
+        if isinstance(index, int):
+            return self[index : index + 1 or None][0]
+        places = range(len(self))[index]
+        rows = zip(places, self._rows[index].tolist(), strict=True)
+        return [self._others.get(i) or _made(row, self._alone) for i, row in rows]
+
+    @property
+    def last_starts(self) -> Floats:
+        """Starts of the last energisings [s]."""
+        return np.asarray(self._rows[:, 4])
+
+
+def _within(values: Floats, limits: Limits) -> Bools:
+    return np.asarray((values >= limits.low) & (values <= limits.high))
+
+
+def _made(row: Sequence[float], alone: bool) -> OperatingPoint:
+    """Operating point of checked values: three pressures, first energising, start and length of the last, horizon."""
+    rail, cylinder, back, first, start, second, horizon = row
+    before = (_energising(0.0, first),) if first > 0.0 else ()
+    point = object.__new__(OperatingPoint)
+    point.__dict__.update(
+        rail_pressure=rail,
+        energisings=before if alone else (*before, _energising(start, second)),
+        cylinder_pressure=cylinder,
+        return_pressure=back,
+        drive=None,
+        horizon=horizon,
+        start=0.0,
+    )
+    return point
+
+
+@functools.lru_cache(maxsize=10_000)
+def _energising(start: float, duration: float) -> Energising:
+    """Energising of checked values: the points of a sweep share most of theirs."""
+    return Energising._make((start, duration))
+
+
+_Any = TypeVar("_Any", np.float64, np.bool_, np.int64)
+
+# Variables of the operating point and their SI units.
+OPERATING = {
+    "rail_pressure": "Pa",
+    "energising_time": "s",
+    "first_energising_time": "s",
+    "dwell": "s",
+    "cylinder_pressure": "Pa",
+    "return_pressure": "Pa",
+}
+SHORT = {"temperature": FUEL_TEMPERATURE}
+OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two injections does not know
+
+# Statuses whose cure is another one in a sweep, which has no horizon; nor has it bounds, see `reason_of`.
+_SENTENCES = {
+    Status.STILL_INJECTING: (
+        f"The needle was still open {to_text(AFTER, 's')} after the last energising, so the quantity is not known."
+    ),
+}
+
+MOST_VARIABLES = 3
+MOST_SIMULATIONS = 200_000
+
+
+class Variable(NamedTuple):
+    """Swept variable: name, SI unit and values (n,)."""
+
+    name: str
+    unit: str
+    values: Floats
+
+
+@dataclass(frozen=True, repr=False)
+class Sweep(Shown):
+    """Result of a sweep; arrays have an axis for each variable.
+
+    Attributes
+    ----------
+    injector : Injector
+    base : Base
+    variables : tuple of Variable
+    volume : array
+        Injected volume of all injections at the reference density [m³]; NaN where the simulation failed.
+    second : array
+        Of the second injection: total less the first alone [m³]; NaN for a single injection and where both are fused.
+    fused : array of bool
+        The needle does not close between the two injections.
+    opening : array
+        First opening of the needle after the start of energising [s]; NaN where it stays shut.
+    status : array of int
+        `Status` of each simulation.
+    first_status : array of int
+        Of the first of two injections alone; `OK` for a single injection.
+    """
+
+    presenter = "commonrail.plugins.maps.sweep_page:SWEEP"
+
+    injector: Injector
+    base: Base
+    variables: tuple[Variable, ...]
+    volume: Floats
+    second: Floats
+    fused: Bools
+    opening: Floats
+    status: Ints
+    first_status: Ints
+
+    @property
+    def two(self) -> bool:
+        """True if there are two injections."""
+        return _two(self.base, self.variables)
+
+
+def reason_of(status: Status) -> str:
+    """Sentence of a status, as it is in a sweep."""
+    return _SENTENCES.get(status, status.sentence.replace("narrow the bounds", "other values"))
+
+
+def most_frequent(statuses: NDArray[np.integer]) -> str:
+    """Sentence of the status that most simulations ended with."""
+    kinds, counts = np.unique(statuses, return_counts=True)
+    return reason_of(Status(int(kinds[np.argmax(counts)])))
+
+
+def table_unit(unit: str) -> str:
+    """Unit of a table for a variable by its SI unit; temperatures are in degrees Celsius."""
+    return "degC" if unit == "K" else field_unit(unit).name
+
+
+def unit_of(name: str) -> tuple[str, str]:
+    """Full name and SI unit of a variable.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such variable or parameter.
+    """
+    plain = name.replace("-", "_")
+    if plain in OPERATING:
+        return plain, OPERATING[plain]
+    full, known = SHORT.get(plain, name), parameter_quantities()
+    if full not in known:
+        raise ConfigurationError(
+            f'There is no variable "{name}"{nearest(name, [*OPERATING, *SHORT, *known])}; a variable is '
+            f"{', '.join([*OPERATING, *SHORT])} or a parameter of the injector."
+        )
+    return full, known[full].unit
+
+
+def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Sweep:
+    """Simulate all combinations of the values of one to three variables.
+
+    Parameters
+    ----------
+    injector : Injector
+    variables : sequence of Variable
+    base : Base
+        Values of what is not varied.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are too many variables or combinations, one is named twice, or a point or a value is refused.
+    InputError
+        If the fuel is not defined at a temperature.
+    SimulationError
+        If all simulations failed.
+    """
+    _check(variables, base)
+    _check_values(injector, variables)
+    moving = [v for v in variables if v.name in OPERATING]
+    own = [v for v in variables if v.name not in OPERATING]
+    columns, count = _columns(moving), int(np.prod([len(v.values) for v in moving]))
+    values = np.stack(list(_columns(own).values()), axis=1) if own else None
+    names = [v.name for v in own]
+    _, _, step, threads = base.conditions
+
+    def simulated(points: Sequence[OperatingPoint]) -> Batch:
+        return simulate_many(injector, points, names, values, time_step=step, threads=threads)
+
+    whole = base.points(columns, count)
+    both = simulated(whole)
+    two = _two(base, variables)
+    total = np.where(both.status == OK, both.injected_volume, np.nan)
+    if np.all(np.isnan(total)):
+        why = most_frequent(both.status)
+        raise SimulationError(f"{injector.name}: no point of the sweep could be simulated. {why}")
+    alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
+    first_status = np.full(total.shape, OK)
+    if two:
+        distinct, which = _first_alone(base, columns, count)
+        first = simulated(distinct)
+        first_status = first.status[:, which]
+        alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
+        fused = fused_of(both, whole.last_starts, first.opening[:, which])
+    second = np.where(fused, np.nan, total - alone)
+    sizes = [len(v.values) for v in (*own, *moving)]
+    order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
+
+    def shaped(table: NDArray[_Any]) -> NDArray[_Any]:
+        """Axes in the order of the variables, from (candidates, points)."""
+        return np.asarray(table.reshape(sizes).transpose(order))
+
+    return Sweep(
+        injector,
+        base,
+        tuple(variables),
+        shaped(total),
+        shaped(second),
+        shaped(fused),
+        shaped(both.opening),
+        shaped(both.status.astype(np.int64)),
+        shaped(first_status.astype(np.int64)),
+    )
+
+
+def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
+    """Distinct points with the first of two injections alone, and the place of each given point among them.
+
+    Parameters
+    ----------
+    base : Base
+    columns : mapping of str to (count,)
+        Values of the given points by the names of `OPERATING`.
+    count : int
+    """
+    own = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
+    if not own:
+        return [base.point({}, alone=True)], np.zeros(count, np.intp)
+    distinct, which = np.unique(np.stack(list(own.values())), axis=1, return_inverse=True)
+    changed = dict(zip(own, distinct, strict=True))
+    return base.points(changed, distinct.shape[1], alone=True), np.asarray(which, np.intp).reshape(-1)
+
+
+def _two(base: Base, variables: Sequence[Variable]) -> bool:
+    return base.first_energising_time > 0.0 or any(v.name == "first_energising_time" for v in variables)
+
+
+def _check(variables: Sequence[Variable], base: Base) -> None:
+    names = [v.name for v in variables]
+    if not 1 <= len(names) <= MOST_VARIABLES:
+        raise ConfigurationError(f"A sweep has 1 to {MOST_VARIABLES} variables, not {len(names)}.")
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigurationError(f"The variable {name} is named twice; keep one.")
+    if base.first_energising_time < 0.0:
+        raise ConfigurationError(
+            f"The energising time of the first of two injections is {base.first_energising_time:g} s; it must be "
+            "greater than zero, or zero for a single injection."
+        )
+    if "dwell" in names and not _two(base, variables):
+        raise ConfigurationError("A dwell lies between two injections; give the energising time of the first one too.")
+    if any(v.name == "first_energising_time" and np.any(v.values <= 0.0) for v in variables):
+        raise ConfigurationError(
+            "The energising times of the first of two injections must be greater than zero; a single injection is a "
+            "sweep of its own."
+        )
+    count = int(np.prod([len(v.values) for v in variables]))
+    if count > MOST_SIMULATIONS:
+        raise ConfigurationError(
+            f"The sweep has {count} combinations, and at most {MOST_SIMULATIONS} are simulated; take fewer values."
+        )
+
+
+def _check_values(injector: Injector, variables: Sequence[Variable]) -> None:
+    """Refuse values of parameters that a simulation of their own would be refused for, with its sentence."""
+    known = injector.quantities
+    for name, _, values in variables:
+        if name in OPERATING:
+            continue
+        if name in unread_parameters(injector.variant):
+            raise ConfigurationError(
+                f"{injector.name} with {injector.variant.label} does not read {name}: all its values would give the "
+                f"same; take a model with {reader_of(name)}."
+            )
+        for value in values.tolist():
+            if words := not_whole(name, value):
+                raise ConfigurationError(f"{injector.name}: {words}.")
+        if name in known:  # one that another kind of injector has is refused as a value of this one would be
+            values = values[~(np.isfinite(values) & known[name].domain.admits(values))]
+        for value in values[:1].tolist():
+            injector.with_values({name: value})
+    for name, _, values in variables:
+        if name == FUEL_TEMPERATURE:
+            injector.fuel.vapour_pressure(values)
+
+
+def _columns(variables: Sequence[Variable]) -> dict[str, Floats]:
+    """Values of each variable in all combinations, the last one moving fastest."""
+    grids = np.meshgrid(*(v.values for v in variables), indexing="ij")
+    return {v.name: grid.ravel() for v, grid in zip(variables, grids, strict=True)}
+
+
+def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
+    """Simulations (candidates, points) whose needle is open when the second of two energisings would open it.
+
+    A needle that bounces when it closes counts as one that closes once.
+
+    Parameters
+    ----------
+    batch : Batch
+    starts : (points,)
+        Starts of the second energising [s]; the first one starts at 0.
+    delay : (candidates, points)
+        From energising to opening, as the first injection alone has it [s]; NaN where it stays shut.
+    """
+    return np.asarray(np.isfinite(delay) & (batch.first_closing > starts + delay))
+
+
+# Combinations of a sweep that have no number: how many, for which reasons, and the first of each.
+
+
+class WithoutNumber(NamedTuple):
+    """Combinations that have no number for one reason.
+
+    Attributes
+    ----------
+    status : Status
+    combinations : int
+    first : mapping of str to float
+        Values of the variables at the first of them [SI].
+    alone : bool
+        The first of two injections failed alone, so that the second one's quantity alone is not known.
+    """
+
+    status: Status
+    combinations: int
+    first: Mapping[str, float]
+    alone: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """Reason and cure."""
+        return reason_of(self.status)
+
+
+def without_number(found: Sweep) -> list[WithoutNumber]:
+    """Reasons for missing numbers, the most frequent first."""
+    groups = [*_groups(found, found.status, False)]
+    groups += _groups(found, np.where(found.status == OK, found.first_status, OK), True)
+    return sorted(groups, key=lambda group: (group.alone, -group.combinations))
+
+
+def _groups(found: Sweep, statuses: Ints, alone: bool) -> Iterator[WithoutNumber]:
+    for status in np.unique(statuses[statuses != OK]).tolist():
+        places = np.argwhere(statuses == status)
+        first = {v.name: float(v.values[i]) for v, i in zip(found.variables, places[0].tolist(), strict=True)}
+        yield WithoutNumber(Status(status), len(places), first, alone)

@@ -1,0 +1,151 @@
+"""Sweeps and compensated energising times as tables and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.output import write_csv
+from commonrail.base.text import number
+from commonrail.base.units import convert
+from commonrail.plugins.maps.compensation import Compensation
+from commonrail.plugins.maps.inverse import CellState
+from commonrail.plugins.maps.sweep import Sweep, table_unit, without_number
+from commonrail.plugins.maps.table import notes_of
+
+
+def write_sweep(path: Path, found: Sweep) -> None:
+    """Write a row for each combination.
+
+    Parameters
+    ----------
+    path : Path
+    found : Sweep
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    head = [f"{v.name} [{table_unit(v.unit)}]" for v in found.variables] + ["quantity [mm3]"]
+    if found.two:
+        head += ["second_quantity [mm3]", "fused"]
+    lacking = [f"{g.combinations} of {found.volume.size} without a number: {g.sentence}" for g in without_number(found)]
+    note = f"simulated by commonrail, not measured: {found.injector.name} ({found.injector.variant.label})"
+    dwell = "dwell: from the end of the first energising to the start of the second"
+    write_csv(path, (note, *([dwell] if found.two else []), *lacking), head, _rows(found))
+
+
+def _rows(found: Sweep) -> Iterator[Sequence[str]]:
+    axes = [convert(v.values, v.unit, table_unit(v.unit)) for v in found.variables]
+    places = product(*([f"{value:.9g}" for value in axis.tolist()] for axis in axes))
+    columns = [_texts(found.volume)]
+    if found.two:
+        columns += [_texts(found.second), ["yes" if fused else "no" for fused in found.fused.ravel().tolist()]]
+    return ((*place, *values) for place, *values in zip(places, *columns, strict=True))
+
+
+def write_compensation(path: Path, found: Compensation) -> None:
+    """Write a row for each rail pressure, quantity and dwell.
+
+    Parameters
+    ----------
+    path : Path
+    found : Compensation
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    head = ["dwell [us]", "rail_pressure [MPa]", "quantity [mm3]", "energising_time [us]", "alone [us]", "state"]
+    axes = found.alone.axes
+
+    def rows() -> Iterator[Sequence[str]]:
+        for d, i, j in np.ndindex(found.energising_time.shape):
+            yield [
+                f"{found.dwell[d] * 1e6:.9g}",
+                f"{axes.rail_pressure[i] * 1e-6:.9g}",
+                f"{axes.quantity[j] * 1e9:.9g}",
+                _text(found.energising_time[d, i, j] * 1e6),
+                _text(found.alone.inverse.energising_time[i, j] * 1e6),
+                CellState(int(found.inverses[d].state[i, j])).name.lower(),
+            ]
+
+    first = f"energising time of the first injection {found.first_energising_time * 1e6:g} us; dwell: end to start"
+    write_csv(path, (*notes_of(found.alone), first), head, rows())
+
+
+def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> dict[str, Any]:
+    """Record of a sweep [SI]; null where there is no number.
+
+    Parameters
+    ----------
+    found : Sweep
+    fusion : sequence of (float, float)
+        Rail pressures [Pa] and the dwells below which two injections fuse [s].
+    """
+    conditions = found.base.conditions
+    return {
+        "schema": 1,
+        "kind": "sweep",
+        "injector": found.injector.name,
+        "synthetic": found.injector.synthetic,
+        "base": {k: v for k, v in found.base._asdict().items() if k != "conditions"}
+        | {k: v for k, v in conditions._asdict().items() if k != "threads"},
+        "variables": [{"name": v.name, "unit": v.unit, "values": v.values.tolist()} for v in found.variables],
+        "injected_volume": _numbers(found.volume),
+        "second_volume": _numbers(found.second) if found.two else None,
+        "fused": found.fused.tolist() if found.two else None,
+        "opening": _numbers(found.opening),
+        "without_number": [
+            {
+                "status": g.status.name,
+                "combinations": g.combinations,
+                "first": dict(g.first),
+                "alone": g.alone,
+                "sentence": g.sentence,
+            }
+            for g in without_number(found)
+        ],
+        "fusion": [{"rail_pressure": p, "dwell": number(d)} for p, d in fusion],
+    }
+
+
+def compensation_record(found: Compensation) -> dict[str, Any]:
+    """Record of compensated energising times [SI]."""
+    axes = found.alone.axes
+    return {
+        "schema": 1,
+        "kind": "compensation",
+        "injector": found.alone.injector.name,
+        "synthetic": found.alone.injector.synthetic,
+        "first_energising_time": found.first_energising_time,
+        "dwell": found.dwell.tolist(),
+        "rail_pressure": axes.rail_pressure.tolist(),
+        "quantity": axes.quantity.tolist(),
+        "energising_time": _numbers(found.energising_time),
+        "alone": _numbers(found.alone.inverse.energising_time),
+        "state": [[[CellState(s).name for s in row] for row in part.state.tolist()] for part in found.inverses],
+    }
+
+
+def _texts(volumes: Floats) -> list[str]:
+    """Volumes [m³] as `_text` writes them in mm³, all of them in a row."""
+    values = volumes.ravel() * 1e9
+    return [
+        f"{value:.4f}" if finite else "" for value, finite in zip(values.tolist(), np.isfinite(values), strict=True)
+    ]
+
+
+def _text(value: float | Floats) -> str:
+    return f"{float(value):.4f}" if np.isfinite(value) else ""
+
+
+def _numbers(values: Floats) -> list[Any]:
+    return [number(v) for v in values.tolist()] if values.ndim == 1 else [_numbers(part) for part in values]

@@ -1,0 +1,230 @@
+"""The page of a sweep, and that of energising times that hold the second of two injections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import BOTH, Figure, Panel, Series, points
+from commonrail.base.table import Table, tabulated
+from commonrail.base.text import counted, fixed, in_print, quantity, significant
+from commonrail.base.units import convert
+from commonrail.physics.injector import FUEL_TEMPERATURE
+from commonrail.plugins.maps.compensation import Compensation
+from commonrail.plugins.maps.inverse import CellState
+from commonrail.plugins.maps.sweep import Sweep, Variable, WithoutNumber, table_unit, without_number
+from commonrail.plugins.maps.table import notes_of
+from commonrail.report.draw.figure import drawings
+from commonrail.report.html import render
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
+
+MPA, MM3, MICRO = 1e-6, 1e9, 1e6
+MOST_FIGURES = 6
+SHORT_NAMES = {FUEL_TEMPERATURE: "temperature"}
+DWELL = "Dwell: from the end of the first energising to the start of the second."
+
+
+def sweep_html(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> str:
+    """Page of a sweep.
+
+    Parameters
+    ----------
+    found : Sweep
+    fusion : sequence of (float, float)
+        Rail pressures [Pa] and the dwells below which two injections fuse [s].
+    """
+    figures = sweep_figures(found)
+    tables = [fusion_table(fusion)] if fusion else []
+    injector = found.injector
+    return _page(f"Sweep: {injector.name}", injector.synthetic, sweep_lines(found), (figures, tables), _facts(found))
+
+
+def _facts(found: Sweep) -> list[tuple[str, str]]:
+    """Model, and the conditions that are not varied."""
+    varied = {v.name for v in found.variables}
+    base = found.base
+    given = [
+        ("rail_pressure", base.rail_pressure, "Pa"),
+        ("first_energising_time", base.first_energising_time, "s"),
+        ("dwell", base.dwell, "s"),
+        ("energising_time", base.energising_time, "s"),
+        ("cylinder_pressure", base.conditions.cylinder_pressure, "Pa"),
+        ("return_pressure", base.conditions.return_pressure, "Pa"),
+        (FUEL_TEMPERATURE, found.injector.values[FUEL_TEMPERATURE], "K"),
+    ]
+    single = () if found.two else ("first_energising_time", "dwell")
+    names = {FUEL_TEMPERATURE: "Fuel temperature"}
+    return [
+        ("Model", f"{found.injector.title or found.injector.name} ({found.injector.variant.label})"),
+        *(
+            (names.get(name, name.replace("_", " ").capitalize()), _shown(value, unit))
+            for name, value, unit in given
+            if name not in varied and name not in single
+        ),
+        ("Time step", _shown(base.conditions.time_step, "s")),
+    ]
+
+
+def sweep_figures(found: Sweep) -> list[Figure]:
+    """Quantities over the first variable; of two injections the second one first."""
+    figures = list(_figures(found, found.volume, "Injected quantity"))
+    return [*_figures(found, found.second, "Quantity of the second injection"), *figures] if found.two else figures
+
+
+def _page(
+    title: str,
+    synthetic: str,
+    lines: list[str],
+    drawn: tuple[list[Figure], list[Table]],
+    facts: list[tuple[str, str]],
+) -> str:
+    figures, tables = drawn
+    return render(
+        "map.html",
+        title=title,
+        kind="Sweep",
+        record={},
+        synthetic=[synthetic] if synthetic else [],
+        lines=lines,
+        heats=[],
+        curves=drawings(figures, 460),
+        tables=tables,
+        commands=[],
+        facts=facts,
+    )
+
+
+def sweep_lines(found: Sweep) -> list[str]:
+    """Sentences: what was varied, the range of the quantities, fused and failed injections."""
+    names = [f"{_title(v)} ({counted(len(v.values), 'value')})" for v in found.variables]
+    sound = found.volume[np.isfinite(found.volume)]
+    lines = [
+        f"{counted(found.volume.size, 'combination')} of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to "
+        f"{fixed(sound.max(), 2, MM3)} mm³."
+    ]
+    if found.two:
+        second = found.second[np.isfinite(found.second)]
+        lines.append(
+            f"{int(found.fused.sum())} are fused: the needle does not close between the two injections. {DWELL}"
+        )
+        if len(second):
+            low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
+            lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
+    return [*lines, *(_reason(found, group) for group in without_number(found))]
+
+
+def _reason(found: Sweep, group: WithoutNumber) -> str:
+    """Sentence on combinations without a number: how many, the first of them, and the reason."""
+    first = ", ".join(f"{_title(v)} {_shown(group.first[v.name], v.unit)}" for v in found.variables)
+    lacking = "no quantity of the second injection, since the first one alone failed" if group.alone else "no number"
+    have = "has" if group.combinations == 1 else "have"
+    which = "at" if group.combinations == 1 else "the first at"
+    count = f"{group.combinations} of {counted(found.volume.size, 'combination')}"
+    return f"{count} {have} {lacking}, {which} {first}: {group.sentence}"
+
+
+def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
+    """Dwells below which two injections fuse."""
+    return tabulated(
+        "Dwell below which the injections fuse",
+        fusion,
+        [
+            ("rail pressure, MPa", lambda r: significant(r[0], 4, MPA)),
+            ("dwell, µs", lambda r: fixed(r[1], 0, MICRO)),
+        ],
+        f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}",
+        0,
+    )
+
+
+def _title(variable: Variable) -> str:
+    name = SHORT_NAMES.get(variable.name, variable.name)
+    return name if "." in name else name.replace("_", " ")
+
+
+def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
+    """Curves over the first variable, a line for each value of the second, a figure for each of the third."""
+    first, others = found.variables[0], found.variables[1:]
+    volume = volume.reshape(*volume.shape, *(1,) * (3 - volume.ndim))
+    rows, parts = int(volume.shape[1]), int(np.prod(volume.shape[2:]))
+    unit = table_unit(first.unit)
+    x = points(convert(first.values, first.unit, unit))
+    for k in range(min(parts, MOST_FIGURES)):
+        label = f", {_title(others[1])} {_value(others[1], k)}" if len(others) > 1 else ""
+        series = tuple(
+            Series(_value(others[0], j) if others else "", "solid", x, points(volume[:, j, k] * MM3), BOTH, family=j)
+            for j in range(rows)
+            if np.isfinite(volume[:, j, k]).any()
+        )
+        caption = f"Each line: {_title(others[0])}." if others else "At the reference density."
+        axis = f"{_title(first)}, {in_print(unit)}"
+        yield Figure(f"{title}{label}", caption, axis, (Panel("quantity, mm³", series),))
+
+
+def _value(variable: Variable, index: int) -> str:
+    return _shown(float(variable.values[index]), variable.unit)
+
+
+def _shown(value: float, unit: str) -> str:
+    """Value of a variable with its unit; temperatures in degrees Celsius, as on the axes."""
+    if unit == "K":
+        return f"{significant(convert(value, 'K', 'degC'), 4)} °C"
+    return quantity(value, unit)
+
+
+def compensation_html(found: Compensation) -> str:
+    """Page of energising times that hold the second of two injections."""
+    axes = found.alone.axes
+    figures = []
+    for i in range(min(len(axes.rail_pressure), MOST_FIGURES)):
+        change = (found.energising_time[:, i] - found.alone.inverse.energising_time[i]) * MICRO
+        series = tuple(
+            Series(f"{significant(q, 4, MM3)} mm³", "solid", points(found.dwell * MICRO), points(change[:, j]), BOTH, j)
+            for j, q in enumerate(axes.quantity.tolist())
+        )
+        figures.append(
+            Figure(
+                f"Correction of the energising time at {significant(float(axes.rail_pressure[i]), 4, MPA)} MPa",
+                "Energising time that holds the second quantity, less that of an injection alone.",
+                "dwell, µs",
+                (Panel("correction, µs", series, zero_line=True),),
+            )
+        )
+    first = f"Energising time of the first injection: {fixed(found.first_energising_time, 0, MICRO)} µs. {DWELL}"
+    facts = [("Conditions", note) for note in notes_of(found.alone)]
+    title = f"Second injection: {found.alone.injector.name}"
+    return _page(title, found.alone.injector.synthetic, [first], (figures, [compensation_table(found)]), facts)
+
+
+def compensation_table(found: Compensation) -> Table:
+    """Energising times of the second injection, a row for each dwell, rail pressure and quantity."""
+    axes = found.alone.axes
+    return tabulated(
+        "Energising time of the second injection that holds its quantity",
+        list(np.ndindex(found.energising_time.shape)),
+        [
+            ("state", lambda p: CellState(int(found.inverses[p[0]].state[p[1:]])).name.lower()),
+            ("dwell, µs", lambda p: fixed(found.dwell[p[0]], 0, MICRO)),
+            ("rail pressure, MPa", lambda p: significant(float(axes.rail_pressure[p[1]]), 4, MPA)),
+            ("quantity, mm³", lambda p: significant(float(axes.quantity[p[2]]), 4, MM3)),
+            ("energising time, µs", lambda p: fixed(found.energising_time[p], 1, MICRO)),
+            ("alone, µs", lambda p: fixed(found.alone.inverse.energising_time[p[1:]], 1, MICRO)),
+        ],
+        DWELL,
+    )
+
+
+def _arrays(found: Sweep) -> Arrays:
+    axes = tuple(v.name for v in found.variables)
+    values = {
+        "injected_volume": in_common_unit(axes, found.volume, "m3"),
+        "opening": in_common_unit(axes, found.opening, "s"),
+    }
+    if found.two:
+        values |= {"second_volume": in_common_unit(axes, found.second, "m3"), "fused": Array(axes, found.fused)}
+    return Arrays({v.name: in_common_unit((v.name,), v.values, v.unit) for v in found.variables}, values, "Sweep")
+
+
+SWEEP = Presenter(sweep_lines, figures=sweep_figures, arrays=_arrays)

@@ -1,0 +1,208 @@
+"""commonrail sweep: quantities over one to three variables, and the second of two injections held over the dwell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+
+from commonrail.base.errors import InputError
+from commonrail.base.output import write_text, writing
+from commonrail.base.units import parse
+from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
+
+if TYPE_CHECKING:
+    from commonrail.physics.injector import Injector
+    from commonrail.plugins.maps.compensation import Compensation
+    from commonrail.plugins.maps.sweep import Base, Sweep, Variable
+
+
+@verb
+def sweep(
+    model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
+    *,
+    vary: Annotated[
+        tuple[str, ...],
+        Option(
+            metavar="NAME=VALUES",
+            help="Variable and its values, e.g. dwell=0:3000:100us or temperature=20,40,80degC: rail_pressure, "
+            "energising_time, first_energising_time, dwell, cylinder_pressure, return_pressure, temperature, or any "
+            "parameter; one to three.",
+        ),
+    ],
+    rail_pressure: Annotated[str, Option(help="Rail pressure where it is not varied.")] = "100MPa",
+    energising_time: Annotated[
+        str, Option(help="Energising time of the injection, or of the second of two.")
+    ] = "500us",
+    first_energising_time: Annotated[
+        str | None, Option(help="Energising time of a first injection before it. [default: none]")
+    ] = None,
+    dwell: Annotated[str, Option(help="Time from the end of the first energising to the start of the second.")] = "1ms",
+    hold: Annotated[
+        str | None,
+        Option(
+            metavar="QUANTITIES",
+            help="Quantities of the second injection, e.g. 1,2,5mm3, whose energising times are found over the varied "
+            "rail pressures and dwells.",
+        ),
+    ] = None,
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    longest: Annotated[str, Option(help="Longest energising time of --hold.")] = "2ms",
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
+    set_: Annotated[
+        tuple[str, ...], Option("--set", metavar="PATH=VALUE", help="Value of a parameter; repeatable.")
+    ] = (),
+    label: Annotated[str, Option(help="Label of the maps of --hold, to which each dwell is added.")] = "tiSecond",
+    out: Annotated[
+        tuple[Path, ...],
+        Option(metavar="FILE", help="File: .csv; of --hold also .xlsx .mat .json .dcm .cdfx; repeatable."),
+    ] = (),
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the curves.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Sweep variables, or the dwell of injections.
+
+    Two injections whose needle does not close in between are fused, and reported as such. With --hold the
+    energising time of the second injection is found that delivers a quantity at each rail pressure and dwell.
+
+    \b
+    Examples:
+      commonrail sweep cri2-16 --vary dwell=0:3000:50us --vary rail_pressure=40,80,160MPa \\
+          --first-energising-time 350us --energising-time 500us --report dwell.html
+      commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary dwell=400,800,1600us \\
+          --first-energising-time 350us --hold 1,2,5,10mm3 --out second.dcm
+    """
+    from commonrail.plugins.maps.response import Conditions
+    from commonrail.plugins.maps.sweep import Base
+    from commonrail.runs.model_name import read_model_name
+
+    for path in out:
+        check_file(path, "--out")
+        if hold is None and path.suffix.lower() != ".csv":
+            raise InputError(f"--out: {path}: a sweep is written as .csv; for all numbers as JSON give --json.")
+    check_file(report, "--report")
+    check_distinct(*out, report)
+    conditions = Conditions(
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        parse(return_pressure, "Pa", "--return-pressure"),
+        parse(time_step, "s", "--time-step"),
+        threads,
+    )
+    base = Base(
+        parse(rail_pressure, "Pa", "--rail-pressure"),
+        parse(energising_time, "s", "--energising-time"),
+        0.0 if first_energising_time is None else parse(first_energising_time, "s", "--first-energising-time"),
+        parse(dwell, "s", "--dwell"),
+        conditions,
+    )
+    injector = with_overrides(read_model_name(model).injector, set_)
+    variables = [_variable(text) for text in vary]
+    say(SIMULATING)
+    if hold is None:
+        _sweep(injector, variables, base, (out, report, json))
+    else:
+        wanted = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
+        _print_held(wanted, label, (out, report, json))
+
+
+def _variable(text: str) -> Variable:
+    from commonrail.cli.options import read_axis
+    from commonrail.plugins.maps.sweep import Variable, unit_of
+
+    name, equals, values = (part.strip() for part in text.partition("="))
+    if not (name and equals and values):
+        raise InputError(f'--vary {text}: expected NAME=VALUES, such as "dwell=0:3000:100us".')
+    full, unit = unit_of(name)
+    return Variable(full, unit, read_axis(values, unit, f"--vary {name}"))
+
+
+def _sweep(
+    injector: Injector, variables: list[Variable], base: Base, wanted: tuple[Sequence[Path], Path | None, bool]
+) -> None:
+    from commonrail.plugins.maps.sweep import sweep as run
+    from commonrail.plugins.maps.sweep_file import sweep_record, write_sweep
+    from commonrail.plugins.maps.sweep_page import fusion_table, sweep_html, sweep_lines
+
+    out, report, json = wanted
+    found = run(injector, variables, base)
+    fusion = _fusion(found)
+    for path in out:
+        write_sweep(path, found)
+    if report is not None:
+        with writing(report, "--report"):
+            write_text(report, sweep_html(found, fusion))
+    files = [str(path) for path in (*out, report) if path is not None]
+    if json:
+        print_json(sweep_record(found, fusion) | {"files": files})
+        return
+    for line in sweep_lines(found):
+        click.echo(line)
+    if fusion:
+        click.echo("")
+        print_table(fusion_table(fusion))
+    for file in files:
+        say(f"wrote {file}")
+
+
+def _fusion(found: Sweep) -> list[tuple[float, float]]:
+    """Rail pressures [Pa] and the dwells below which the injections fuse [s], where a dwell is varied."""
+    import numpy as np
+
+    from commonrail.plugins.maps.compensation import fusion_dwell
+
+    varied = {v.name: v.values for v in found.variables}
+    if not ("dwell" in varied and set(varied) <= {"dwell", "rail_pressure"}):
+        return []
+    rails = varied.get("rail_pressure", np.array([found.base.rail_pressure]))
+    times = found.base.first_energising_time, found.base.energising_time
+    dwells = fusion_dwell(found.injector, rails, times, float(varied["dwell"][-1]), found.base.conditions)
+    return list(zip(rails.tolist(), dwells.tolist(), strict=True))
+
+
+def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, longest: float) -> Compensation:
+    import numpy as np
+
+    from commonrail.cli.options import read_quantities
+    from commonrail.plugins.maps.axes import MapAxes, increasing
+    from commonrail.plugins.maps.compensation import compensation
+    from commonrail.plugins.maps.response import density_at
+
+    varied = {v.name: v.values for v in variables}
+    if set(varied) - {"rail_pressure", "dwell"} or not base.first_energising_time:
+        raise InputError("--hold: vary rail_pressure and dwell alone, and give --first-energising-time.")
+    quantity = read_quantities(hold, density_at(injector, base.conditions), "--hold")
+    axes = MapAxes(varied.get("rail_pressure", np.array([base.rail_pressure])), quantity, np.array([longest]))
+    dwells = increasing(varied.get("dwell", np.array([base.dwell])), "s", "dwells")
+    return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
+
+
+def _print_held(found: Compensation, label: str, wanted: tuple[Sequence[Path], Path | None, bool]) -> None:
+    from commonrail.plugins.maps.file import check_map_file, write_map_file
+    from commonrail.plugins.maps.sweep_file import compensation_record, write_compensation
+    from commonrail.plugins.maps.sweep_page import compensation_html, compensation_table
+    from commonrail.plugins.maps.table import compensation_tables
+
+    out, report, json = wanted
+    for path in out:
+        check_map_file(path)
+    for path in out:
+        if path.suffix.lower() == ".csv":
+            write_compensation(path, found)
+        else:
+            write_map_file(path, compensation_tables(found, label))
+    if report is not None:
+        with writing(report, "--report"):
+            write_text(report, compensation_html(found))
+    files = [str(path) for path in (*out, report) if path is not None]
+    if json:
+        print_json(compensation_record(found) | {"files": files})
+        return
+    print_table(compensation_table(found))
+    for file in files:
+        say(f"wrote {file}")

@@ -1,0 +1,280 @@
+"""Table over two axes in the units of a control unit, as all files of maps hold it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError
+from commonrail.base.units import convert
+from commonrail.plugins.maps.compensation import Compensation
+from commonrail.plugins.maps.inverse import CellState
+from commonrail.plugins.maps.run import Edges, InjectionMap
+from commonrail.readers.quantity_matrix import BAND
+
+LONGEST_LABEL = 128
+_LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?(\.[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?)*")
+
+DIGITS = 10  # significant digits of an axis; a value as 0.1 is written as that, not as its double
+DECIMALS = 3  # of energising times and quantities
+
+
+class MapUnits(NamedTuple):
+    """Units of a file: of rail pressure, quantity (a volume or a mass) and energising time."""
+
+    pressure: str = "hPa"
+    quantity: str = "mm^3/inj"
+    time: str = "us"
+
+
+ECU_UNITS = MapUnits()
+
+
+class Axis(NamedTuple):
+    """Axis of a table: name, unit, and values (n,) in it, strictly increasing."""
+
+    name: str
+    unit: str
+    values: Floats
+
+
+class Layer(NamedTuple):
+    """Further numbers of each cell of a table: name, unit, and values (y, x) in it."""
+
+    name: str
+    unit: str
+    values: Floats
+
+
+@dataclass(frozen=True)
+class MapTable:
+    """Map as files hold it.
+
+    Attributes
+    ----------
+    label : str
+        Name in the control unit.
+    title : str
+        What it is, in one line.
+    name : str
+        Name of the values, such as "energising_time".
+    unit : str
+        Of the values.
+    x, y : Axis
+    values : (y, x)
+        In `unit`, rounded to what is written; NaN where there is no number.
+    states : (y, x) of str
+        State of each cell in words.
+    notes : tuple of str
+        Model, conditions and rules.
+    layers : tuple of Layer
+        Edges of bands, where a fit tells them; DCM and CDFX hold none.
+    """
+
+    label: str
+    title: str
+    name: str
+    unit: str
+    x: Axis
+    y: Axis
+    values: Floats
+    states: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
+    layers: tuple[Layer, ...] = ()
+
+    def require_numbers(self, what: str) -> None:
+        """Refuse a cell without a number, which a format cannot hold.
+
+        Raises
+        ------
+        InputError
+            That names the first such cell.
+        """
+        missing = np.argwhere(~np.isfinite(self.values))
+        if len(missing):
+            y, x = missing[0]
+            raise InputError(
+                f"{what} holds a number in every cell, and {len(missing)} of {self.values.size} cells have none, the "
+                f"first at {self.x.values[x]:g} {self.x.unit}, {self.y.values[y]:g} {self.y.unit} "
+                f"({self.states[y][x]}); choose other axes, or let the rule for unreachable quantities extrapolate or "
+                "hold."
+            )
+
+
+def check_label(label: str) -> str:
+    """Return a name that a control unit can have.
+
+    Raises
+    ------
+    InputError
+        If it holds anything but letters without accents, digits, underscores, points and indices in brackets.
+    """
+    if len(label) <= LONGEST_LABEL and _LABEL.fullmatch(label):
+        return label
+    raise InputError(
+        f'"{label[:LONGEST_LABEL]}" is no name of a label; write at most {LONGEST_LABEL} letters, digits and '
+        "underscores, the first one no digit, as in InjVlv_tiET_MAP."
+    )
+
+
+def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
+    """Energising time over rail pressure (x) and quantity (y).
+
+    Parameters
+    ----------
+    found : InjectionMap
+    label : str
+    units : MapUnits
+
+    Raises
+    ------
+    InputError
+        If a unit is unknown or of another kind, or the label cannot be used.
+    """
+    x, y = (
+        _pressure_axis(found, units),
+        Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
+    )
+    values = convert(found.inverse.energising_time.T, "s", units.time)
+    states = [[_state(s, b) for s, b in zip(*row, strict=True)] for row in _columns(found)]
+    return MapTable(
+        check_label(label),
+        f"Energising time of {found.injector.name} over rail pressure and quantity",
+        "energising_time",
+        units.time,
+        x,
+        y,
+        np.round(values, DECIMALS),
+        tuple(map(tuple, states)),
+        notes_of(found),
+        () if found.bands is None else _layers(found, found.bands.delivered, units),
+    )
+
+
+def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
+    """Energising time of the second injection over rail pressure (x) and quantity (y), a table for each dwell.
+
+    Parameters
+    ----------
+    found : Compensation
+    label : str
+        The dwell in µs joins it: ``label_600us``.
+    units : MapUnits
+
+    Raises
+    ------
+    InputError
+        As `inverse_table`.
+    """
+    tables = []
+    for dwell, inverse in zip(found.dwell.tolist(), found.inverses, strict=True):
+        ballistic = np.zeros(inverse.state.shape, bool)
+        own = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label, units)
+        pause = (
+            f"dwell {dwell * 1e6:g} us from the end of the first energising ({found.first_energising_time * 1e6:g} us)"
+        )
+        title = f"Energising time of the second injection of {found.alone.injector.name}, {pause}"
+        name = check_label(f"{label}_{dwell * 1e6:g}us".replace(".", "_"))
+        tables.append(replace(own, label=name, title=title, notes=(*own.notes, f"second injection: {pause}")))
+    return tables
+
+
+def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
+    """Quantity over rail pressure (x) and energising time (y).
+
+    Parameters
+    ----------
+    found : InjectionMap
+    label : str
+    units : MapUnits
+
+    Raises
+    ------
+    InputError
+        As `inverse_table`.
+    """
+    times = _rounded(convert(found.axes.energising_time, "s", units.time))
+    states = np.where(np.isfinite(found.volume), np.where(found.ballistic, "ballistic", "reached"), "failed").T
+    return MapTable(
+        check_label(label),
+        f"Injected quantity of {found.injector.name} over rail pressure and energising time",
+        "quantity",
+        units.quantity,
+        _pressure_axis(found, units),
+        Axis("energising_time", units.time, times),
+        np.round(_quantities(found, found.volume.T, units, exact=True), DECIMALS),
+        tuple(tuple(row) for row in states.tolist()),
+        notes_of(found),
+        () if found.bands is None else _layers(found, found.bands.quantity, units),
+    )
+
+
+def _layers(found: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, ...]:
+    """Edges of bands (pressures, y) in the unit of the file."""
+    return tuple(
+        Layer(
+            f"quantity{BAND}{100.0 * level:g}_{side}",
+            units.quantity,
+            np.round(_quantities(found, volume.T, units, exact=True), DECIMALS),
+        )
+        for level, pair in edges.items()
+        for side, volume in zip(("lower", "upper"), pair, strict=True)
+    )
+
+
+def notes_of(found: InjectionMap) -> tuple[str, ...]:
+    """Model, conditions and rules of a map, a line each."""
+    injector, conditions = found.injector, found.conditions
+    synthetic = f"synthetic: {injector.synthetic}" if injector.synthetic else ""
+    lines = (
+        f"simulated by commonrail, not measured: {injector.name} ({injector.variant.label})",
+        synthetic,
+        f"cylinder pressure {conditions.cylinder_pressure * 1e-6:g} MPa, return pressure "
+        f"{conditions.return_pressure * 1e-6:g} MPa, fuel {injector.fuel.name} at "
+        f"{injector.values['fuel.temperature'] - 273.15:g} degC, reference density {found.density:.1f} kg/m3",
+        f"several energising times: the {found.rules.several.value}; "
+        f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}",
+    )
+    bands = f"bands of measured quantities: {found.bands.estimator}" if found.bands else ""
+    return tuple(line for line in (*lines, bands) if line)
+
+
+_BEYOND = {
+    "extrapolate": "extrapolated as a line through the two longest simulated times",
+    "hold": "the longest simulated time",
+    "empty": "no number",
+}
+
+
+def _pressure_axis(found: InjectionMap, units: MapUnits) -> Axis:
+    return Axis("rail_pressure", units.pressure, _rounded(convert(found.axes.rail_pressure, "Pa", units.pressure)))
+
+
+def _quantities(found: InjectionMap, volume: Floats, units: MapUnits, exact: bool = False) -> Floats:
+    """Volumes [m³] in the unit of the file, which may be one of mass."""
+    from commonrail.base.units import compatible
+
+    if compatible(units.quantity, "kg"):
+        values = convert(volume * found.density, "kg", units.quantity)
+    else:
+        values = convert(volume, "m3", units.quantity)
+    return values if exact else _rounded(values)
+
+
+def _rounded(values: Floats) -> Floats:
+    return np.array([float(f"{value:.{DIGITS}g}") for value in values.tolist()])
+
+
+def _columns(found: InjectionMap) -> list[tuple[list[int], list[bool]]]:
+    """States and ballistic marks of each quantity over the pressures."""
+    return list(zip(found.inverse.state.T.tolist(), found.inverse_ballistic.T.tolist(), strict=True))
+
+
+def _state(state: int, ballistic: bool) -> str:
+    found = CellState(state)
+    words = found.name.lower().replace("beyond", "unreachable").replace("zero", "no quantity")
+    return "ballistic" if ballistic and found is CellState.REACHED else words

@@ -1,0 +1,253 @@
+"""commonrail map: quantity over pressure and energising time, and its inverse, for people and for control units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+
+from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.output import write_text, writing
+from commonrail.base.units import parse
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
+from commonrail.plugins.maps.inverse import Beyond, Several
+
+if TYPE_CHECKING:
+    from commonrail.physics.injector import Injector
+    from commonrail.plugins.maps.axes import MapAxes
+    from commonrail.plugins.maps.difference import Comparison
+    from commonrail.plugins.maps.response import Conditions
+    from commonrail.plugins.maps.run import InjectionMap
+    from commonrail.plugins.maps.table import MapTable, MapUnits
+    from commonrail.runs.model_name import NamedModel
+
+
+class Bands(StrEnum):
+    """Source of the bands about the map of a run."""
+
+    LAPLACE = "laplace"
+    """Linear about the best values."""
+
+    POSTERIOR = "posterior"
+    """Draws of `commonrail certainty --posterior`."""
+
+    NONE = "none"
+    """No bands."""
+
+
+INVERSE, QUANTITY = "tiEnergising", "qInjected"  # labels where none is given
+READABLE = ("MPa", "mm3", "us")  # units of files that people read
+
+
+@verb
+def map_(
+    models: Annotated[
+        tuple[str, ...],
+        Argument(
+            metavar="MODEL",
+            help="One model, or two to be compared: an injector file, a name of the catalogue, or a run folder.",
+        ),
+    ],
+    *,
+    rail_pressure: Annotated[
+        str | None,
+        Option(help="Rail pressures, e.g. 20:180:10MPa or 20,40,80MPa. [default: 16 from 20 to 180 MPa]"),
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        Option(help="Quantities of the inverse, e.g. 0,0.5,1,5mm3 or 1,2mg. [default: 18 from 0 to 80 mm3]"),
+    ] = None,
+    energising_time: Annotated[
+        str | None,
+        Option(help="Energising times; the last is the longest simulated. [default: 20 from 100 us to 2 ms]"),
+    ] = None,
+    axes: Annotated[
+        Path | None, Option(metavar="FILE.dcm", help="DCM file whose first map gives pressures and quantities.")
+    ] = None,
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
+    set_: Annotated[
+        tuple[str, ...],
+        Option("--set", metavar="PATH=VALUE", help="Value of a parameter of all models; repeatable."),
+    ] = (),
+    several: Annotated[Several, Option(help="Energising time where several deliver a quantity.")] = Several.SHORTEST,
+    unreachable: Annotated[
+        Beyond, Option(help="Rule for quantities that the longest energising time does not deliver.")
+    ] = Beyond.EXTRAPOLATE,
+    bands: Annotated[
+        Bands | None,
+        Option(help="Bands of 50 % and 90 % about the map of a run. [default: laplace, if a map was fitted]"),
+    ] = None,
+    measured: Annotated[
+        Path | None, Option(metavar="FILE", help="Measured map that the model is compared with, CSV or Excel.")
+    ] = None,
+    out: Annotated[
+        tuple[Path, ...],
+        Option(metavar="FILE", help="File for the inverse map: .csv .xlsx .mat .json .dcm .cdfx; repeatable."),
+    ] = (),
+    quantity_out: Annotated[
+        tuple[Path, ...],
+        Option(metavar="FILE", help="File for the quantity map, in the same formats; repeatable."),
+    ] = (),
+    label: Annotated[str, Option(help="Label of the inverse map.")] = INVERSE,
+    quantity_label: Annotated[str, Option(help="Label of the quantity map.")] = QUANTITY,
+    pressure_unit: Annotated[
+        str | None, Option(help="Unit of pressures in files. [default: hPa in DCM and CDFX, else MPa]")
+    ] = None,
+    quantity_unit: Annotated[
+        str | None, Option(help="Unit of quantities in files. [default: mm^3/inj in DCM and CDFX, else mm3]")
+    ] = None,
+    time_unit: Annotated[str | None, Option(help="Unit of energising times in files. [default: us]")] = None,
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with heat maps and curves.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Compute the quantity map of an injector and its inverse.
+
+    Each cell of the inverse is simulated until it delivers its quantity within 0.01 mm3. Cells that cannot be
+    reached, where several energising times deliver the quantity, or where the needle is ballistic are named. The map
+    of a run has bands in which measured quantities are expected, as `commonrail predict` computes them.
+
+    \b
+    Examples:
+      commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
+      commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
+    """
+    from commonrail.plugins.maps.inverse import Rules
+    from commonrail.plugins.maps.response import Conditions
+    from commonrail.plugins.maps.run import injection_map
+
+    for path in (*out, *quantity_out):
+        from commonrail.plugins.maps.file import check_map_file
+
+        check_file(path, "--out")
+        check_map_file(path)
+    check_file(report, "--report")
+    check_distinct(*out, *quantity_out, report)
+    if len(models) > 2 or (len(models) == 2 and measured is not None):
+        raise InputError("Give one or two models, or one model and --measured.")
+    conditions = Conditions(
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        parse(return_pressure, "Pa", "--return-pressure"),
+        parse(time_step, "s", "--time-step"),
+        threads,
+    )
+    named = _named(models, set_)
+    wanted = _axes(named[0].injector, conditions, (rail_pressure, quantity, energising_time), axes)
+    rules = Rules(several, unreachable)
+    found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
+    first = found[named[0].label] = _with_bands(found[named[0].label], named[0], bands)
+    units = pressure_unit, quantity_unit, time_unit
+    from commonrail.plugins.maps.table import inverse_table, quantity_table
+
+    files = _write(out, lambda u: inverse_table(first, label, u), units)
+    files += _write(quantity_out, lambda u: quantity_table(first, quantity_label, u), units)
+    compared = None if measured is None else _compared(first, measured)
+    if report is not None:
+        from commonrail.plugins.maps.page import map_html
+
+        with writing(report, "--report"):
+            write_text(report, map_html(found, compared))
+        files.append(str(report))
+    if json:
+        from commonrail.plugins.maps.file import map_record
+
+        print_json(map_record(found, compared) | {"files": files})
+        return
+    _print(found, compared)
+    for file in files:
+        say(f"wrote {file}")
+
+
+def _named(models: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
+    from commonrail.runs.model_name import read_model_names
+
+    named = read_model_names(models)
+    if not settings:
+        return named
+    return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in named]
+
+
+def _with_bands(found: InjectionMap, model: NamedModel, wanted: Bands | None) -> InjectionMap:
+    """Map with bands, where the model is a run's and they are not refused; why it has none is said where it is open."""
+    if wanted is Bands.NONE or (wanted is None and model.run is None):
+        return found
+    if model.run is None:
+        raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
+    from commonrail.plugins.certainty.posterior.file import read_draws
+    from commonrail.plugins.maps.bands import with_bands
+    from commonrail.runs.folder import read_fit
+
+    try:
+        study, best = read_fit(model.run)
+        draws = read_draws(model.run, study.space.names) if wanted is Bands.POSTERIOR else None
+        say("predicting the bands of its cells ...")
+        return with_bands(found, study, best, draws)
+    except CommonrailError as error:
+        if wanted is not None:
+            raise
+        say(f"no bands: {error}")
+        return found
+
+
+def _axes(
+    injector: Injector, conditions: Conditions, texts: tuple[str | None, str | None, str | None], file: Path | None
+) -> MapAxes:
+    """Axes of a control unit, those of a file, those of the command line: the later ones count."""
+    from commonrail.cli.options import read_axis, read_quantities
+    from commonrail.plugins.maps.axes import MapAxes
+    from commonrail.plugins.maps.axes_file import axes_of_dcm
+    from commonrail.plugins.maps.response import density_at
+    from commonrail.plugins.maps.run import usual_axes
+
+    usual = usual_axes(injector)
+    pressure, wanted, time = usual.rail_pressure, usual.quantity, usual.energising_time
+    density = density_at(injector, conditions)
+    if file is not None:
+        pressure, wanted = axes_of_dcm(file, density)
+    if texts[0] is not None:
+        pressure = read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
+    if texts[1] is not None:
+        wanted = read_quantities(texts[1], density, "--quantity")
+    if texts[2] is not None:
+        time = read_axis(texts[2], "s", "--energising-time", increasing=True)
+    return MapAxes(pressure, wanted, time)
+
+
+def _write(
+    paths: Sequence[Path], table: Callable[[MapUnits], MapTable], units: tuple[str | None, str | None, str | None]
+) -> list[str]:
+    """Write a table into files, in the units that were asked for or that suit the format."""
+    if not paths:
+        return []
+    from commonrail.plugins.maps.file import write_map_file
+    from commonrail.plugins.maps.table import ECU_UNITS, MapUnits
+
+    for path in paths:
+        usual = ECU_UNITS if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
+        wanted = MapUnits(*(given or own for given, own in zip(units, usual, strict=True)))
+        with writing(path, "--out"):
+            write_map_file(path, [table(wanted)])
+    return [str(path) for path in paths]
+
+
+def _compared(found: InjectionMap, path: Path) -> Comparison:
+    from commonrail.plugins.maps.difference import compare_with, read_measured_map
+
+    return compare_with(found, read_measured_map(path, found.density), str(path))
+
+
+def _print(found: dict[str, InjectionMap], compared: Comparison | None) -> None:
+    from commonrail.plugins.maps.page import map_lines, map_tables
+
+    for line in map_lines(found, compared):
+        click.echo(line)
+    click.echo("")
+    for table in map_tables(found, compared):
+        print_table(table)

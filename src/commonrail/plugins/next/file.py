@@ -1,0 +1,89 @@
+"""Measuring plans as CSV files and JSON records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from commonrail.base.output import write_csv
+from commonrail.base.text import number
+from commonrail.plugins.next.run import Measurement, Plan
+from commonrail.plugins.next.study import place_of
+
+HEADER = (
+    "order",
+    "kind",
+    "rail_pressure [MPa]",
+    "first_energising_time [us]",
+    "dwell [us]",
+    "energising_time [us]",
+    "cost",
+    "expected_quantity [mm3]",
+    "standard_deviation [mm3]",
+    "factor",
+)
+
+
+def write_plan(path: Path, plan: Plan) -> None:
+    """Write a measuring plan, one line for each measurement.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    rows = [[str(k), *_row(one)] for k, one in enumerate(plan.measurements, 1)]
+    write_csv(path, ["commonrail measuring plan", *plan.notes], HEADER, rows)
+
+
+def _row(one: Measurement) -> list[str]:
+    rail, time, dwell = place_of(one.candidate.point)
+    pulses = one.candidate.point.pulses
+    first = f"{pulses[0].duration * 1e6:.6g}" if len(pulses) > 1 else ""
+    numbers = [f"{1e9 * value:.4g}" if number(value) is not None else "" for value in (one.value, one.deviation)]
+    between = f"{dwell * 1e6:.6g}" if first else ""
+    return [
+        one.candidate.kind,
+        f"{rail * 1e-6:.6g}",
+        first,
+        between,
+        f"{time * 1e6:.6g}",
+        f"{one.candidate.cost:g}",
+        *numbers,
+        f"{one.factor:.4g}",
+    ]
+
+
+def plan_record(plan: Plan) -> dict[str, Any]:
+    """JSON-able form of a plan [SI]."""
+    rows = []
+    for one in plan.measurements:
+        rail, time, dwell = place_of(one.candidate.point)
+        rows.append(
+            {
+                "kind": one.candidate.kind,
+                "rail_pressure": rail,
+                "energisings": [list(pulse) for pulse in one.candidate.point.pulses],
+                "energising_time": time,
+                "dwell": dwell,
+                "cost": one.candidate.cost,
+                "quantity": number(one.value),
+                "standard_deviation": number(one.deviation),
+                "factor": one.factor,
+            }
+        )
+    own = plan.settings
+    return {
+        "kind": "next",
+        "criterion": own.criterion.value,
+        "draws": own.draws,
+        "seed": own.seed,
+        "candidates": plan.candidates,
+        "failed": plan.failed,
+        "cost": plan.cost,
+        "measurements": rows,
+        "standard_errors": {
+            name: {"before": before, "after": plan.after[name]} for name, before in plan.before.items()
+        },
+        "notes": list(plan.notes),
+    }

@@ -1,0 +1,437 @@
+"""Next measurements of a calibration: those that would make named parameters or a map's predictions most certain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import chosen, instance, number, settle, thread_count, whole
+from commonrail.base.arrays import Bools, Floats, IndexArray
+from commonrail.base.display import Shown
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.calibration.study import Study
+from commonrail.data.base import DataSet, Role
+from commonrail.data.kinds import in_order, of_role
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.simulator import Simulator
+from commonrail.plugins.certainty.estimate import Estimate, estimate
+from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.noise import Block, FittedNoise
+from commonrail.plugins.next.problem import Responder, Response, laplace_draws, posterior_draws, problem_of
+from commonrail.plugins.next.study import (
+    KINDS,
+    MOST_CANDIDATES,
+    Candidate,
+    Criterion,
+    Problem,
+    grid,
+    place_of,
+    usual_axes,
+)
+
+# Choice of measurements: one after the other by gain per cost, then exchange as long as one improves the plan.
+
+LEAST = 1e-9  # fall of the criterion that counts as one
+MOST_EXCHANGES = 200
+OTHER_STARTS = 8  # plans that begin with the second, third … best first measurement
+
+
+class Rules(NamedTuple):
+    """Limits of a plan.
+
+    Attributes
+    ----------
+    costs : (c,)
+        Of each candidate.
+    levels : (c,) int
+        Setting of the bench, such as a rail pressure, that each candidate needs.
+    level_cost : float
+        Cost of every setting that a plan uses, however many of its points.
+    blocked : (c, c) bool
+        Candidates that exclude each other; on the diagonal, that may not be repeated.
+    most : int
+        Largest number of measurements.
+    budget : float
+        Largest cost.
+    """
+
+    costs: Floats
+    levels: IndexArray
+    level_cost: float
+    blocked: Bools
+    most: int
+    budget: float = math.inf
+
+    def cost(self, chosen: Sequence[int]) -> float:
+        """Cost of a plan."""
+        which = list(chosen)
+        return float(np.sum(self.costs[which])) + self.level_cost * len(set(self.levels[which].tolist()))
+
+    def added(self, chosen: Sequence[int]) -> Floats:
+        """Cost (c,) that each candidate adds to a plan."""
+        new = ~np.isin(self.levels, self.levels[list(chosen)])
+        return np.asarray(self.costs + self.level_cost * new)
+
+    def admissible(self, chosen: Sequence[int]) -> Bools:
+        """Mask (c,) of the candidates that may join a plan."""
+        fits = self.cost(chosen) + self.added(chosen) <= self.budget * (1.0 + 1e-9)
+        return np.asarray(fits & ~self.blocked[list(chosen)].any(axis=0))
+
+
+def too_close(places: Floats, others: Floats, least: Floats) -> Bools:
+    """Mask (n, m) of pairs of places (n, q), (m, q) that are closer than allowed in every coordinate.
+
+    Parameters
+    ----------
+    places, others : (n, q), (m, q)
+    least : (q,)
+        Smallest distances; places at exactly that distance are far enough.
+    """
+    apart = np.abs(places[:, None] - others[None])
+    return np.asarray((apart < least * (1.0 - 1e-9)).all(axis=-1))
+
+
+def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cost: bool = True) -> list[int]:
+    """Measurements one after the other, each the best next one.
+
+    Parameters
+    ----------
+    problem : Problem
+    rules : Rules
+    first : sequence of int
+        Measurements that the plan begins with.
+    per_cost : bool
+        Judge the fall of the criterion per cost; otherwise the fall alone.
+    """
+    chosen = list(first)
+    while len(chosen) < rules.most:
+        fall = problem.score(chosen) - problem.scores(chosen)
+        worth = fall / rules.added(chosen) if per_cost else fall
+        worth = np.where(rules.admissible(chosen) & (fall > LEAST), worth, -np.inf)
+        best = int(worth.argmax())
+        if not np.isfinite(worth[best]):
+            break
+        chosen.append(best)
+    return chosen
+
+
+def exchange(problem: Problem, rules: Rules, chosen: Sequence[int]) -> list[int]:
+    """Plan with measurements exchanged, the best exchange first, until none improves it.
+
+    Parameters
+    ----------
+    problem : Problem
+    rules : Rules
+    chosen : sequence of int
+    """
+    plan = list(chosen)
+    for _ in range(MOST_EXCHANGES):
+        before = problem.score(plan)
+        best, found = before - LEAST, None
+        for i in range(len(plan)):
+            rest = plan[:i] + plan[i + 1 :]
+            scores = np.where(rules.admissible(rest), problem.scores(rest), np.inf)
+            if scores.min() < best:
+                best, found = float(scores.min()), [*rest[:i], int(scores.argmin()), *rest[i:]]
+        if found is None:
+            break
+        plan = found
+    return plan
+
+
+def select(problem: Problem, rules: Rules) -> list[int]:
+    """Best plan found, in the order of gain per cost.
+
+    Plans are greedy with and without regard to cost, and such as begin with another good measurement; each is improved
+    by exchange.
+    """
+    worth = np.where(rules.admissible([]), -problem.scores([]), -np.inf)
+    starts = [[int(i)] for i in np.argsort(-worth, kind="stable")[1 : 1 + OTHER_STARTS] if np.isfinite(worth[i])]
+    plans = [greedy(problem, rules, per_cost=False), *(greedy(problem, rules, first) for first in ([], *starts))]
+    return _ordered(problem, rules, min((exchange(problem, rules, plan) for plan in plans), key=problem.score))
+
+
+def _ordered(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[int]:
+    """The plan, each measurement the best next one per cost."""
+    left, found = list(plan), list[int]()
+    while left:
+        worth = (problem.score(found) - problem.scores(found)) / rules.added(found)
+        found.append(left.pop(int(np.argmax(worth[left]))))
+    return found
+
+
+TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is believed
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """Settings of a plan.
+
+    Attributes
+    ----------
+    points : int
+        Largest number of measurements.
+    criterion : Criterion
+    parameters : tuple of str
+        Parameters that criteria D and A are about; all if empty.
+    budget : float
+        Largest cost of the plan.
+    pressure_cost : float
+        Cost of every rail pressure that the plan uses.
+    apart : (float, float)
+        Rail pressure [Pa] and energising time [s]: a measurement is refused that is closer in both to another of its
+        kind, planned or made. Zeros allow repetitions.
+    draws : int
+        Draws of the parameters, over which the criterion is averaged.
+    seed : int
+        Of the draws.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number is out of range.
+    """
+
+    points: int = 3
+    criterion: Criterion = Criterion.V
+    parameters: tuple[str, ...] = ()
+    budget: float = math.inf
+    pressure_cost: float = 0.0
+    apart: tuple[float, float] = (20e6, 30e-6)
+    draws: int = 12
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        whole(self.points, "points", 1)
+        whole(self.draws, "draws", 1)
+        whole(self.seed, "seed")
+        settle(self, criterion=chosen(self.criterion, Criterion, "criterion"))
+        for what, value in (("budget", self.budget), ("pressure_cost", self.pressure_cost), *_distances(self.apart)):
+            if not value >= 0.0:
+                raise ConfigurationError(f"The {what} of a plan must be zero or greater, not {value:g}.")
+
+
+class Measurement(NamedTuple):
+    """Measurement of a plan.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    value : float
+        Injected or returned quantity that is expected [m³]; NaN if it could not be simulated.
+    deviation : float
+        Standard deviation of that quantity before the plan [m³], noise of the measurement excluded; NaN for a curve.
+    factor : float
+        Typical standard deviation that the criterion is about, after this measurement and those before it, over that
+        before the plan.
+    """
+
+    candidate: Candidate
+    value: float
+    deviation: float
+    factor: float
+
+
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
+    """Plan of measurements.
+
+    Attributes
+    ----------
+    measurements : tuple of Measurement
+        In the order of gain per cost.
+    cost : float
+    settings : DesignSettings
+    candidates : int
+        Number that the plan was chosen from.
+    before, after : mapping of str to float
+        Standard error of each parameter [SI] at the most likely values, without and with the plan.
+    failed : int
+        Simulations of candidates that failed, each at one draw; there the candidate counts as telling nothing.
+    notes : tuple of str
+        What the plan takes for granted.
+    """
+
+    presenter = "commonrail.plugins.next.page:PLAN"
+
+    measurements: tuple[Measurement, ...]
+    cost: float
+    settings: DesignSettings
+    candidates: int
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    failed: int
+    notes: tuple[str, ...] = field(default=())
+
+
+def usual_candidates(
+    study: Study, kinds: Sequence[str] = (), costs: Mapping[str, float] | None = None
+) -> list[Candidate]:
+    """Candidates within the range of a study's data.
+
+    Parameters
+    ----------
+    study : Study
+    kinds : sequence of str
+        Of measurements; by default the kind of the first fitted data set.
+    costs : mapping of str to float, optional
+        Of a measurement of each kind; 1 by default.
+    """
+    data = of_role(study.data, Role.FIT)
+    pressures, times = usual_axes(data)
+    points = grid(data[0].points[0], pressures.tolist(), times.tolist())
+    return [Candidate(k, p, (costs or {}).get(k, 1.0)) for k in (kinds or [data[0].kind]) for p in points]
+
+
+def next_measurements(
+    study: Study,
+    best: Mapping[str, float],
+    candidates: Sequence[Candidate] | None = None,
+    settings: DesignSettings | None = None,
+    *,
+    posterior: Floats | None = None,
+    threads: int | None = None,
+    note: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """Measurements that would make parameters or predictions most certain, with the noise of the data that there are.
+
+    Parameters
+    ----------
+    study : Study
+    best : mapping of str to float
+        Values [SI], as `Calibration.best`.
+    candidates : sequence of Candidate, optional
+        Measurements that could be made; by default `usual_candidates`.
+    settings : DesignSettings, optional
+    posterior : (m, d), optional
+        Parameters [SI] drawn from the posterior, in the order of the study's, see `Posterior.points`, from which the
+        draws are taken; by default they are those of the normal approximation.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    note : function of str
+        Called before long steps.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, a name is unknown, or no candidate may be measured.
+    SimulationError
+        If the best values cannot be simulated.
+    """
+    instance(study, Study, "study")
+    settings = settings or DesignSettings()
+    own = Likelihood.of(study, thread_count(threads))
+    columns = [_column(own, name) for name in settings.parameters or own.names]
+    wanted = list(usual_candidates(study) if candidates is None else candidates)
+    _check(wanted)
+    begin = own.space.to_unit(np.array([best[name] for name in own.names]))[None]
+    note("fitting the noise of the data ...")
+    found = estimate(own, begin)
+    data = in_order(of_role(study.data, Role.FIT))
+    noises, notes = _trusted(found, data)
+    many = settings.draws, settings.seed
+    unit = laplace_draws(found, *many) if posterior is None else posterior_draws(found, posterior, *many)
+    note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
+    simulator = Simulator(study.injector, own.names, study.time_step, thread_count(threads), same_bits=study.same_bits)
+    by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
+    uncertain = tuple(one.name for one in own.nuisances)
+    responses = Responder(simulator, own.space, unit, uncertain).of(wanted, data, by_kind)
+    likelihood = found.likelihood.with_noises(noises)
+    problem = problem_of(found, likelihood, data, unit, responses, (settings.criterion, columns))
+    plan = select(problem, _rules(wanted, data, settings))
+    if not plan:
+        raise ConfigurationError(
+            "No candidate may be measured within the budget and the distance to the points that there are, or none "
+            "tells anything; state other rail pressures and energising times, or a smaller distance."
+        )
+    return _plan(likelihood, problem, plan, responses, settings, found, notes)
+
+
+def _check(wanted: Sequence[Candidate]) -> None:
+    if not 0 < len(wanted) <= MOST_CANDIDATES:
+        raise ConfigurationError(f"There must be 1 to {MOST_CANDIDATES} candidates, not {len(wanted)}.")
+    for one in wanted:
+        if one.kind not in KINDS:
+            raise ConfigurationError(f'"{one.kind}" is no kind of measurement{nearest(one.kind, KINDS)}; {KINDS} are.')
+        if not number(one.cost, "1", "cost of a candidate") > 0.0:
+            raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {one.cost:g}.")
+
+
+def _column(likelihood: Likelihood, name: str) -> int:
+    if name not in likelihood.names:
+        raise ConfigurationError(f"{name} is no free parameter of the study{nearest(name, likelihood.names)}.")
+    return likelihood.names.index(name)
+
+
+def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise], list[str]]:
+    """Noise of the data sets: of a map with too few points to estimate it, one tolerance."""
+    noises, notes = [], []
+    for block, noise, one in zip(found.likelihood.blocks, found.likelihood.noises, data, strict=True):
+        if isinstance(one, QuantityData) and not noise.known and noise.freedom < TRUSTED:
+            noise = FittedNoise(noise.law, max(noise.scale, 1.0 / noise.density.deviation), noise.freedom)
+            notes.append(f"{one.name} has too few points to estimate its noise: at least one tolerance is assumed.")
+        noises.append(noise)
+        if not _has_discrepancy(block):
+            notes.append(
+                f"{one.name} states no correlated discrepancy: errors of new measurements are taken as independent."
+            )
+    return noises, notes
+
+
+def _has_discrepancy(block: Block) -> bool:
+    return bool(block.noise.discrepancy and block.noise.length)
+
+
+def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
+    places = np.array([place_of(one.point) for one in wanted])
+    least = np.array([*settings.apart, settings.apart[1]])
+    kinds = np.array([one.kind for one in wanted])
+    blocked = too_close(places, places, least) & (kinds[:, None] == kinds)
+    taken = np.zeros(len(wanted), bool)
+    for one in data:
+        made = np.array([place_of(point) for point in one.points])
+        taken |= too_close(places, made, least).any(axis=1) & (kinds == one.kind)
+    costs = np.where(taken, np.inf, np.array([one.cost for one in wanted]))
+    _, levels = np.unique(places[:, 0], return_inverse=True)
+    budget = min(settings.budget, 1e300)  # less than what a taken place costs
+    return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
+
+
+def _plan(
+    likelihood: Likelihood,
+    problem: Problem,
+    plan: list[int],
+    responses: Sequence[Response],
+    settings: DesignSettings,
+    found: Estimate,
+    notes: Sequence[str],
+) -> Plan:
+    first, prior = problem.score([]), problem.covariance([])[0]
+    measurements = []
+    for k, i in enumerate(plan):
+        one = responses[i]
+        d = one.plain.shape[1]
+        spread = math.sqrt(float(one.plain[0] @ prior[:d, :d] @ one.plain[0])) * one.scale
+        factor = math.exp(problem.score(plan[: k + 1]) - first)
+        measurements.append(Measurement(one.candidate, one.value, spread, factor))
+    scale = likelihood.scaled(found.unit)
+    errors = [
+        dict(zip(likelihood.names, (np.sqrt(np.diag(v)[: len(scale)]) * scale).tolist(), strict=True))
+        for v in (prior, problem.covariance(plan)[0])
+    ]
+    cost = sum(one.candidate.cost for one in measurements)
+    cost += settings.pressure_cost * len({place_of(one.candidate.point)[0] for one in measurements})
+    failed = sum(one.failed for one in responses)
+    return Plan(tuple(measurements), cost, settings, len(responses), errors[0], errors[1], failed, tuple(notes))
+
+
+def _distances(apart: tuple[float, float]) -> list[tuple[str, Any]]:
+    return [("distance in rail pressure", apart[0]), ("distance in energising time", apart[1])]

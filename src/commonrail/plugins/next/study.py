@@ -1,0 +1,241 @@
+"""Candidates for the next measurement: a kind of measurement at an operating point, with its cost."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.base import DataSet
+from commonrail.data.curves.data import RateData
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.returned import ReturnData
+from commonrail.engine.operating_point import Energising, OperatingPoint
+
+KINDS = (QuantityData.kind, RateData.kind, ReturnData.kind)
+MOST_CANDIDATES = 2000
+
+_PRESSURES, _TIMES = 8, 12  # values of the usual axes
+_ROUND_PRESSURE, _ROUND_TIME = 1e6, 10e-6
+
+
+class Candidate(NamedTuple):
+    """Measurement that could be made.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    point : OperatingPoint
+    cost : float
+    """
+
+    kind: str
+    point: OperatingPoint
+    cost: float = 1.0
+
+
+def place_of(point: OperatingPoint) -> tuple[float, float, float]:
+    """Rail pressure [Pa], last energising time [s] and dwell before it [s], 0 for a single injection."""
+    pulses = point.pulses
+    dwell = pulses[-1].start - pulses[-2].start - pulses[-2].duration if len(pulses) > 1 else 0.0
+    return float(point.initial_pressures()[0]), pulses[-1].duration if pulses else 0.0, dwell
+
+
+def grid(
+    like: OperatingPoint,
+    rail_pressures: Sequence[float],
+    energising_times: Sequence[float],
+    dwells: Sequence[float] = (),
+    first_energising_time: float = 0.0,
+) -> list[OperatingPoint]:
+    """Operating points of all combinations.
+
+    Parameters
+    ----------
+    like : OperatingPoint
+        Gives the other pressures, and the drive.
+    rail_pressures : sequence of float
+        [Pa].
+    energising_times : sequence of float
+        [s].
+    dwells : sequence of float
+        Between the end of a first energising and the begin of the second [s]; none for single injections.
+    first_energising_time : float
+        [s].
+
+    Raises
+    ------
+    ConfigurationError
+        If dwells are given without a first energising time, or a value lies beyond its limits.
+    """
+    if len(dwells) and not first_energising_time > 0.0:
+        raise ConfigurationError("Dwells need the energising time of the first injection; give it too.")
+    found = []
+    for rail, time, dwell in itertools.product(rail_pressures, energising_times, dwells if len(dwells) else [None]):
+        pulses = (
+            (Energising(0.0, time),)
+            if dwell is None
+            else (Energising(0.0, first_energising_time), Energising(first_energising_time + dwell, time))
+        )
+        found.append(replace(like, rail_pressure=rail, energisings=pulses, horizon=None, start=0.0))
+    return found
+
+
+def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
+    """Rail pressures [Pa] and energising times [s] within the range of data, in round numbers.
+
+    Raises
+    ------
+    ConfigurationError
+        If the data cover one rail pressure and one energising time alone.
+    """
+    places = np.array([place_of(point) for one in data for point in one.points])
+    pressures = _rounded(places[:, 0], _PRESSURES, _ROUND_PRESSURE)
+    times = _rounded(places[:, 1], _TIMES, _ROUND_TIME)
+    if len(pressures) * len(times) == 1:
+        raise ConfigurationError(
+            "All data are of one rail pressure and energising time, so there is no range to choose new points from; "
+            "state the rail pressures and energising times that the bench can run."
+        )
+    return pressures, times
+
+
+def _rounded(values: Floats, many: int, step: float) -> Floats:
+    low, high = float(values.min()), float(values.max())
+    inner = step * np.round(np.linspace(low, high, many) / step)
+    return np.unique(np.clip(inner, low, high))
+
+
+def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]) -> list[DataSet]:
+    """Data sets of measurements that are not made yet, their values zero.
+
+    Meter, tolerances and sampling are those of the first data set of the kind.
+
+    Parameters
+    ----------
+    kind : str
+    points : sequence of OperatingPoint
+    like : sequence of DataSet
+        The data that there are.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no data set of the kind.
+    """
+    model = next((one for one in like if one.kind == kind), None)
+    if isinstance(model, RateData):
+        return [_planned_rate(model, point) for point in points]
+    if isinstance(model, QuantityData):
+        zeros = np.zeros(len(points))
+        return [
+            replace(
+                model,
+                points=tuple(points),
+                quantity=zeros,
+                dead_time=np.zeros(len(points), bool),
+                mass_density=float("nan"),
+                sister=None,
+                weight=1.0,
+            )
+        ]
+    raise ConfigurationError(
+        f'There is no fitted data set of the kind "{kind}" whose noise and meter a new one could have; plan for '
+        f"{' or '.join(sorted({one.kind for one in like}))}."
+    )
+
+
+def _planned_rate(model: RateData, point: OperatingPoint) -> RateData:
+    """Curve sampled as the model's, as long after the end of energising."""
+    width = float(np.median(np.diff(model.bounds)))
+    begin = min(float(model.bounds[0]) - model.point.start, 0.0)
+    after = float(model.bounds[-1]) - model.point.end_of_energising
+    bounds = np.arange(max(begin, 0.0), point.end_of_energising + max(after, 0.0), width)
+    horizon = max(float(bounds[-1]) + width, point.duration)
+    zeros = np.zeros(len(bounds) - 1)
+    return replace(
+        model, point=replace(point, horizon=horizon), bounds=bounds, rate=zeros, mass_density=float("nan"), weight=1.0
+    )
+
+
+# Criteria of optimal design, as the logarithm of a typical standard deviation, averaged over draws of the parameters.
+#
+# A measurement adds rᵀr of its whitened derivatives r to the information H, and V = H⁻¹. With rows e of what is to be
+# known, C = e V eᵀ. Errors that measurements share are further columns of H, r and e, with unit prior information: the
+# sum then is that of generalised least squares with the whole covariance.
+
+
+class Criterion(StrEnum):
+    """Figure that a plan is to make small."""
+
+    D = "d"
+    """Volume of the region of the named parameters: ½ ln det C over their number."""
+
+    A = "a"
+    """Mean squared standard error of the named parameters: ½ ln of the mean of C's diagonal."""
+
+    V = "v"
+    """Mean variance of predictions: the same, the rows being those of the predictions."""
+
+
+class Problem(NamedTuple):
+    """Linear models of measurements at several draws of the parameters.
+
+    Attributes
+    ----------
+    criterion : Criterion
+    information : (s, D, D)
+        Of what is known before, positive definite.
+    rows : (s, c, r, D)
+        Whitened derivatives of each of c candidates, which has up to r independent values; zero where it has fewer.
+    aims : (s, k, D)
+        Rows of what is to be known.
+    """
+
+    criterion: Criterion
+    information: Floats
+    rows: Floats
+    aims: Floats
+
+    def covariance(self, chosen: Sequence[int]) -> Floats:
+        """Covariance V (s, D, D) after candidates have been measured; one may be chosen several times."""
+        rows = self.rows[:, list(chosen)]
+        rows = rows.reshape(len(rows), -1, rows.shape[-1])
+        return np.asarray(np.linalg.inv(self.information + rows.transpose(0, 2, 1) @ rows))
+
+    def score(self, chosen: Sequence[int]) -> float:
+        """Criterion after candidates have been measured."""
+        covariance = self.covariance(chosen)
+        if self.criterion is Criterion.D:
+            aimed = self.aims @ covariance @ self.aims.transpose(0, 2, 1)
+            return float(np.mean(0.5 * np.linalg.slogdet(aimed)[1]) / self.aims.shape[1])
+        return float(np.mean(0.5 * np.log(self.variances(chosen).mean(axis=1))))
+
+    def variances(self, chosen: Sequence[int]) -> Floats:
+        """Variances (s, k) of what is to be known, after candidates have been measured."""
+        return np.asarray(np.einsum("skd,sde,ske->sk", self.aims, self.covariance(chosen), self.aims))
+
+    def scores(self, chosen: Sequence[int]) -> Floats:
+        """Criterion (c,) after candidates have been measured and, in addition, each of them."""
+        covariance = self.covariance(chosen)
+        spread = self.rows @ covariance[:, None]  # (s, c, r, D)
+        seen = spread @ self.rows.transpose(0, 1, 3, 2)
+        gained = np.eye(seen.shape[-1]) + seen  # covariance (s, c, r, r) of a candidate's values before it is measured
+        crossed = spread @ self.aims.transpose(0, 2, 1)[:, None]  # (s, c, r, k)
+        aimed = self.aims @ covariance @ self.aims.transpose(0, 2, 1)
+        if self.criterion is Criterion.D:
+            explained = crossed @ np.linalg.solve(aimed[:, None], crossed.transpose(0, 1, 3, 2))
+            known, before = np.linalg.slogdet(aimed)[1], np.linalg.slogdet(gained)[1]
+            after = np.linalg.slogdet(gained - explained)[1]
+            return np.asarray(np.mean(0.5 * (known[:, None] + after - before), axis=0) / self.aims.shape[1])
+        fallen = np.einsum("scrk,scrk->sc", crossed, np.linalg.solve(gained, crossed))
+        before = np.einsum("skk->s", aimed)
+        left = np.maximum(before[:, None] - fallen, 1e-12 * before[:, None])
+        return np.asarray(np.mean(0.5 * np.log(left / self.aims.shape[1]), axis=0))

@@ -1,0 +1,152 @@
+"""commonrail next: operating points and kinds of measurement that would tell most about a calibrated injector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+
+from commonrail.base.errors import InputError, nearest
+from commonrail.base.units import parse
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads, check_file
+
+if TYPE_CHECKING:
+    from commonrail.calibration.study import Study
+    from commonrail.plugins.next.study import Candidate
+
+CRITERIA = ("v", "d", "a")
+
+
+@verb
+def next_(
+    run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    *,
+    points: Annotated[int, Option(min=1, max=100, help="Largest number of measurements.")] = 3,
+    criterion: Annotated[
+        str,
+        Option(
+            help="v: mean variance of predictions on the grid; d: volume of the region of the parameters; "
+            "a: their mean squared relative standard error."
+        ),
+    ] = "v",
+    parameter: Annotated[
+        tuple[str, ...],
+        Option(metavar="NAME", help="Parameter that criteria d and a are about; repeatable. [default: all]"),
+    ] = (),
+    rail_pressure: Annotated[
+        str | None, Option(help="Rail pressures, e.g. 40:160:20MPa. [default: 8 within the data]")
+    ] = None,
+    energising_time: Annotated[
+        str | None, Option(help="Energising times, e.g. 200:1500:50us. [default: 12 within the data]")
+    ] = None,
+    dwell: Annotated[
+        str | None, Option(help="Dwells before a second energising, e.g. 200:2000:200us. [default: none]")
+    ] = None,
+    first_energising_time: Annotated[str | None, Option(help="Energising time before the dwell, e.g. 350us.")] = None,
+    kind: Annotated[
+        tuple[str, ...],
+        Option(
+            metavar="KIND[=COST]",
+            help='Kind of measurement that the run has data of, with its cost: quantities, rate, "return quantities"; '
+            "repeatable. [default: that of the first data set, cost 1]",
+        ),
+    ] = (),
+    budget: Annotated[float | None, Option(min=0.0, help="Largest cost. [default: none]")] = None,
+    pressure_cost: Annotated[float, Option(min=0.0, help="Cost of every rail pressure that is used.")] = 0.0,
+    apart_pressure: Annotated[
+        str, Option(help="Rail pressure within which points are too close, if their times are too.")
+    ] = "20MPa",
+    apart_time: Annotated[
+        str, Option(help="Energising time within which points are too close, if their pressures are too.")
+    ] = "30us",
+    draws: Annotated[int, Option(min=1, max=1000, help="Draws of the parameters that are averaged over.")] = 12,
+    seed: Annotated[int, Option(min=0, help="Seed of the draws.")] = 0,
+    posterior: Annotated[
+        bool, Option("--posterior", help="Take the draws of `commonrail certainty --posterior`.")
+    ] = False,
+    out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Advise which points to measure next.
+
+    Noise and correlation are those of the run's data. The criterion is averaged over draws of the parameters from what
+    the data leave open, so that the plan does not rest on one set of values.
+
+    \b
+    Examples:
+      commonrail next runs/first --points 3 --out plan.csv
+      commonrail next runs/first --criterion d --parameter nozzle.discharge_maximum --rail-pressure 40:160:20MPa
+    """
+    from commonrail.plugins.certainty.posterior.file import read_posterior
+    from commonrail.plugins.next.file import plan_record, write_plan
+    from commonrail.plugins.next.page import plan_lines, plan_tables
+    from commonrail.plugins.next.run import DesignSettings, next_measurements
+    from commonrail.plugins.next.study import Criterion
+    from commonrail.runs.folder import read_fit
+
+    check_file(out, "--out")
+    if criterion not in CRITERIA:
+        raise InputError(f"--criterion {criterion}: expected {', '.join(CRITERIA)}{nearest(criterion, CRITERIA)}.")
+    settings = DesignSettings(
+        points,
+        Criterion(criterion),
+        parameter,
+        math.inf if budget is None else budget,
+        pressure_cost,
+        (parse(apart_pressure, "Pa", "--apart-pressure"), parse(apart_time, "s", "--apart-time")),
+        draws,
+        seed,
+    )
+    study, best = read_fit(run)
+    candidates = _candidates(study, kind, (rail_pressure, energising_time, dwell, first_energising_time))
+    drawn = read_posterior(run, study.space.names) if posterior else None
+    plan = next_measurements(study, best, candidates, settings, posterior=drawn, threads=threads, note=say)
+    if out is not None:
+        write_plan(out, plan)
+    if json:
+        print_json(plan_record(plan) | {"run": str(run), "files": [] if out is None else [str(out)]})
+        return
+    for table in plan_tables(plan):
+        print_table(table)
+    for line in plan_lines(plan):
+        click.echo(line)
+    if out is not None:
+        say(f"wrote {out}")
+
+
+def _candidates(study: Study, kinds: Sequence[str], texts: tuple[str | None, ...]) -> list[Candidate]:
+    from commonrail.cli.options import read_axis
+    from commonrail.data.base import Role
+    from commonrail.data.kinds import of_role
+    from commonrail.plugins.next.study import Candidate, grid, usual_axes
+
+    data = of_role(study.data, Role.FIT)
+    pressures = None if texts[0] is None else read_axis(texts[0], "Pa", "--rail-pressure")
+    times = None if texts[1] is None else read_axis(texts[1], "s", "--energising-time")
+    if pressures is None or times is None:
+        usual = usual_axes(data)
+        pressures = usual[0] if pressures is None else pressures
+        times = usual[1] if times is None else times
+    dwells = () if texts[2] is None else read_axis(texts[2], "s", "--dwell").tolist()
+    first = 0.0 if texts[3] is None else parse(texts[3], "s", "--first-energising-time")
+    points = grid(data[0].points[0], pressures.tolist(), times.tolist(), dwells, first)
+    wanted = [_kind(text) for text in kinds] or [(data[0].kind, 1.0)]
+    return [Candidate(name, point, cost) for name, cost in wanted for point in points]
+
+
+def _kind(text: str) -> tuple[str, float]:
+    from commonrail.plugins.next.study import KINDS
+
+    name, equals, cost = (part.strip() for part in text.partition("="))
+    if name not in KINDS:
+        raise InputError(f"--kind {text}: expected {', '.join(KINDS)}{nearest(name, KINDS)}.")
+    try:
+        return name, float(cost) if equals else 1.0
+    except ValueError:
+        raise InputError(f"--kind {text}: the cost must be a number, such as {name}=4.") from None

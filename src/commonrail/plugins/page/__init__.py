@@ -1,0 +1,1 @@
+"""Page that simulates in the browser."""

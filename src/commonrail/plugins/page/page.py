@@ -1,0 +1,400 @@
+"""Numbers and texts of a page, as one JSON-able mapping."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined, select_autoescape
+from markupsafe import Markup
+
+from commonrail.base.arrays import Floats
+from commonrail.base.hooks import ALL_ENTRIES, lasting
+from commonrail.base.text import number
+from commonrail.base.units import convert, to_text
+from commonrail.calibration.space import Space
+from commonrail.data.curves.data import RateData
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.dead_times import FLATTEST, neighbours
+from commonrail.data.records import origin_of
+from commonrail.data.simulator import Simulator
+from commonrail.engine import plan
+from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.plan import candidate_matrix, columns
+from commonrail.engine.recorder import Outcome
+from commonrail.engine.schedule import CHECK_AFTER
+from commonrail.engine.stepper.inputs import CoursePlan
+from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.meters.meter import Meter, is_of_meter
+from commonrail.physics.meters.signal import given_values
+from commonrail.plugins.export.entries import channels, sizes
+from commonrail.plugins.page.meters import meter_of, packed
+from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
+from commonrail.plugins.page.sliders import ONE, borne, limits_of, variant_of
+from commonrail.plugins.page.subject import Slid, Subject, is_traced, read_subject
+from commonrail.readers.injector.file import injector_text
+
+TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
+RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees needle and valve alone
+SAMPLE = 3e-6  # between the channels that are kept [s]
+KELVIN = 1.0  # between the nodes of the fuel's temperature
+CYLINDERS = 41  # nodes of the density over the cylinder's pressure
+MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
+
+
+def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, Any]:
+    """Mapping that the page's script reads; arrays are base64 of little-endian doubles.
+
+    Parameters
+    ----------
+    subject : Subject
+    first : OperatingPoint
+        Of a page without data; of one with maps alone it is the measured point that lies nearest to this one.
+    version : str
+        Of the program.
+    """
+    injector, variant = subject.injector, variant_of(subject)
+    first = _first_measured(subject, first)
+    limits = limits_of(subject, first)
+    sliders, share = borne(subject, limits["rail"][1])
+    nodes, at = _nodes(injector)
+    size = sizes(variant)
+    simulator = Simulator(injector, (), subject.time_step)
+    data = [_data(d, simulator, nodes) for d in subject.data]
+    return {
+        "title": subject.title,
+        "injector": injector.name,
+        "variant": variant.label,
+        "version": version,
+        "dt": subject.time_step,
+        "every": max(round(SAMPLE / subject.time_step), 1),
+        "tail": TAIL,
+        "quiet": CHECK_AFTER,
+        "resting": RESTING,
+        "columns": size.parameters + size.fuel,
+        "parameters": size.parameters,
+        "mostSteps": MOST_STEPS,
+        "mostRows": MOST_ROWS,
+        "ring": _ring(subject, sliders, first),
+        "channels": [c.name for c in channels(variant.actuation)],
+        "figures": list(Outcome._fields),
+        "theta": packed(candidate_matrix(injector, (), ONE)[0]),
+        "temperature": {
+            "nodes": nodes,
+            "at": at,
+            "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
+        },
+        "density": _densities(injector, limits["cylinder"], nodes),
+        "limits": limits,
+        "sliders": [_slider(injector, s) for s in sliders],
+        "narrowed": share,
+        "constraints": [] if subject.space is None else _constraints(subject.space),
+        "columnOf": _columns(injector, subject, sliders),
+        "data": data,
+        "reference": {"label": "J of the fit" if subject.start else ""},
+        "fan": _fan(subject),
+        "presets": _presets(subject, first, data),
+        "traced": is_traced(injector),
+        "map": None if is_traced(injector) else _map(subject, limits["rail"]),
+        "maps": [_measured_map(d, simulator, nodes) for d in subject.maps],
+        "toml": injector_text(injector, {}, "Made by a bench page of commonrail."),
+        "present": dict(injector.values),
+        "units": {name: q.unit for name, q in injector.quantities.items()},
+    }
+
+
+def _first_measured(subject: Subject, first: OperatingPoint) -> OperatingPoint:
+    """Measured point of a map that lies nearest to a point, by ratios of pressure and time; the point without maps."""
+    judged = [p for d in subject.maps for p, dead in zip(d.points, d.dead_time, strict=True) if not dead]
+    if subject.data or not judged:
+        return first
+    rail, time = first.initial_pressures()[0], first.pulses[0].duration
+
+    def away(point: OperatingPoint) -> float:
+        ratios = point.initial_pressures()[0] / rail, max(point.pulses[0].duration, 1e-9) / time
+        return math.hypot(*map(math.log, ratios))
+
+    return min(judged, key=away)
+
+
+def _nodes(injector: Injector) -> tuple[list[float], int]:
+    """Temperatures [K] of the slider, the injector's own among them, and its place."""
+    low, high = injector.fuel.temperature_range
+    own = injector.values[FUEL_TEMPERATURE]
+    below, above = int((own - low) / KELVIN), int((high - own) / KELVIN)
+    return [own + KELVIN * i for i in range(-below, above + 1)], below
+
+
+def _densities(injector: Injector, ends: tuple[float, float], nodes: list[float]) -> dict[str, Any]:
+    """Density [kg/m³] over cylinder pressure, a row for each temperature."""
+    pressures = np.linspace(*ends, CYLINDERS)
+    rows = injector.fuel.density(pressures, np.array(nodes)[:, None])
+    return {"cylinders": pressures.tolist(), "rows": np.round(rows, 9).tolist()}
+
+
+def _slider(injector: Injector, s: Slid) -> dict[str, Any]:
+    q = injector.quantities[s.name]
+    unit = to_text(max(abs(s.low), abs(s.high)), q.unit).partition(" ")[2]
+    return {
+        "name": s.name,
+        "meaning": q.meaning,
+        "unit": unit,
+        "factor": convert(1.0, q.unit, unit) if unit else 1.0,
+        "low": s.low,
+        "high": s.high,
+        "value": injector.values[s.name],
+    }
+
+
+def _constraints(space: Space) -> list[dict[str, Any]]:
+    """Linear constraints of a run between parameters of the injector: shares by name, and the least sum [SI]."""
+    floor = space.rows.floor(space.lower, space.upper)
+    found = []
+    for row, least, label in zip(space.rows.matrix, floor, space.rows.labels, strict=True):
+        terms = {name: float(share) for name, share in zip(space.names, row, strict=True) if share}
+        if not any(map(is_of_meter, terms)):
+            found.append({"terms": terms, "floor": float(least), "label": label})
+    return found
+
+
+def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> dict[str, int]:
+    """Columns of all parameters that the page may set."""
+    names = dict.fromkeys([*(s.name for s in sliders), *subject.start, *(subject.fan.names if subject.fan else ())])
+    names.pop(FUEL_TEMPERATURE, None)
+    known = tuple(names)
+    return dict(zip(known, map(int, columns(known, injector.variant.actuation)), strict=True))
+
+
+def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) -> int:
+    """Slots of a ring of waves that suffice for every place of the sliders.
+
+    Parameters
+    ----------
+    subject : Subject
+    sliders : tuple of Slid
+    first : OperatingPoint
+    """
+    injector = subject.injector
+    longest_ways = {s.name: max(s.high, injector.values[s.name]) for s in sliders if s.name.endswith(".length")}
+    longer = replace(injector, values={**injector.values, **longest_ways})
+    return CoursePlan(longer, first, subject.time_step).ring
+
+
+def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, Any]:
+    point, injector = d.point, simulator.injector
+    traced = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
+    return {
+        "name": d.name,
+        "role": d.role.value,
+        "origin": origin_of({"synthetic": d.synthetic}),
+        "point": _point(point),
+        "courses": [_course(course, point, simulator.time_step) for course in traced],
+        "bounds": packed(d.bounds),
+        "rate": packed(d.rate),
+        "density": _density(d, injector, nodes),
+        "meter": meter_of(d, simulator.time_step),
+        "reference": number(d.score(simulator).j),
+    }
+
+
+def _measured_map(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -> dict[str, Any]:
+    """Rows of a map, each with the points that are simulated for it: itself, or three about a dead time.
+
+    Densities [kg/m³] that make volumes of masses are given once for each cylinder pressure.
+    """
+    stated = np.broadcast_to(d.mass_density, d.quantity.shape).tolist()
+    densities: dict[tuple[float, float], int] = {}
+    rows = []
+    for i, point in enumerate(d.points):
+        key = (point.initial_pressures()[1], stated[i] if math.isfinite(stated[i]) else -1.0)
+        timed = bool(d.dead_time[i]) and d.dead_time_tolerance is not None
+        before, after = neighbours(point) if timed else (None, None)
+        rows.append(
+            {
+                "points": [_point(p) for p in (before, point, after) if p is not None],
+                "dead": bool(d.dead_time[i]),
+                "timed": timed,
+                "quantity": float(d.quantity[i]),
+                "target": float(d.measured[i]),
+                "tolerance": float(1.0 / (d.errors(d.measured + 1.0)[i])),
+                "density": densities.setdefault(key, len(densities)),
+            }
+        )
+    given = None if d.meter is None else {key: float(v[0]) for key, v in given_values(d.meter, {}, 1).items()}
+    found = d.misfit(d.simulated(simulator, np.empty((1, 0)))[0])
+    return {
+        "name": d.name,
+        "role": d.role.value,
+        "origin": origin_of({"synthetic": d.synthetic}),
+        "rows": rows,
+        "densities": [
+            _densities_of(stated_one if stated_one > 0.0 else math.nan, d.meter, cylinder, simulator.injector, nodes)
+            for cylinder, stated_one in densities
+        ],
+        "gain": 1.0 if given is None else given["gain"],
+        "offset": 0.0 if given is None else given["quantity_offset"],
+        "flattest": FLATTEST,
+        "reference": number(float(found)),
+    }
+
+
+def _density(d: RateData, injector: Injector, nodes: Sequence[float]) -> list[float]:
+    pressure = d.point.at_start(d.point.cylinder_pressure)
+    return _densities_of(d.mass_density, d.meter, pressure, injector, nodes)
+
+
+def _densities_of(
+    mass_density: float, meter: Meter | None, pressure: float, injector: Injector, nodes: Sequence[float]
+) -> list[float]:
+    """Densities [kg/m³] that make volumes of masses, one for each temperature of the fuel, or one for all.
+
+    Parameters
+    ----------
+    mass_density : float
+        That the data state [kg/m³], or NaN.
+    meter : Meter or None
+    pressure : float
+        In the cylinder [Pa].
+    injector : Injector
+    nodes : sequence of float
+        Temperatures [K].
+    """
+    known = {} if meter is None else meter.values
+    if np.isfinite(mass_density):
+        return [mass_density]
+    if "density" in known:
+        return [known["density"]]
+    if "temperature" in known:
+        return [float(injector.fuel.density(pressure, known["temperature"]))]
+    return [float(injector.fuel.density(pressure, t)) for t in nodes]
+
+
+def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> str | None:
+    """Means over the steps of a trace, up to its end or the point's; behind it the last one holds."""
+    if not isinstance(course, Trace):
+        return None
+    end = max(course.time[-1] - point.start, point.duration)
+    begin: Floats = np.asarray(point.start + dt * np.arange(math.ceil(end / dt) + 1), float)
+    return packed(course.mean(begin, np.asarray(begin + dt, float)))
+
+
+def _point(point: OperatingPoint) -> dict[str, Any]:
+    rail, cylinder, low = point.initial_pressures()
+    return {
+        "rail": rail,
+        "cylinder": cylinder,
+        "low": low,
+        "start": point.start,
+        "pulses": [list(p) for p in point.pulses],
+        "duration": point.duration,
+    }
+
+
+def _fan(subject: Subject) -> dict[str, Any] | None:
+    if subject.fan is None:
+        return None
+    return {
+        "short": subject.fan.short,
+        "note": subject.fan.note,
+        "names": list(subject.fan.names),
+        "members": subject.fan.members.tolist(),
+    }
+
+
+def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """First state of the page, and others to choose; one without values or point keeps what is there."""
+    present = "calibrated" if subject.start else "values of the file"
+    at = {"point": data[0]["point"], "data": 0} if data else {"point": _point(point)}
+    found: list[dict[str, Any]] = [{"name": present, "values": {}, **at}]
+    if subject.start:
+        found.append({"name": "start values", "values": subject.start, **at})
+    found += [{"name": f"at {d['name']}", "point": d["point"], "data": i} for i, d in enumerate(data) if i]
+    main = _point(point)
+    pilot = [[0.0, 250e-6], [1000e-6, 600e-6]]
+    if not is_traced(subject.injector):
+        found.append({"name": "pilot and main", "point": main | {"pulses": pilot, "start": 0.0}})
+    return found
+
+
+def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
+    """Pressures [Pa] and energising times [s] of the small quantity map: those that were measured, if any were."""
+    measured = np.unique([p.initial_pressures()[0] for d in subject.maps for p in d.points])
+    longest = max([LONGEST, *(p.pulses[0].duration for d in subject.maps for p in d.points)])
+    pressures = np.round(np.linspace(rail[0], rail[1], MAP_PRESSURES) / 1e6) * 1e6
+    if len(measured):
+        pressures = measured[np.unique(np.linspace(0, len(measured) - 1, MAP_PRESSURES).round().astype(int))]
+    return {"pressures": pressures.tolist(), "times": np.linspace(100e-6, longest, MAP_TIMES).tolist()}
+
+
+# The page itself: styles, scripts, numbers and the compiled module in one HTML file.
+
+FIRST_POINT = OperatingPoint(100e6, 700e-6)  # of a page whose subject has no data
+
+
+@lasting(ALL_ENTRIES)
+def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
+    """Page of a subject, one HTML document that loads nothing.
+
+    Parameters
+    ----------
+    subject : Subject
+    point : OperatingPoint
+        First operating point of a page whose subject has no data.
+
+    Raises
+    ------
+    ConfigurationError
+        If the module cannot be made, as in `wasm_module`, or the fuel does not cover the point.
+    """
+    program = version("commonrail")
+    numbers = content(subject, point, program)
+    module = wasm_module(variant_of(subject))
+    environment = Environment(autoescape=select_autoescape(default_for_string=True), undefined=StrictUndefined)
+    return environment.from_string(_asset("bench.html")).render(
+        title=subject.title,
+        lead=_lead(subject, numbers),
+        synthetic=subject.synthetic,
+        style=Markup(_asset("bench.css")),
+        model=Markup(_embedded(numbers)),
+        wasm=base64.b64encode(module).decode(),
+        worker=_script("numbers.js", "meter.js", "simulation.js", "worker.js"),
+        script=_script("numbers.js", "simulation.js", "plot.js", "bench.js"),
+        footer=f"Made by commonrail {program}. The page holds all it needs and loads nothing.",
+    )
+
+
+def page_of_run(folder: Path) -> str:
+    """Page of a calibration's run folder, beside whose report it lies."""
+    return page_html(read_subject(str(folder)))
+
+
+def _asset(name: str) -> str:
+    return (files("commonrail.plugins.page") / "assets" / name).read_text(encoding="utf-8")
+
+
+def _script(*names: str) -> Markup:
+    return Markup("\n".join(map(_asset, names)))
+
+
+def _embedded(numbers: dict[str, Any]) -> str:
+    """JSON that no text in it can end as a script."""
+    return json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _lead(subject: Subject, numbers: dict[str, Any]) -> str:
+    step = f"{subject.time_step * 1e6:g} µs"
+    told = f"{subject.injector.name}: {numbers['variant']}, simulated in this page in steps of {step}."
+    if subject.start:
+        told += " The first values are the calibrated ones; sliders are the free parameters between their bounds."
+    if numbers["narrowed"] < 1.0:
+        told += f" The sliders' ranges are narrowed to {numbers['narrowed']:.0%}, for which steps of {step} are stable."
+    return told

@@ -1,0 +1,1 @@
+"""The paper's study: virtual bench, reproduction and its claims."""

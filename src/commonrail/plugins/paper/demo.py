@@ -1,0 +1,103 @@
+"""The cases paper and cri2-16 and the paper's study, start to report: ``python -m commonrail.plugins.paper.demo --out demo``."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+from typing import Annotated
+
+import click
+
+from commonrail.base.errors import InputError
+from commonrail.base.output import writing
+from commonrail.cli.console import print_table, say
+from commonrail.cli.fit import Outcome, run_study
+from commonrail.cli.grammar import Option, verb
+from commonrail.cli.guard import INTERRUPTED, guarded
+from commonrail.cli.options import Threads
+from commonrail.plugins.paper.verb import QUICK_SEEDS, TRUTH, run_reproduction
+
+CASES = ("paper", "cri2-16")
+STUDY = "paper-study"
+BENCH_SEED = 1  # of the paper's case as its study file states it
+MARKER = ".commonrail-demo"
+
+
+@verb
+@guarded()
+def demo(
+    *,
+    out: Annotated[Path, Option(help="Folder of the demo; an earlier demo in it is replaced.")],
+    threads: Threads = None,
+) -> None:
+    """Calibrate the paper's case and a real injector, repeat the paper's study, and print the results."""
+    from commonrail.plugins.paper.page import verdicts
+
+    begin = time.perf_counter()
+    cases = _cases_folder()
+    _prepare(out)
+    outcomes = []
+    for name in CASES:
+        outcomes.append(_calibrate(cases / name, out / name, threads))
+        if outcomes[-1].interrupted:
+            raise SystemExit(INTERRUPTED)
+    study = run_reproduction(TRUTH, QUICK_SEEDS, out / STUDY, threads, quick=True)
+    for outcome in outcomes:
+        _print(outcome)
+    click.echo(f"The paper's whole study, {QUICK_SEEDS} repetitions: {verdicts(study.record)}\n")
+    click.echo(f"all took {time.perf_counter() - begin:.0f} s; open in a browser:")
+    for outcome in (*outcomes, study):
+        click.echo(f"  {outcome.report}")
+    if study.interrupted:
+        raise SystemExit(INTERRUPTED)
+
+
+def _cases_folder() -> Path:
+    folder = Path(__file__).resolve().parents[3] / "cases"
+    missing = [name for name in CASES if not (folder / name / "study.toml").is_file()]
+    if missing:
+        raise InputError(f"{folder / missing[0]}: no study there; run the demo from a source tree.")
+    return folder
+
+
+def _prepare(out: Path) -> None:
+    """Remove an earlier demo, and nothing else."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        if not (out / MARKER).is_file():
+            raise InputError(f"{out}: not a folder of the demo; name another with --out.")
+        for name in (*CASES, STUDY):
+            if (out / name).is_dir():
+                with writing(out / name):
+                    shutil.rmtree(out / name)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        (out / MARKER).touch()
+
+
+def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
+    from commonrail.calibration.study_file.file import load_study
+
+    if case.name == "paper" and not any((case / "data").glob("*.csv")):
+        from commonrail.plugins.paper.bench_file import write_bench_data
+
+        say("simulating the virtual test bench; this takes minutes ...")
+        write_bench_data(case, BENCH_SEED)
+    return run_study(load_study(case / "study.toml"), folder, threads)
+
+
+def _print(outcome: Outcome) -> None:
+    from commonrail.report.fit.tables import tables_of
+    from commonrail.report.fit.verdict import headline
+
+    click.echo(outcome.record["title"])
+    if outcome.record["synthetic"]:
+        click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+    for line in headline(outcome.record):
+        click.echo(line)
+    for table in tables_of(outcome.record["data"]):
+        print_table(table)
+
+
+if __name__ == "__main__":
+    demo()

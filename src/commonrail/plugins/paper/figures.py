@@ -1,0 +1,369 @@
+"""Figures of all repetitions as arrays over the seeds: claims and record are made from them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import commonrail as cr
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.chart import MARKERS, Band, Boxes, Figure, Panel, Series, points
+from commonrail.base.text import number
+from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record
+from commonrail.plugins.paper import study
+from commonrail.plugins.paper.run import LABELS, Repetition
+from commonrail.plugins.paper.study import Configuration
+
+# Figures 4, 5 and 6 of the paper from the record and the curves of a reproduction.
+
+# Labels of the record that the paper's Fig. 6 shows, with their looks.
+SHOWN = {"rigid": "rigid", "rigid_fitted": "rigid fitted", "theoretical": "start", "optimised": "best"}
+BOX = ("minimum", "q1", "median", "q3", "maximum")
+
+
+def convergence(record: Record) -> Figure:
+    """Best and mean J against generation, medians and quartiles over the seeds (the paper's Fig. 4)."""
+    found = record["convergence"]
+    x = tuple(float(g) for g in found["generation"])
+    level = number(found["level"]["median"])
+    series = [
+        Series("mean of the population", "mean", x, tuple(found["mean"]["median"])),
+        Series("best", "best", x, tuple(found["best"]["median"])),
+    ]
+    if level is not None:
+        series.append(Series("theoretical model", "level", (x[0], x[-1]), (level, level)))
+    bands = tuple(Band(k, x, tuple(found[k]["low"]), tuple(found[k]["high"])) for k in ("mean", "best"))
+    return Figure(
+        "Convergence (Fig. 4)",
+        f"J at 160 MPa of (70, 50) against generation: medians over {_seeds(record)}; bands span the quartiles.",
+        "generation",
+        (Panel("J, mm³/ms", tuple(series), logarithmic=True, bands=bands),),
+    )
+
+
+def search_boxes(record: Record) -> Figure:
+    """Box plots of k1…k7 over the search, relative to theory (the paper's Fig. 5)."""
+    rows: Sequence[Mapping[str, Any]] = record["search"]
+    at = tuple(float(i) for i in range(len(rows)))
+    boxes = (
+        Boxes(f"seed {record['shown_seed']}", "start", _boxes(rows, "seed"), -0.17),
+        Boxes(f"all of {_seeds(record)}", "best", _boxes(rows, "all"), 0.17),
+    )
+    ends = (at[0] - 0.5, at[-1] + 0.5)
+    bounds = {key: tuple(row[key] for row in rows) for key in ("lower", "upper")}
+    series = (
+        Series("paper's optimal k", "paper", at, tuple(row["paper"] for row in rows), MARKERS),
+        Series("theoretical", "level", ends, (1.0, 1.0)),
+        Series("bounds", "solid", at, bounds["lower"], MARKERS, 5),
+        Series("", "solid", at, bounds["upper"], MARKERS, 5),
+    )
+    return Figure(
+        "Spread of k1…k7 over the search (Fig. 5)",
+        "All members of all generations of (70, 50) at 160 MPa, each stiffness over its theoretical value; outliers "
+        "beyond 1.5 interquartile ranges are left out of the whiskers.",
+        "stiffness",
+        (Panel("k / k theoretical", series, boxes=boxes, categories=tuple(row["symbol"] for row in rows)),),
+    )
+
+
+def rates(record: Record, traces: Mapping[int, Mapping[str, Mapping[str, Floats]]]) -> list[Figure]:
+    """Rate and error at each pressure for one seed (the paper's Fig. 6)."""
+    shown = traces[record["shown_seed"]]
+    return [_rate(record, data, shown[data["name"]]) for data in record["data"]]
+
+
+def _rate(record: Record, data: Record, trace: Mapping[str, Floats]) -> Figure:
+    time = points(trace["time_s"] * MICROSECOND)
+    experiment = trace["experiment"]
+    texts = record["labels"]
+    curves = [Series("synthetic experiment", "measured", time, points(experiment * MM3_PER_MS))]
+    curves += [Series(texts[k], look, time, points(trace[k] * MM3_PER_MS)) for k, look in SHOWN.items()]
+    errors = [Series("", look, time, points((trace[k] - experiment) * MM3_PER_MS)) for k, look in SHOWN.items()]
+    return Figure(
+        f"Rate of injection at {data['name']} ({data['role']}) (Fig. 6)",
+        f"Energising time {data['energising_time'] * MICROSECOND:.0f} µs, seed {record['shown_seed']}; below, "
+        "simulated − synthetic experiment.",
+        "time, µs",
+        (
+            Panel("rate, mm³/ms", tuple(curves), 0.6),
+            Panel("error, mm³/ms", tuple(errors), 0.4, zero_line=True),
+        ),
+    )
+
+
+def _boxes(rows: Sequence[Mapping[str, Any]], which: str) -> tuple[tuple[float, float, float, float, float], ...]:
+    return tuple(tuple(float(row[which][key]) for key in BOX) for row in rows)  # type: ignore[misc]
+
+
+def _seeds(record: Record) -> str:
+    count = len(record["seeds"])
+    return f"{count} seed{'' if count == 1 else 's'}"
+
+
+# Measures of curves and searches: edges, phases, convergence, quartiles. Pure functions of arrays.
+
+EDGE_SHARE = 0.1  # of the experiment's greatest rate: an injection has begun, or not yet ended, above it
+PHASE_LENGTH = 0.4e-3  # Sec. 5 speaks of 0–0.4 ms, the middle, and the descent up to 1.2 ms
+PHASES = ("before opening", "0–0.4 ms", "0.4–0.8 ms", "0.8 ms to the end")
+
+
+class Spread(NamedTuple):
+    """Median and quartiles; NaN if there is no finite value."""
+
+    median: float
+    q1: float
+    q3: float
+
+
+class Box(NamedTuple):
+    """Box plot; minimum and maximum are those of the values within 1.5 interquartile ranges of the box."""
+
+    minimum: float
+    q1: float
+    median: float
+    q3: float
+    maximum: float
+
+
+class Edges(NamedTuple):
+    """Begin and end of an injection curve [s]; NaN where there is none."""
+
+    opening: float
+    closing: float
+
+
+def spread(values: ArrayLike) -> Spread:
+    """Median and quartiles of the finite values."""
+    finite = np.asarray(values, float)
+    finite = finite[np.isfinite(finite)]
+    if not len(finite):
+        return Spread(np.nan, np.nan, np.nan)
+    q1, median, q3 = np.percentile(finite, (25.0, 50.0, 75.0))
+    return Spread(float(median), float(q1), float(q3))
+
+
+def box(values: ArrayLike) -> Box:
+    """Box plot with outliers suppressed, as the paper's Fig. 5."""
+    v = np.asarray(values, float).ravel()
+    q1, median, q3 = np.percentile(v, (25.0, 50.0, 75.0))
+    reach = 1.5 * (q3 - q1)
+    kept = v[(v >= q1 - reach) & (v <= q3 + reach)]
+    return Box(float(kept.min()), float(q1), float(median), float(q3), float(kept.max()))
+
+
+def edges(rate: Floats, bounds: Floats, level: float) -> Edges:
+    """First rise and last fall of a curve through a level, linear between the middles of the samples.
+
+    Parameters
+    ----------
+    rate : (n,)
+        [m³/s].
+    bounds : (n + 1,)
+        Of the samples [s].
+    level : float
+        [m³/s].
+    """
+    middle = 0.5 * (bounds[1:] + bounds[:-1])
+    above = rate > level
+    rises = np.flatnonzero(~above[:-1] & above[1:])
+    falls = np.flatnonzero(above[:-1] & ~above[1:])
+
+    def crossing(found: IndexArray, which: int) -> float:
+        if not len(found):
+            return float("nan")
+        i = int(found[which])
+        share = (level - rate[i]) / (rate[i + 1] - rate[i])
+        return float(middle[i] + share * (middle[i + 1] - middle[i]))
+
+    return Edges(crossing(rises, 0), crossing(falls, -1))
+
+
+def level_of(measured: Floats) -> float:
+    """Level at which edges are read: a share of the experiment's greatest rate."""
+    return EDGE_SHARE * float(np.max(measured))
+
+
+def j_by_phase(rate: Floats, measured: Floats, bounds: Floats, opening: float) -> Floats:
+    """Parts of J [mm³/ms] in the phases of `PHASES`; they add up to J.
+
+    Parameters
+    ----------
+    rate, measured : (n,)
+        [m³/s].
+    bounds : (n + 1,)
+        Of the samples [s].
+    opening : float
+        Of the experiment [s]; phases count from it.
+    """
+    middle = 0.5 * (bounds[1:] + bounds[:-1])
+    phase = np.digitize(middle - opening, (0.0, PHASE_LENGTH, 2.0 * PHASE_LENGTH))
+    error = np.abs(rate - measured) * 1e6
+    return np.array([float(np.sum(error[phase == i])) for i in range(len(PHASES))])
+
+
+def ninety_percent(history: Sequence[cr.Generation]) -> float:
+    """First generation at which 90 % of what the search gains over its initial population is reached."""
+    best = np.array([g.best for g in history])
+    if not np.isfinite(best[[0, -1]]).all():
+        return float("nan")
+    return float(np.argmax(best <= best[0] - 0.9 * (best[0] - best[-1])))
+
+
+K6 = "plunger_needle.k6"
+NEAR_MAXIMUM = 0.8  # of a range
+RANDOM_POINTS = 4000  # a share among them has a standard error of 0.8 % at most
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures over n seeds; every array begins with the seeds."""
+
+    repetitions: tuple[Repetition, ...]
+
+    @property
+    def seeds(self) -> list[int]:
+        """Seeds."""
+        return [r.seed for r in self.repetitions]
+
+    @property
+    def space(self) -> cr.Space:
+        """Bounds and ordering of k1…k7, the same for all."""
+        return self.repetitions[0].space
+
+    @property
+    def rigid_space(self) -> cr.Space:
+        """Bounds of the rigid body's stop and control volume, the same for all."""
+        return self.repetitions[0].rigid_space
+
+    @cached_property
+    def j(self) -> dict[str, dict[str, Floats]]:
+        """J (n,) by data and label [mm³/ms]."""
+
+        def of(label: str, i: int) -> Floats:
+            return np.array([float(r.data[i].misfit(r.rates[label][i])) for r in self.repetitions])
+
+        return {name: {label: of(label, i) for label in LABELS} for i, name in enumerate(study.RAIL_PRESSURES)}
+
+    @cached_property
+    def change(self) -> Floats:
+        """Optimised over theoretical stiffness, less one, (n, 7)."""
+        return np.array([r.best.x for r in self.repetitions]) / self.theoretical - 1.0
+
+    @cached_property
+    def random_change(self) -> Floats:
+        """Random feasible over theoretical stiffness, less one, (`RANDOM_POINTS`, 7): what no search has chosen."""
+        return cr.sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0)) / self.theoretical - 1.0
+
+    def random_j(self, name: str) -> Floats:
+        """J of random feasible stiffness (n, members) [mm³/ms]; NaN where the simulation failed."""
+        i = list(study.RAIL_PRESSURES).index(name)
+        return np.array([r.random_j[i] for r in self.repetitions])
+
+    @cached_property
+    def theoretical(self) -> Floats:
+        """Theoretical stiffness (7,) [N/m]."""
+        return self.space.reference
+
+    @cached_property
+    def table3(self) -> dict[Configuration, Floats]:
+        """J at 160, 120 and 80 MPa (n, 3) by configuration."""
+        return {c: np.array([r.table3[c][1] for r in self.repetitions]) for c in study.CONFIGURATIONS}
+
+    @cached_property
+    def mean_j(self) -> dict[Configuration, Floats]:
+        """Mean of the three J (n,) by configuration."""
+        return {c: np.mean(js, axis=1) for c, js in self.table3.items()}
+
+    @cached_property
+    def validation_j(self) -> dict[Configuration, Floats]:
+        """Mean J of the unseen pressures (n,) by configuration."""
+        return {c: np.mean(js[:, 1:], axis=1) for c, js in self.table3.items()}
+
+    @cached_property
+    def ninety(self) -> Floats:
+        """Generation at which 90 % of the gain is reached (n,)."""
+        return np.array([ninety_percent(r.best.history) for r in self.repetitions])
+
+    @cached_property
+    def k6_high(self) -> Floats:
+        """Share of all members of the search whose k6 lies in the upper fifth of its range (n,)."""
+        i = study.NAMES.index(K6)
+        return np.array([np.mean(r.best.members[..., i] >= self._k6_limit) for r in self.repetitions])
+
+    @cached_property
+    def k6_high_at_random(self) -> float:
+        """Share of random feasible points whose k6 lies in the upper fifth of its range."""
+        i = study.NAMES.index(K6)
+        return float(np.mean((1.0 + self.random_change[:, i]) * self.theoretical[i] >= self._k6_limit))
+
+    @property
+    def _k6_limit(self) -> float:
+        i = study.NAMES.index(K6)
+        return float(self.space.lower[i] + NEAR_MAXIMUM * (self.space.upper[i] - self.space.lower[i]))
+
+    @cached_property
+    def phases(self) -> dict[str, dict[str, Floats]]:
+        """J by phase (n, phases) by data and label; phases count from the experiment's opening."""
+
+        def of(label: str, i: int, r: Repetition) -> Floats:
+            d = r.data[i]
+            opening = edges(d.rate, d.bounds, level_of(d.rate)).opening
+            return j_by_phase(r.rates[label][i], d.rate, d.bounds, opening)
+
+        return {
+            name: {label: np.array([of(label, i, r) for r in self.repetitions]) for label in LABELS}
+            for i, name in enumerate(study.RAIL_PRESSURES)
+        }
+
+    def edge_errors(self, name: str, label: str, which: str) -> Floats:
+        """Difference (n,) of a model's opening or closing from the experiment's [s].
+
+        Parameters
+        ----------
+        name, label : str
+            Of the data and of the model.
+        which : {"opening", "closing"}
+        """
+        i, at = list(study.RAIL_PRESSURES).index(name), Edges._fields.index(which)
+
+        def of(r: Repetition) -> float:
+            data = r.data[i]
+            level = level_of(data.rate)
+            model, experiment = (edges(rate, data.bounds, level) for rate in (r.rates[label][i], data.rate))
+            return model[at] - experiment[at]
+
+        return np.array([of(r) for r in self.repetitions])
+
+    def own_j(self, name: str) -> Floats:
+        """J that a fit to the validation curve itself reaches (n,)."""
+        return np.array([r.own[name].cost for r in self.repetitions])
+
+    def gain_kept(self, name: str) -> Floats:
+        """Share of the gain over theory at an unseen pressure that the fit at 160 MPa keeps (n,)."""
+        theoretical = self.j[name]["theoretical"]
+        return np.asarray((theoretical - self.j[name]["optimised"]) / (theoretical - self.own_j(name)))
+
+    def certainty(self, parameter: int) -> list[dict[str, Any]]:
+        """Records of the parameter's certainty, of the seeds that have one."""
+        name = study.NAMES[parameter]
+        return [r.identified[name] for r in self.repetitions if name in r.identified]
+
+    def verdicts(self, parameter: int) -> dict[str, int]:
+        """Number of seeds by verdict on the parameter."""
+        return dict(Counter(one["verdict"] for one in self.certainty(parameter)))
+
+    def covers(self, parameter: int, truth: float) -> tuple[int, int]:
+        """Number of seeds whose interval of the parameter holds its true value [SI], and of those with an interval.
+
+        An end that is None is not bounded by the data. An interval without ends says nothing and is not counted.
+        """
+        ends = [(one["lower"], one["upper"]) for one in self.certainty(parameter)]
+        bounded = [(low, high) for low, high in ends if low is not None or high is not None]
+        inside = [(low is None or low <= truth) and (high is None or truth <= high) for low, high in bounded]
+        return sum(inside), len(inside)

@@ -1,0 +1,383 @@
+"""Tables of a reproduction as text, from its record alone."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from commonrail.base.arrays import Floats
+from commonrail.base.output import replacing, writing
+from commonrail.base.table import Cell, Column, Table, tabulated
+from commonrail.base.text import duration, field_unit, fixed, listed, number, percent, signed, significant
+from commonrail.data.records import Record
+from commonrail.plugins.paper import figures
+from commonrail.plugins.paper.file import RECORD, read_reproduction
+from commonrail.report.draw.figure import figure_html
+from commonrail.report.html import render
+from commonrail.report.result_kind import ResultKind
+
+SIGNS = {"holds": "✓", "does not hold": "✗", "cannot be told": "?"}
+PER_MICRON = 1e-6  # N/m to N/um
+MICROSECOND = 1e6
+_EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
+
+
+def table1(record: Record) -> Table:
+    """Table 1: theoretical, the paper's optimal and ours [N/um], and what the data pin down."""
+    columns: list[Column] = [
+        ("", "symbol"),
+        ("theoretical", lambda k: significant(k["theoretical"], 4, PER_MICRON)),
+        ("paper's optimal", lambda k: significant(k["paper"], 4, PER_MICRON)),
+        ("ours: median (quartiles)", lambda k: _spread(k, 3, PER_MICRON)),
+        ("truth", lambda k: significant(k["truth"], 4, PER_MICRON)),
+        ("covers truth", lambda k: f"{k['covered']} of {k['intervals']}"),
+        ("paper's change, %", lambda k: _signed_percent(k["paper_change"])),
+        ("our change, %", lambda k: _signed_percent(k["change"]["median"])),
+        ("standard error", lambda k: fixed(k["standard_error"], 1, PER_MICRON)),
+        (
+            "what the curve at 160 MPa says, in seeds",
+            lambda k: "; ".join(f"{verdict}: {count}" for verdict, count in k["verdicts"].items()),
+        ),
+    ]
+    note = (
+        "Verdicts, standard errors (median over the seeds) and 95 % intervals are those that a run would report: "
+        "about the most likely values near ours. Beside the bench's true stiffness stands in how many seeds "
+        "the interval holds it; a law that the model lacks, such as the meter's delay, is not in an interval."
+    )
+    return tabulated("Table 1: stiffness, N/µm", record["table1"], columns, note)
+
+
+def table3(record: Record) -> Table:
+    """Table 3: least J by (Gmax, Npop), median and quartiles over the seeds, beside the paper's."""
+    rows = record["table3"]
+    names = [*(d["name"] for d in record["data"]), "mean"]
+    columns: list[Column] = [("(Gmax, Npop)", _configuration)]
+    columns += [column for name in names for column in _beside_the_paper(rows, name)]
+    readings = "; ".join(f"{_configuration(c)}: {c['note']}" for c in rows if c["note"])
+    note = (
+        f"{readings}. J is Σ |rate error| over the samples, mm³/ms: median (quartiles) over the seeds. ★ least of a "
+        "column. J cannot be compared with the paper's, whose curves and unit are not published; the pattern can."
+    )
+    return tabulated("Table 3: least J", rows, columns, note)
+
+
+def _configuration(c: Record) -> str:
+    return f"({c['generations']}, {c['members']})"
+
+
+def _beside_the_paper(rows: list[Record], name: str) -> list[Column]:
+    """Columns of Table 3 for one pressure."""
+    best = min((m for c in rows if number(m := c["median"][name]) is not None), default=None)
+
+    def ours(c: Record) -> Cell:
+        median, q1, q3 = (c[key][name] for key in ("median", "q1", "q3"))
+        return Cell(f"{fixed(median, 1)} ({fixed(q1, 0)}–{fixed(q3, 0)})", best=median == best)
+
+    return [(f"{name}: ours", ours), ("paper's", lambda c: fixed(c["paper"][name], 2))]
+
+
+def j_table(record: Record) -> Table:
+    """J of every model at every pressure, medians and quartiles."""
+    spreads = record["J_spread"]
+    columns: list[Column] = [
+        ("data", "name"),
+        ("role", "role"),
+        *((text, lambda d, k=k: _spread(spreads[d["name"]][k], 4)) for k, text in record["labels"].items()),
+    ]
+    note = "The paper's optimal k are those of its Table 1, put into the fitted model, not those of a fit."
+    return tabulated("J of the models, mm³/ms", record["data"], columns, note, 2)
+
+
+def rigid_table(record: Record) -> Table:
+    """Stop and control volume of the rigid body that is fitted."""
+
+    def scaled(p: Record, key: str) -> str:
+        return significant(p[key], 4, field_unit(p["unit"]).factor)
+
+    columns: list[Column] = [
+        ("", lambda p: f"{p['meaning']}, {field_unit(p['unit']).text}"),
+        ("drawing", lambda p: scaled(p, "drawing")),
+        ("searched", lambda p: f"{scaled(p, 'lower')} to {scaled(p, 'upper')}"),
+        ("fitted: median (quartiles)", lambda p: _spread(p, 3, field_unit(p["unit"]).factor)),
+    ]
+    note = (
+        "Fitted at 160 MPa, as k1…k7 are, because the paper does not say how its rigid body was set up; its J is above."
+    )
+    return tabulated("The rigid body that is fitted", record["rigid_fit"], columns, note)
+
+
+def phases_table(record: Record) -> Table:
+    """Median J by phase."""
+    names, medians = record["phases"]["names"], record["phases"]["median"]
+    columns: list[Column] = [
+        *_data_and_model(record),
+        *((p, lambda row, i=i: fixed(medians[row[0]["name"]][row[1]][i], 1)) for i, p in enumerate(names)),
+    ]
+    note = f"Medians over the seeds; time counts from the opening of the synthetic experiment. {_EDGES}"
+    return tabulated("J by phase, mm³/ms", product(record["data"], record["labels"]), columns, note, 2)
+
+
+def edges_table(record: Record) -> Table:
+    """Opening and closing of each model against the experiment's [us]."""
+    found = record["edges"]
+    columns: list[Column] = [
+        *_data_and_model(record),
+        *((w, lambda row, w=w: _signed_spread(found[row[0]["name"]][row[1]][w])) for w in ("opening", "closing")),
+    ]
+    note = f"Model − synthetic experiment, median (quartiles) over the seeds; + is late. {_EDGES}"
+    return tabulated("Opening and closing, µs", product(record["data"], record["labels"]), columns, note, 2)
+
+
+def _data_and_model(record: Record) -> list[Column]:
+    """First columns of rows (data set, label)."""
+    return [("data", lambda row: row[0]["name"]), ("model", lambda row: record["labels"][row[1]])]
+
+
+def treatments_table(record: Record) -> Table:
+    """Treatments of infeasible trials: share of the slots simulated, and J reached."""
+    columns: list[Column] = [
+        ("treatment", "text"),
+        ("slots", lambda t: f"{t['slots']:,}"),
+        ("simulated, %", lambda t: _percent_spread(t["share"])),
+        ("least J, mm³/ms", lambda t: _spread(t, 4)),
+    ]
+    note = (
+        "The paper does not say how trials that break (14) to (16) were treated. Here (70, 50) at 160 MPa; median "
+        "(quartiles) over the seeds; without a number where a search found no feasible member."
+    )
+    return tabulated("Treatments of the constraints", record["treatments"], columns, note)
+
+
+def overfitting_table(record: Record) -> Table:
+    """J at the unseen pressures: fitted at 160 MPa against fitted there."""
+    columns: list[Column] = [
+        ("data", lambda row: row[0]),
+        ("theoretical", lambda row: _spread(row[1]["theoretical"], 4)),
+        ("fitted at 160 MPa", lambda row: _spread(row[1]["fitted_at_160"], 4)),
+        ("fitted to this curve", lambda row: _spread(row[1]["fitted_there"], 4)),
+        ("gain kept, %", lambda row: _percent_spread(row[1]["gain_kept"])),
+    ]
+    note = "The gain is that over the theoretical model; kept is the share that the fit at 160 MPa brings."
+    title = "What one pressure teaches about the others: J, mm³/ms"
+    return tabulated(title, record["overfitting"].items(), columns, note)
+
+
+def meter_table(record: Record) -> Table:
+    """Effect of the bench's meter on stiffness and unseen J."""
+    names = [d["name"] for d in record["data"]]
+    columns: list[Column] = [
+        ("meter in the fit", "text"),
+        *((f"J, {name}", lambda m, n=name: _spread(m["J"][n], 4)) for name in names),
+        *((f"{k}, N/µm", lambda m, k=k: _spread(m["stiffness"][k], 3, PER_MICRON)) for k in ("k5", "k7")),
+        ("delay, µs", lambda m: _spread(m["delay"], 3, MICROSECOND) if m["delay"] else ""),
+    ]
+    true = {k["symbol"]: significant(k["paper"], 3, PER_MICRON) for k in record["table1"]}
+    note = (
+        "Fitted at 160 MPa with (70, 50); J [mm³/ms] at 120 and 80 MPa is of unseen curves. Median (quartiles) over "
+        f"the seeds. The paper's k5 and k7, which are the default bench's true ones: {true['k5']} and {true['k7']} "
+        "N/µm. A delay and k7 do nearly the same to one curve."
+    )
+    return tabulated("Fits that know the rate meter", record["meter"], columns, note)
+
+
+def _spread(s: Mapping[str, Any], digits: int, scale: float = 1.0) -> str:
+    median, q1, q3 = (significant(s[key], digits, scale) for key in ("median", "q1", "q3"))
+    return f"{median} ({q1}–{q3})" if number(s["median"]) is not None else median
+
+
+def _percent_spread(s: Mapping[str, Any]) -> str:
+    return _spread({key: _times(value, 100.0) for key, value in s.items()}, 3)
+
+
+def _signed_spread(s: Mapping[str, Any]) -> str:
+    median, q1, q3 = (signed(_times(s[key], MICROSECOND), 1) for key in ("median", "q1", "q3"))
+    return f"{median} ({q1} to {q3})" if number(s["median"]) is not None else median
+
+
+def _signed_percent(share: Any) -> str:
+    return signed(_times(share, 100.0), 0)
+
+
+def _times(value: Any, factor: float) -> float | None:
+    found = number(value)
+    return None if found is None else found * factor
+
+
+# The page of a reproduction: claims first, then the paper's tables and figures.
+
+Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
+
+FEWEST = 6  # seeds that can tell a claim from chance
+NOT_COMPARABLE = (
+    "J depends on the data, so it cannot be compared with the paper's; what can be compared is the pattern."
+)
+PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as SVG and PDF
+
+
+def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:
+    """Page of a reproduction.
+
+    Parameters
+    ----------
+    record : mapping
+    traces : mapping
+        Curves by seed and data set.
+    folder : str
+        Its name, for the command lines in the page.
+    plates : bool
+        Whether figures for print lie beside the page.
+    """
+    charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
+    drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
+    return render(
+        "reproduction.html",
+        kind="Reproduction",
+        record=record,
+        synthetic=[record["synthetic"], NOT_COMPARABLE],
+        lines=[verdicts(record)],
+        signs=SIGNS,
+        claims=[_claim(claim) for claim in record["claims"]],
+        table1=table1(record),
+        table3=table3(record),
+        models=[
+            j_table(record),
+            rigid_table(record),
+            meter_table(record),
+            phases_table(record),
+            edges_table(record),
+            overfitting_table(record),
+        ],
+        treatments=treatments_table(record),
+        convergence=drawn[0],
+        boxes=drawn[1],
+        rates=drawn[2:],
+        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in PLATES if plates],
+        commands=_commands(record, folder),
+        facts=_facts(record),
+    )
+
+
+def verdicts(record: Record) -> str:
+    """Number of the paper's claims that hold, in one sentence; with too few seeds, the seeds in which each is true."""
+    claims = record["claims"]
+    if len(record["seeds"]) < FEWEST:
+        return f"{_each(claims)} Fewer than {FEWEST} seeds cannot tell a claim from chance."
+    found = [claim["verdict"] for claim in claims]
+    parts = [f"{found.count(v)} {words}" for v, words in _WORDS.items() if v in found]
+    return f"Of {len(found)} claims of the paper {listed(parts)} here."
+
+
+def _each(claims: Sequence[Record]) -> str:
+    """In how many seeds the claims are true, where there are too few of them for a verdict."""
+    always = sum(claim["true_in"] == claim["of"] > 0 for claim in claims)
+    never = sum(claim["true_in"] == 0 for claim in claims)
+    counts = f"{always} are true in every seed, {never} in none, {len(claims) - always - never} in some"
+    return f"Of {len(claims)} claims of the paper {counts}."
+
+
+_WORDS = {"holds": "hold", "does not hold": "do not hold", "cannot be told": "cannot be told"}
+
+
+def _claim(claim: Record) -> dict[str, str]:
+    low, high = claim["interval"]
+    return {
+        **{key: str(claim[key]) for key in ("claim", "where", "measure", "figure", "verdict", "comment")},
+        "sign": SIGNS[claim["verdict"]],
+        "share": f"{claim['true_in']} of {claim['of']} seeds",
+        "interval": f"{percent(low, 0)}–{percent(high, 0)} %",
+        "chance": "" if claim["chance"] is None else f"{percent(claim['chance'], 0)} %",
+    }
+
+
+def _height(index: int) -> int:
+    """Height of a figure on the page [px]: those of one panel, then those of two."""
+    return 400 if index < 2 else 460
+
+
+def _commands(record: Record, folder: str) -> list[tuple[str, str]]:
+    run = shlex.quote(folder)
+    options = f"--seeds {record['asked']}"
+    return [
+        ("Reproduce again, with the same truth", f"commonrail reproduce {options} --truth {run}/truth.toml"),
+        ("Change the truth", "commonrail virtual-bench --show > my-truth.toml"),
+        ("Make this report again", f"commonrail report {run}"),
+    ]
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    seeds = record["seeds"]
+    return [
+        ("Seeds", f"{len(seeds)} of {record['asked']} asked for: {seeds[0]} to {seeds[-1]}"),
+        ("Ended", record["status"]),
+        ("Simulations", f"{record['simulations']:,} injections in {duration(record['seconds'])}"),
+        ("Time step", f"{significant(record['time_step'], 4, 1e6)} µs"),
+        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+    ]
+
+
+# Folder of a reproduction: its page, and its figures for print.
+
+NO_PLATES = (
+    "figures for print (SVG, PDF) are left out, because they need matplotlib: install it with "
+    "pip install 'commonrail[plates]', then `commonrail report {}` draws them"
+)
+
+
+def _page(record: Record, folder: Path) -> str:
+    _, traces = read_reproduction(folder)
+    return reproduction_html(record, traces, folder.as_posix() or "RUN", _has_plates(folder))
+
+
+def draw_plates(folder: Path) -> str:
+    """Draw the figures for print of a reproduction's folder, those that are missing.
+
+    Returns
+    -------
+    str
+        Empty, or a sentence with the extra that is to be installed.
+
+    Raises
+    ------
+    InputError
+        If the folder is not whole.
+    OutputError
+        If they cannot be written.
+    """
+    if _has_plates(folder):
+        return ""
+    if find_spec("matplotlib") is None:
+        return NO_PLATES.format(folder)
+    plates = folder / PLATE_FOLDER
+    with RESULT.refusing_broken(folder):
+        drawn = make_plates(*read_reproduction(folder))
+    with writing(plates):
+        plates.mkdir(exist_ok=True)
+    for file, content in drawn.items():
+        with replacing(plates / file, "wb") as stream:
+            stream.write(content)
+    return ""
+
+
+def make_plates(record: Record, traces: Traces) -> dict[str, bytes]:
+    """Figures 4, 5 and 6 of the paper as SVG and PDF, by the names of their files."""
+    from commonrail.report.draw.print import COLUMN, PAGE, printed, side_by_side, single
+
+    rates = figures.rates(record, traces)
+    return printed(
+        {
+            "fig4": lambda: single(figures.convergence(record), (COLUMN, 66.0)),
+            "fig5": lambda: single(figures.search_boxes(record), (COLUMN, 66.0)),
+            "fig6": lambda: side_by_side(rates, (PAGE, 62.0 * len(rates))),
+        }
+    )
+
+
+def _has_plates(folder: Path) -> bool:
+    return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
+
+
+RESULT = ResultKind(RECORD, "reproduction", "reproduce", _page, extra=draw_plates)

@@ -1,0 +1,352 @@
+"""Repetitions of the paper's study for many seeds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import commonrail as cr
+from commonrail.base.arrays import Floats
+from commonrail.plugins.paper import study as paper
+from commonrail.plugins.paper.study import Configuration
+
+# One repetition of the paper's study: one synthetic measurement and every search on it.
+
+# Models that are set beside the experiment.
+LABELS = {
+    "rigid": "rigid body",
+    "rigid_fitted": "rigid body, stop and control volume fitted",
+    "theoretical": "theoretical",
+    "paper": "paper's optimal k",
+    "optimised": "optimised",
+}
+
+# Meters that a fit sees the simulation through.
+METERED = {"known": "the bench's low-passes, known", "delay": "a delay, fitted"}
+
+
+@dataclass(frozen=True)
+class Found:
+    """End of one search.
+
+    Attributes
+    ----------
+    x : (d,)
+        Best values of the d free parameters, the stiffness k1…k7 but for the rigid body [SI].
+    cost : float
+        Its J; +inf if no simulation succeeded.
+    counts : Counts
+    history : tuple of Generation
+    members : (generations + 1, members, d)
+        The population after every generation [SI].
+    injections : int
+        Simulated.
+    """
+
+    x: Floats
+    cost: float
+    counts: cr.Counts
+    history: tuple[cr.Generation, ...]
+    members: Floats
+    injections: int
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """All outcomes of one seed.
+
+    Attributes
+    ----------
+    seed : int
+    data : tuple of RateData
+        The measurement at 160, 120 and 80 MPa.
+    space, rigid_space : Space
+        Bounds and ordering of k1…k7; bounds of the rigid body's stop and control volume.
+    rates : dict of str to (3, samples) array
+        Simulated rate of injection [m³/s] by label of `LABELS`, in the order of `data`; NaN if the simulation failed.
+    best : Found
+        Search (70, 50) at 160 MPa.
+    table3 : dict of Configuration to (Found, (3,) array)
+        Each search at 160 MPa and the J of its best at all pressures.
+    treatments : dict of str to Found
+    own : dict of str to Found
+        Searches (70, 50) on each of the validation curves.
+    rigid : Found
+        Stop and control volume of a rigid body, fitted at 160 MPa.
+    random_j : (3, members) array
+        J at all pressures of random feasible stiffness: of the best search's first population.
+    identified : dict
+        Certainty of each stiffness by the curve at 160 MPa, by name: the parameters of `certify`'s record, as in the
+        report of a run; empty if no simulation succeeded.
+    metered : dict of str to (Found, (3,) array)
+        By label of `METERED`: search (70, 50) at 160 MPa with a meter, and the J of its best at all pressures.
+    """
+
+    seed: int
+    data: tuple[cr.RateData, ...]
+    space: cr.Space
+    rigid_space: cr.Space
+    rates: dict[str, Floats]
+    best: Found
+    table3: dict[Configuration, tuple[Found, Floats]]
+    treatments: dict[str, Found]
+    own: dict[str, Found]
+    rigid: Found
+    random_j: Floats
+    identified: dict[str, dict[str, Any]]
+    metered: dict[str, tuple[Found, Floats]]
+
+    @property
+    def searches(self) -> Iterator[Found]:
+        """Every search once."""
+        for configuration, (found, _) in self.table3.items():
+            if configuration != paper.BEST:
+                yield found
+        yield from self.treatments.values()  # with (70, 50)
+        yield from self.own.values()
+        yield from (found for found, _ in self.metered.values())
+        yield self.rigid
+
+
+def generations_of_one() -> int:
+    """Generations that one repetition runs, initial populations included."""
+    table3 = sum(c.generations + 1 for c in paper.CONFIGURATIONS)
+    others = len(paper.TREATMENTS) - 1 + len(paper.VALIDATION) + len(METERED)
+    return table3 + others * (paper.BEST.generations + 1) + paper.RIGID_FIT.generations + 1
+
+
+def repeat(bench: cr.Bench, seed: int, after: Callable[[], None]) -> Repetition:
+    """Measure and search, on one thread, because repetitions run side by side.
+
+    Parameters
+    ----------
+    bench : Bench
+    seed : int
+        Of the measurement's scatter and noise, and of every search.
+    after : function
+        Called after every generation; what it raises ends the repetition.
+
+    Raises
+    ------
+    SimulationError
+        If the truth cannot be simulated.
+    """
+    data = measure(bench, seed)
+    fit = data[0]
+    flexible, stiff = _models(bench)
+    best = flexible.search(fit, paper.BEST.settings, seed, after)
+    configurations = {
+        c: best if c == paper.BEST else flexible.search(fit, c.settings, (seed, c.generations, c.members), after)
+        for c in paper.CONFIGURATIONS
+    }
+    treatments = {t.name: flexible.search(fit, t.settings, seed, after) for t in paper.TREATMENTS[1:]}
+    own = {d.name: flexible.search(d, paper.BEST.settings, seed, after) for d in data[1:]}
+    rigid = stiff.search(fit, paper.RIGID_FIT, seed, after)
+    optimal = np.array([paper.TABLE1_OPTIMAL[name] for name in flexible.space.names])
+    shown = {
+        "rigid": (stiff, stiff.space.reference),
+        "rigid_fitted": (stiff, rigid.x),
+        "theoretical": (flexible, flexible.space.reference),
+        "paper": (flexible, optimal),
+        "optimised": (flexible, best.x),
+    }
+    return Repetition(
+        seed,
+        data,
+        flexible.space,
+        stiff.space,
+        {label: model.rates(data, x) for label, (model, x) in shown.items()},
+        best,
+        {c: (found, flexible.costs(data, found.x[None, :])[:, 0]) for c, found in configurations.items()},
+        {paper.TREATMENTS[0].name: best, **treatments},
+        own,
+        rigid,
+        flexible.costs(data, best.members[0]),
+        flexible.certainty(fit, best, seed) if np.isfinite(best.cost) else {},
+        dict(_with_meters(bench, data, seed, after)),
+    )
+
+
+def _with_meters(
+    bench: cr.Bench, data: Sequence[cr.RateData], seed: int, after: Callable[[], None]
+) -> Iterator[tuple[str, tuple[Found, Floats]]]:
+    """Searches that see the simulation through the bench's own low-passes, and through a delay that is fitted too."""
+    flexible, _ = _models(bench)
+    free = flexible._replace(space=paper.space_with_delay(bench.injector))
+    known = bench.truth.rate_meter.as_meter(paper.METER)
+    for label, model, meter in (("known", flexible, known), ("delay", free, cr.Meter(paper.METER))):
+        seen = [d.with_meter(meter) for d in data]
+        found = model.search(seen[0], paper.BEST.settings, seed, after)
+        yield label, (found, model.costs(seen, found.x[None, :])[:, 0])
+
+
+def measure(bench: cr.Bench, seed: int) -> tuple[cr.RateData, ...]:
+    """Synthetic measurement of one seed: curves at 160, 120 and 80 MPa with their rail pressure traces."""
+    found = []
+    for name, rail_pressure in paper.RAIL_PRESSURES.items():
+        curve = cr.bench_curve(bench.truth, bench.injector, rail_pressure, paper.ENERGISING_TIME, seed)
+        bounds = np.concatenate(([0.0], curve.time))
+        rail = cr.Trace.of(curve.trace_time, curve.rail)
+        point = cr.OperatingPoint(rail, paper.ENERGISING_TIME, horizon=float(curve.time[-1]))
+        role = cr.Role.FIT if name == paper.FIT else cr.Role.VALIDATION
+        source = f"virtual test bench of commonrail, seed {seed}"
+        found.append(cr.RateData(name, role, point, bounds, curve.rate, 1.0, source, bench.truth.synthetic))
+    return tuple(found)
+
+
+def search(bench: cr.Bench, data: cr.RateData, settings: cr.EvolutionSettings, seed: int | tuple[int, ...]) -> Found:
+    """Fit k1…k7 to one curve.
+
+    Parameters
+    ----------
+    bench : Bench
+    data : RateData
+    settings : EvolutionSettings
+    seed : int or tuple of int
+        Of the search.
+    """
+    return _models(bench)[0].search(data, settings, seed, lambda: None)
+
+
+class _Model(NamedTuple):
+    """Subject of a search: an injector with its body, and its free parameters; the time step [s]."""
+
+    injector: cr.Injector
+    space: cr.Space
+    time_step: float
+
+    def objective(self, data: cr.RateData) -> cr.Objective:
+        """Objective of one curve."""
+        return cr.Objective(self.injector, self.space.names, [data], self.time_step, threads=1)
+
+    def search(
+        self,
+        data: cr.RateData,
+        settings: cr.EvolutionSettings,
+        seed: int | tuple[int, ...],
+        after: Callable[[], None],
+    ) -> Found:
+        """Fit the free parameters to one curve by differential evolution.
+
+        Parameters
+        ----------
+        data, settings, seed
+            As for `search`.
+        after : function
+            Called after every generation.
+        """
+        optimiser = cr.DifferentialEvolution(self.space, np.random.default_rng(seed), settings)
+        history: list[cr.Generation] = []
+        members: list[Floats] = []
+        injections = 0
+        for step in cr.steps(optimiser, self.objective(data)):
+            injections += step.simulations
+            history.append(cr.Generation.of(len(history), optimiser))
+            members.append(optimiser.population)
+            after()
+        best = optimiser.best
+        return Found(best.x, best.cost, optimiser.counts, tuple(history), np.array(members), injections)
+
+    def certainty(self, data: cr.RateData, found: Found, seed: int) -> dict[str, dict[str, Any]]:
+        """Interval, standard error and verdict of each free parameter by one curve, by the function of a run's report.
+
+        Parameters
+        ----------
+        data : RateData
+        found : Found
+            End of the search on that curve.
+        seed : int
+            Of the measurement.
+        """
+        method = cr.Method(paper.BEST.settings)
+        study = cr.Study(data.name, self.injector, (data,), self.space, method, seed, self.time_step)
+        best = dict(zip(self.space.names, found.x.tolist(), strict=True))
+        return {one["name"]: one for one in cr.certify(study, best, threads=1).record()["parameters"]}
+
+    def costs(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
+        """J of values (n, d) on each curve (curves, n)."""
+        return np.array([self.objective(d).misfits(x)[:, 0] for d in data])
+
+    def rates(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
+        """Rate of injection (curves, samples) [m³/s] with the values x (d,)."""
+        return np.array([d.simulated(self.objective(d).simulator, x[None, :])[0] for d in data])
+
+
+def _models(bench: cr.Bench) -> tuple[_Model, _Model]:
+    """Flexible model with k1…k7 free, and rigid one with stop and control volume free."""
+    injector = bench.injector
+    flexible, rigid = (
+        replace(injector, variant=injector.variant._replace(body=body)) for body in (cr.Body.FLEXIBLE, cr.Body.RIGID)
+    )
+    return (
+        _Model(flexible, paper.space(injector), bench.time_step),
+        _Model(rigid, paper.rigid_space(injector), bench.time_step),
+    )
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Outcome of all repetitions.
+
+    Attributes
+    ----------
+    bench : Bench
+    repetitions : tuple of Repetition
+        In ascending order of position in the seeds asked for; those that were stopped are not among them.
+    asked : int
+        Repetitions asked for.
+    seconds : float
+    """
+
+    bench: cr.Bench
+    repetitions: tuple[Repetition, ...]
+    asked: int
+    seconds: float
+
+    @property
+    def status(self) -> str:
+        """ "finished", or "interrupted" if repetitions are missing."""
+        return "finished" if len(self.repetitions) == self.asked else "interrupted"
+
+
+def reproduce(
+    bench: cr.Bench,
+    seeds: Sequence[int],
+    *,
+    threads: int | None = None,
+    progress: Callable[[cr.SeedProgress], None] | None = None,
+) -> Reproduction:
+    """Repeat the paper's study once for each seed.
+
+    Every figure depends on its seed alone, not on the threads. Ctrl-C ends in order: repetitions that are complete
+    are kept.
+
+    Parameters
+    ----------
+    bench : Bench
+    seeds, threads, progress
+        As for `for_seeds`, which also says what else is raised.
+
+    Raises
+    ------
+    SimulationError
+        If the truth cannot be simulated.
+    """
+    if not isinstance(bench, cr.Bench):
+        raise cr.ConfigurationError(
+            f"The bench must be a Bench, not a {type(bench).__name__}; "
+            "write commonrail.Bench(truth, injector, time_step)."
+        )
+    start = time.perf_counter()
+    found = cr.for_seeds(
+        lambda seed, after: repeat(bench, seed, after),
+        seeds,
+        generations=generations_of_one(),
+        threads=threads,
+        progress=progress,
+    )
+    return Reproduction(bench, found, len(seeds), time.perf_counter() - start)

@@ -1,0 +1,320 @@
+"""Band in which measured values are expected, and how many of those that were measured it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.text import number
+from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.space import Space
+from commonrail.data.base import DataSet
+from commonrail.data.records import point_record
+from commonrail.plugins.certainty.covariance import student
+
+Edges = tuple[Floats, Floats]
+
+DIGITS = 5  # of the edges of courses in result.json
+REPLICATES = 4  # values of the scatter for each draw of the parameters
+LEAST_SOUND = 0.5  # share of the draws that must give a value for it to have edges
+
+
+class Band(NamedTuple):
+    """Prediction of a data set.
+
+    Attributes
+    ----------
+    data : DataSet
+    values : (n,)
+        Predictions in the unit of the data; NaN where a simulation failed.
+    edges : mapping of float to ((n,), (n,))
+        Lower and upper edges by level.
+    measured : bool
+        The data set has measured values, not operating points alone.
+    alone : mapping of float to ((n,), (n,))
+        Edges by what the parameters may be alone.
+    optima : int
+        Number of optima over which the band is the union of theirs.
+    drawn : bool
+        The edges are quantiles of simulated draws, not linear.
+    """
+
+    data: DataSet
+    values: Floats
+    edges: Mapping[float, tuple[Floats, Floats]]
+    measured: bool
+    alone: Mapping[float, tuple[Floats, Floats]]
+    optima: int = 1
+    drawn: bool = False
+
+    @property
+    def counted(self) -> Bools:
+        """Values (n,) that are judged and have a band."""
+        found = self.data.judged & np.isfinite(self.values)
+        for low, high in self.edges.values():
+            found = found & np.isfinite(low) & np.isfinite(high)
+        return np.asarray(found)
+
+    def covered(self, level: float) -> int:
+        """Number of measured values inside the band of a level."""
+        return self._inside(self.edges[level])
+
+    def _inside(self, edges: Edges) -> int:
+        inside = (self.data.measured >= edges[0]) & (self.data.measured <= edges[1])
+        return int(np.count_nonzero(inside & self.counted))
+
+    def half_width(self, level: float) -> float:
+        """Median half width over the predicted value, where that is positive; NaN if nowhere.
+
+        Of a course in time it is over the largest predicted value.
+        """
+        low, high = self.edges[level]
+        which = self.counted & (self.values > 0.0)
+        if not which.any():
+            return float("nan")
+        whole = self.values[which] if self.data.bounds is None else float(self.values[which].max())
+        return float(np.median(0.5 * (high - low)[which] / whole))
+
+    def judgement(self, level: float, estimator: str) -> dict[str, Any]:
+        """JSON-able record of the band of one level, as result.json keeps it for a data set.
+
+        Parameters
+        ----------
+        level : float
+        estimator : str
+
+        Returns
+        -------
+        dict
+            Half widths about the predicted values of a map ("half_widths", to the farther edge), None where a value is
+            not judged; edges ("lower", "upper") of a course, of the union over several optima, and of draws; counts of
+            measured values inside.
+        """
+        low, high = self.edges[level]
+        half = np.where(self.counted, np.maximum(high - self.values, self.values - low), np.nan)
+        several = {"optima": self.optima} if self.optima > 1 else {}
+        edges = {"lower": _short(low), "upper": _short(high)}
+        course = self.data.bounds is not None
+        return {
+            "level": level,
+            "estimator": estimator,
+            **({} if course else {"half_widths": _shown(half)}),
+            **(edges if course or several or self.drawn else {}),
+            **several,
+            "values": int(np.count_nonzero(self.data.judged)),
+            "covered": self.covered(level),
+            "covered_by_parameters_alone": self._inside(self.alone[level]),
+            "median_half_width_percent": number(100.0 * self.half_width(level)),
+        }
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form."""
+        data = self.data
+        where = [point_record(p) for p in data.points] if data.bounds is None else [point_record(data.points[0])]
+        return {
+            "name": data.name,
+            "kind": data.kind,
+            "role": data.role.value if self.measured else None,
+            "unit": data.unit,
+            "points": where,
+            "bounds": None if data.bounds is None else data.bounds.tolist(),
+            "values": _shown(self.values),
+            "measured": _shown(data.measured) if self.measured else None,
+            "judged": int(np.count_nonzero(data.judged)),
+            "bands": [
+                {
+                    "level": level,
+                    "lower": _shown(low),
+                    "upper": _shown(high),
+                    "covered": self.covered(level) if self.measured else None,
+                    "median_half_width_percent": number(100.0 * self.half_width(level)),
+                }
+                for level, (low, high) in self.edges.items()
+            ],
+        }
+
+
+def band_from_slopes(
+    values: Floats, slopes: Floats, covariance: Floats, deviations: Floats, freedom: float, levels: Sequence[float]
+) -> dict[float, Edges]:
+    """Edges of bands by the linear (Laplace) approximation.
+
+    Parameters
+    ----------
+    values : (n,)
+    slopes : (n, d)
+        Derivatives with respect to the positions between the bounds.
+    covariance : (d, d)
+        Of the positions.
+    deviations : (n,)
+        Standard deviations of the scatter.
+    freedom : float
+        Degrees of freedom of the scatter.
+    levels : sequence of float
+    """
+    variance = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
+    total = np.sqrt(np.maximum(variance, 0.0) + deviations**2)
+    halves = {level: float(student(np.array([freedom]), level)[0]) * total for level in levels}
+    return {level: (values - half, values + half) for level, half in halves.items()}
+
+
+def band_from_draws(
+    drawn: Floats,
+    deviations: Floats,
+    freedom: float,
+    levels: Sequence[float],
+    stretch: Floats | None = None,
+    seed: int = 0,
+) -> dict[float, Edges]:
+    """Edges of bands from predictions of drawn parameters.
+
+    Parameters
+    ----------
+    drawn : (m, n)
+        Predictions; NaN where a simulation failed. A value that fails for half of the draws or more has no edges.
+    deviations : (n,)
+        Standard deviations of the scatter.
+    freedom : float
+        Degrees of freedom of the scatter.
+    levels : sequence of float
+    stretch : (m,), optional
+        Factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by default the
+        scatter has its own, by the degrees of freedom.
+    seed : int
+        Of the scatter that is added to each draw.
+    """
+    # a draw that fails at one operating point still tells of the others
+    sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
+    wide: Floats = np.ascontiguousarray(drawn[:, sound].T)
+    if deviations[sound].any():
+        wide = _scattered(wide, deviations[sound], freedom, stretch, np.random.default_rng(seed))
+    found = {}
+    for level in levels:
+        edges = np.full((2, drawn.shape[1]), np.nan)
+        if sound.any():
+            edges[:, sound] = _quantiles(wide, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+        found[level] = (edges[0], edges[1])
+    return found
+
+
+def _quantiles(rows: Floats, shares: Sequence[float]) -> Floats:
+    """Quantiles (shares, n) of rows (n, m), linear between neighbours as `numpy.quantile` has them; NaN is left out."""
+    if not np.isfinite(rows).all():
+        return np.asarray(np.nanquantile(rows, shares, axis=1))
+    places = np.multiply(shares, rows.shape[1] - 1)
+    below = places.astype(int)
+    above = np.minimum(below + 1, rows.shape[1] - 1)
+    sorted_there = np.partition(rows, np.unique([below, above]), axis=1)
+    low, high = sorted_there[:, below], sorted_there[:, above]
+    return np.asarray(low + (places - below) * (high - low)).T
+
+
+def _scattered(
+    drawn: Floats, deviations: Floats, freedom: float, stretch: Floats | None, rng: np.random.Generator
+) -> Floats:
+    """Predictions (n, replicates · m) of drawn parameters (n, m) with scatter; see `band_from_draws`.
+
+    All values share the scatter, since edges are of each value alone: what is left of chance moves them together.
+    Normal scatters are equally likely ones, so that few replicates will do; a stretch is drawn.
+    """
+    many = drawn.shape[1]
+    scatter = rng.permutation(_equally_likely(REPLICATES * many)).reshape(REPLICATES, many)
+    if stretch is not None:
+        scatter *= stretch
+    elif np.isfinite(freedom):
+        scatter /= np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
+    return (drawn[:, None] + scatter * deviations[:, None, None]).reshape(len(drawn), -1)
+
+
+def _equally_likely(many: int) -> Floats:
+    """Values (many,) that divide the standard normal distribution into parts of equal probability, at their middles."""
+    return np.asarray(special.ndtri((np.arange(many) + 0.5) / many))
+
+
+def union(edges: Sequence[Mapping[float, Edges]]) -> dict[float, Edges]:
+    """Bands from the lowest to the highest edge of several, by level."""
+    return {
+        level: (np.min([one[level][0] for one in edges], axis=0), np.max([one[level][1] for one in edges], axis=0))
+        for level in edges[0]
+    }
+
+
+def _shown(values: Floats) -> list[float | None]:
+    return [number(v) for v in values.tolist()]
+
+
+def _short(values: Floats) -> list[float | None]:
+    """Values with the digits that a figure shows."""
+    return [number(float(f"{v:.{DIGITS}g}")) for v in values.tolist()]
+
+
+# Draws about the best values, for bands that a linear model would carry beyond what is physical.
+#
+# At a steep flank a value is far from linear in the parameters: rates and quantities end at zero, and the linear band
+# goes on below it. Draws of the same distribution, simulated, do not.
+
+DRAWS = 400  # the 5 % quantile of so many scatters by a tenth of the half width of a 90 % band
+SEED = 0
+# Share of the largest value by which a band may fall below zero, and a prediction that counts as never negative: the
+# fuel that flows back as a needle closes is a thousandth of the largest rate.
+SLACK = 0.01
+
+
+def falls_below_zero(values: Floats, alone: Mapping[float, Edges]) -> bool:
+    """True if a band by the parameters alone falls below zero where no predicted value does.
+
+    Parameters
+    ----------
+    values : (n,)
+        Predicted.
+    alone : mapping of float to ((n,), (n,))
+        Lower and upper edges by level.
+    """
+    found = np.isfinite(values)
+    floor = -SLACK * float(np.max(values, where=found, initial=0.0))
+    if not found.any() or values[found].min() < floor:
+        return False
+    return any(bool((low[found] < floor).any()) for low, _ in alone.values())
+
+
+class Drawn(NamedTuple):
+    """Drawn parameters.
+
+    Attributes
+    ----------
+    values : (DRAWS, d)
+        [SI], within bounds and constraints.
+    stretch : (DRAWS,)
+        Factor of each draw's distance from the mean, by the uncertain scale of the covariance.
+    """
+
+    values: Floats
+    stretch: Floats
+
+
+def drawn_about(space: Space, point: Floats, covariance: Floats, freedom: float = np.inf) -> Drawn:
+    """Parameters drawn from Student's t distribution, brought within bounds and constraints.
+
+    Parameters
+    ----------
+    space : Space
+    point : (d,)
+        Mean [SI].
+    covariance : (d, d)
+        Of the positions between the bounds, for the normal distribution of the same scale.
+    freedom : float
+        Degrees of freedom of the scale; the distribution is normal where it is exactly known.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    unit = np.tile(space.to_unit(point), (DRAWS, 1))
+    rng = np.random.default_rng(SEED)
+    normal, stretch = rng.standard_normal(unit.shape), np.ones(DRAWS)
+    if np.isfinite(freedom):
+        stretch = 1.0 / np.sqrt(rng.chisquare(freedom, DRAWS) / freedom)
+    ends = unit + stretch[:, None] * (normal @ root.T)
+    return Drawn(space.from_unit(FeasibleSet.of(space).within(unit, ends)), stretch)

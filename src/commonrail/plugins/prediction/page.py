@@ -1,0 +1,126 @@
+"""Predictions with bands: tables, and what notebooks show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.table import Part, Table, table_of
+from commonrail.base.text import MISSING, counted, fixed, significant
+from commonrail.data.records import Record
+from commonrail.plugins.prediction.band import Band
+from commonrail.plugins.prediction.run import Prediction
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
+
+Floats = NDArray[np.float64]
+
+_MM3 = 1e9
+
+
+def coverage_table(record: Record) -> Table:
+    """Share of the measured values of each data set that lie inside the bands.
+
+    Parameters
+    ----------
+    record : mapping
+        Of `Prediction.record`.
+    """
+    rows = [(data, band) for data in record["data"] for band in data["bands"]]
+    parts = (
+        Part(("data set", "use"), lambda r: (r[0]["name"], r[0]["role"] or MISSING)),
+        Part(
+            ("band, %", "measured values inside", "of", "median half width, % of the prediction"),
+            lambda r: (
+                fixed(r[1]["level"], 0, 100.0),
+                MISSING if r[1]["covered"] is None else str(r[1]["covered"]),
+                str(r[0]["judged"]),
+                significant(r[1]["median_half_width_percent"], 3),
+            ),
+        ),
+    )
+    note = f"Bands: {record['estimator']}."
+    if any(data["role"] == "fit" for data in record["data"]):
+        note += " Fitted values are seen by the fit: only the others test its bands."
+    return table_of("Measured values inside the bands", rows, parts, note, 2)
+
+
+def points_table(record: Record) -> Table:
+    """Predicted quantities and their bands.
+
+    Parameters
+    ----------
+    record : mapping
+        Of `Prediction.record`, of operating points.
+    """
+    (data,) = record["data"]
+    heads = ["rail pressure, MPa", "energising time, us", "quantity, mm3"]
+    heads += [f"{fixed(level, 0, 100.0)} % band, mm3" for level in record["levels"]]
+
+    def cells(i: int) -> tuple[str, ...]:
+        point = data["points"][i]
+        edges = [(band["lower"][i], band["upper"][i]) for band in data["bands"]]
+        return (
+            significant(point["rail_pressure"], 6, 1e-6),
+            significant(point["energising_time"], 6, 1e6),
+            significant(data["values"][i], 4, _MM3),
+            *(f"{significant(low, 4, _MM3)} to {significant(high, 4, _MM3)}" for low, high in edges),
+        )
+
+    parts = (Part(tuple(heads), cells),)
+    return table_of("Predicted quantities", range(len(data["values"])), parts, f"Bands: {record['estimator']}.", 0)
+
+
+def _lines(found: Prediction) -> list[str]:
+    """Number of predicted values and measured ones inside, and the estimator."""
+    levels = " and ".join(fixed(level, 0, 100.0) for level in found.levels)
+    sets = [f"{counted(len(band.values), 'value')} of {band.data.name}" for band in found.bands[:4]]
+    more = ", …" if len(found.bands) > 4 else ""
+    return [f"{', '.join(sets)}{more} with bands of {levels} %", f"Bands: {found.estimator}."]
+
+
+def _tables(found: Prediction) -> list[Table]:
+    """Predicted quantities of operating points, or how many measured values the bands hold."""
+    record = found.record()
+    return [coverage_table(record) if any(band.measured for band in found.bands) else points_table(record)]
+
+
+def _arrays(found: Prediction) -> Arrays:
+    """Predicted values with the edges of their bands; a column names the unit where it is not that of all."""
+    units = {band.data.unit for band in found.bands}
+    axis = ("value",)
+    parts = [_columns(band, found.levels) for band in found.bands]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    unit = units.pop() if len(units) == 1 else ""
+    values = {
+        "data_set": Array(axis, np.repeat([b.data.name for b in found.bands], [len(b.values) for b in found.bands]))
+    }
+    for name, column in joined.items():
+        own = {"rail_pressure": "Pa", "energising_time": "s", "start": "s", "end": "s"}.get(name, unit)
+        values[name] = in_common_unit(axis, column, own) if own else Array(axis, column)
+    if not unit:
+        names = np.repeat([band.data.unit for band in found.bands], [len(band.values) for band in found.bands])
+        values["unit"] = Array(axis, names)
+    return Arrays({"value": Array(axis, np.arange(len(joined["predicted"])))}, values, "Predictions with bands")
+
+
+def _columns(band: Band, levels: Sequence[float]) -> dict[str, Floats]:
+    """Place, prediction, edges and measured value of each value of a data set, SI."""
+    data, size = band.data, len(band.values)
+    own = data.points if data.bounds is None else [data.points[0]] * size
+    nothing = np.full(size, np.nan)
+    columns = {
+        "rail_pressure": np.array([point.initial_pressures()[0] for point in own]),
+        "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in own]),
+        "start": nothing if data.bounds is None else np.asarray(data.bounds[:-1]),
+        "end": nothing if data.bounds is None else np.asarray(data.bounds[1:]),
+        "predicted": band.values,
+    }
+    for level in levels:
+        sides = zip(("lower", "upper"), band.edges[level], strict=True)
+        columns |= {f"{side}_{100.0 * level:g}": edge for side, edge in sides}
+    return columns | {"measured": np.asarray(data.measured, float) if band.measured else nothing}
+
+
+PREDICTION = Presenter(_lines, _tables, arrays=_arrays)

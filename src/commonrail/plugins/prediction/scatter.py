@@ -1,0 +1,230 @@
+"""Scatter of measured values about predictions, judged by fitted values that are held out one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.data.base import DataSet
+from commonrail.data.noise import Law
+from commonrail.plugins.certainty.covariance import covariance_of
+from commonrail.plugins.certainty.estimate import Estimate, wider, with_outliers
+from commonrail.plugins.certainty.noise import sample_count, scale_of
+
+LEAST = 8  # values held out, from which their scatter is believed
+HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
+TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t whose quantiles are those of the law
+
+
+class Scatter(NamedTuple):
+    """Scatter of measured values about the best prediction: noise and discrepancy of the model.
+
+    Attributes
+    ----------
+    factor : float
+        Multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values.
+    freedom : float
+        Degrees of freedom of the factor; infinite where it is stated.
+    calibration : float
+        Factor on the whole standard deviation of a prediction, parameters included: root mean square of the values
+        that were held out, each over the deviation predicted for it. 1 where too few could be held out.
+    left_out : int
+        Number of those values.
+    least : float
+        Share of the factor at a rate of zero; less than 1 where the noise grows with the rate.
+    slope : float
+        Rise over that for one SI unit of the rate.
+    """
+
+    factor: float
+    freedom: float
+    calibration: float = 1.0
+    left_out: int = 0
+    least: float = 1.0
+    slope: float = 0.0
+
+    def deviations(self, data: DataSet, values: Floats) -> Floats:
+        """Standard deviations (n,) about predicted values (n,)."""
+        stated = data.discrepancy(values)
+        if stated is not None:
+            return self.factor * stated
+        return self.factor * self.least * (1.0 + self.slope * np.maximum(np.nan_to_num(values), 0.0))
+
+
+class LeftOut(NamedTuple):
+    """Prediction errors of values that are held out one at a time, over their predicted standard deviations.
+
+    Attributes
+    ----------
+    errors : (m,)
+    freedom : float
+        Degrees of freedom of their mean square (Satterthwaite): they are correlated.
+    """
+
+    errors: Floats
+    freedom: float
+
+
+def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
+    """Values held out one at a time, by the linear model about the estimate and without a further simulation.
+
+    With the influence H of the fit, uncertain quantities and discrepancies among what is fitted, the error of the value
+    i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
+
+    Parameters
+    ----------
+    found : Estimate
+    rows : (m,)
+        Rows of the residuals.
+    """
+    own, d = found.likelihood, len(found.unit)
+    innovations = own.whiten(found.errors)
+    robust = np.sqrt(own.weights(innovations))
+    wide = np.vstack([found.slopes, found.shifts, *_courses(found)])
+    tangents = robust * own.whiten(wide)
+    pulls = own.prior_slopes(found.unit)
+    held = np.eye(len(wide))
+    held[:d, :d] = pulls.T @ pulls
+    force = tangents @ (robust * innovations)
+    force[:d] += pulls.T @ own.priors.residuals(own.space.from_unit(found.unit[None]))[0]
+    inverse = np.linalg.pinv(tangents @ tangents.T + held, hermitian=True)
+    rest = (robust * innovations - (inverse @ force) @ tangents)[rows]
+    seen = tangents[:, rows]
+    left = np.eye(len(rows)) - seen.T @ inverse @ seen
+    free = np.diag(left) > HELD
+    root = np.sqrt(np.diag(left)[free])
+    related = left[np.ix_(free, free)] / np.outer(root, root)
+    return LeftOut(rest[free] / root, float(np.count_nonzero(free) ** 2 / max(float(np.sum(related**2)), 1e-300)))
+
+
+def _courses(found: Estimate) -> list[Floats]:
+    """Courses (k, n) of the stated discrepancy of each block."""
+    courses = []
+    for block in found.likelihood.blocks:
+        own = block.stated_courses()
+        wide = np.zeros((len(own), found.likelihood.size))
+        wide[:, block.rows] = own
+        courses.append(wide)
+    return courses
+
+
+def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
+    """Estimate whose scales of noise are no smaller than stated tolerances, of data with too few values to hold out.
+
+    Parameters
+    ----------
+    found : Estimate
+    fitted : sequence of DataSet
+        In the order of the blocks.
+    """
+    own = found.likelihood
+    few = [
+        data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
+    ]
+    noises = [
+        replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, known=True)
+        if low and not noise.known and noise.sigma < 1.0
+        else noise
+        for low, noise in zip(few, own.noises, strict=True)
+    ]
+    wide = own.with_noises(noises)
+    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, wide.prior_slopes(found.unit))
+    fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
+    covariance = covariance._replace(
+        nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear),
+        discrepancy=found.covariance.discrepancy,  # the errors of time step and drift are in it, but not in the blocks
+    )
+    covariance = wider(covariance, found.covariance)
+    return with_outliers(replace(found, likelihood=wide, covariance=covariance))
+
+
+def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
+    """Scatter of each kind of data: that of the fitted set that scatters most, judged by the values held out.
+
+    Where none are, residuals that exceed a stated noise, or that of repeated shots, count in its place: the model's
+    own error is in them.
+
+    Parameters
+    ----------
+    found : Estimate
+        Of `floored`.
+    fitted : sequence of DataSet
+        In the order of the blocks.
+    """
+    scatter: dict[str, Scatter] = {}
+    levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
+    tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
+    for i, data in enumerate(fitted):
+        one, level = _of_set(found, i, data)
+        tail = TAILS.get(found.likelihood.noises[i].law, np.inf)
+        tails[data.kind] = min(tail, tails.get(data.kind, np.inf))
+        _keep_larger(scatter, data.kind, one)
+        _keep_larger(levels, data.kind, level)
+    for kind, one in scatter.items():
+        scatter[kind] = levels[kind]
+        rows = _rows(found, fitted, kind)
+        judged = left_out(found, rows) if len(rows) >= LEAST else None
+        if judged is not None and len(judged.errors) >= LEAST:
+            size, freedom = float(np.sqrt(np.mean(judged.errors**2))), min(judged.freedom, tails[kind])
+            scatter[kind] = one._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
+    return scatter
+
+
+def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
+    """Scatter of each fitted curve by its name: its own, which for a mean of many strokes is that of the mean.
+
+    Parameters
+    ----------
+    found : Estimate
+        Of `floored`.
+    fitted : sequence of DataSet
+        In the order of the blocks.
+    """
+    blocks = found.likelihood.blocks
+    return {data.name: _of_set(found, i, data)[1] for i, data in enumerate(fitted) if blocks[i].ordered}
+
+
+def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
+    """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise.
+
+    Parameters
+    ----------
+    found : Estimate
+    index : int
+        Of the block.
+    data : DataSet
+    """
+    noise, block = found.likelihood.noises[index], found.likelihood.blocks[index]
+    extra = block.noise.discrepancy if block.noise.length else 0.0
+    tail = TAILS.get(noise.law, np.inf)
+    one = Scatter(
+        float(np.hypot(noise.value_scale, extra)) / data.residual_scale,
+        min(noise.freedom, tail),
+        least=noise.growth.least,
+        slope=noise.growth.slope * data.residual_scale,
+    )
+    if not (noise.known or block.shots is not None):
+        return one, one
+    errors = found.errors[block.rows] / noise.growth.shape
+    freedom = max(sample_count(errors) - float(found.covariance.used[index]), 1.0)
+    level = scale_of(noise.law, errors, freedom) / data.residual_scale
+    return one, one if level <= one.factor else one._replace(factor=level, freedom=min(freedom, tail))
+
+
+def _keep_larger(scatter: dict[str, Scatter], kind: str, one: Scatter) -> None:
+    if kind not in scatter or scatter[kind].factor < one.factor:
+        scatter[kind] = one
+
+
+def _rows(found: Estimate, fitted: Sequence[DataSet], kind: str) -> IndexArray:
+    """Rows of the residuals that are values of a kind that is no course in time."""
+    rows = [
+        np.arange(block.rows.start, block.rows.stop)[data.judged]
+        for data, block in zip(fitted, found.likelihood.blocks, strict=True)
+        if data.kind == kind and not block.ordered
+    ]
+    return np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp)

@@ -1,0 +1,116 @@
+"""commonrail predict: what a calibrated model predicts, with bands that measured values should lie in."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from commonrail.base.errors import InputError
+from commonrail.base.units import parse
+from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads, check_file
+
+if TYPE_CHECKING:
+    from commonrail.calibration.study import Study
+    from commonrail.engine.operating_point import OperatingPoint
+
+
+class Bands(StrEnum):
+    """Source of what the parameters may be."""
+
+    LAPLACE = "laplace"
+    """Linear about the best values."""
+
+    POSTERIOR = "posterior"
+    """Draws of `commonrail certainty --posterior`."""
+
+
+@verb
+def predict(
+    run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    *,
+    rail_pressure: Annotated[
+        str | None, Option(help="Rail pressures, e.g. 40:160:20MPa. [default: the data of the study]")
+    ] = None,
+    energising_time: Annotated[
+        str | None, Option(help="Energising times, e.g. 200,400,1000us; each with each rail pressure.")
+    ] = None,
+    from_: Annotated[
+        Path | None,
+        Option("--from", metavar="FILE.csv", help="Operating points: columns rail_pressure, energising_time."),
+    ] = None,
+    cylinder_pressure: Annotated[
+        str | None, Option(help="Cylinder pressure, e.g. 5MPa. [default: that of the first data set]")
+    ] = None,
+    return_pressure: Annotated[
+        str | None, Option(help="Pressure at the end of the return line. [default: that of the first data set]")
+    ] = None,
+    bands: Annotated[Bands, Option(help="What the parameters may be.")] = Bands.LAPLACE,
+    out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for predictions and bands.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Predict quantities, with bands for measured values.
+
+    At operating points, or at all data of the study; bands of 50 % and 90 %.
+
+    A band holds what the parameters may be, and how far measured values lie from the best prediction: the tolerance
+    of a map, or the residual level of the fit where that is larger. Without operating points the measured values
+    inside the bands are counted, those of the validation apart.
+
+    \b
+    Examples:
+      commonrail predict runs/first
+      commonrail predict runs/first --rail-pressure 40:160:20MPa --energising-time 200:1400:100us --out bands.csv
+    """
+    from commonrail.plugins.certainty.posterior.file import read_draws
+    from commonrail.plugins.prediction.file import write_bands
+    from commonrail.plugins.prediction.page import coverage_table, points_table
+    from commonrail.plugins.prediction.run import predict as run_prediction
+    from commonrail.runs.folder import read_fit
+
+    check_file(out, "--out")
+    study, best = read_fit(run)
+    points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
+    draws = read_draws(run, study.space.names) if bands is Bands.POSTERIOR else None
+    say(SIMULATING)
+    found = run_prediction(study, best, points, draws=draws, threads=threads)
+    if out is not None:
+        write_bands(out, found)
+    record = found.record()
+    if json:
+        print_json({"kind": "prediction", "run": str(run), "file": str(out) if out else None, **record})
+        return
+    print_table(points_table(record) if points else coverage_table(record))
+    if out is not None:
+        say(f"wrote {out}")
+
+
+def _points(
+    study: Study, wanted: tuple[str | None, str | None, Path | None], pressures: tuple[str | None, str | None]
+) -> list[OperatingPoint]:
+    """Operating points that are asked for; none for the data of the study."""
+    from commonrail.cli.options import read_axis
+    from commonrail.engine.operating_point import OperatingPoint
+    from commonrail.plugins.prediction.file import read_points
+
+    rails, times, file = wanted
+    if file is not None and (rails or times):
+        raise InputError("--from: give either a file of operating points or --rail-pressure and --energising-time.")
+    if (rails is None) is not (times is None):
+        raise InputError("Give both --rail-pressure and --energising-time, or neither for the data of the study.")
+    if file is not None:
+        pairs = read_points(file)
+    elif rails is not None and times is not None:
+        axis = read_axis(times, "s", "--energising-time").tolist()
+        pairs = [(p, t) for p in read_axis(rails, "Pa", "--rail-pressure").tolist() for t in axis]
+    else:
+        return []
+    _, cylinder, back = study.data[0].points[0].initial_pressures()
+    if pressures[0] is not None:
+        cylinder = parse(pressures[0], "Pa", "--cylinder-pressure")
+    if pressures[1] is not None:
+        back = parse(pressures[1], "Pa", "--return-pressure")
+    return [OperatingPoint(p, t, cylinder, back) for p, t in pairs]

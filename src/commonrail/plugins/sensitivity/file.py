@@ -1,0 +1,215 @@
+"""Result of a sensitivity study: values, rows for a table, and the record that its folder keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.display import Shown
+from commonrail.calibration.parameter import Parameter
+from commonrail.compiler.target import describe, package_versions
+from commonrail.plugins.sensitivity.estimates import Effects, Estimate, Indices
+from commonrail.plugins.sensitivity.study import Output, SensitivitySettings
+
+SCHEMA = 1
+
+
+class Failed(NamedTuple):
+    """Simulations without an output: number, share, number by reason, and the end of a range where most of them are."""
+
+    number: int
+    share: float
+    reasons: Mapping[str, int]
+    where: str
+
+
+class Tornado(NamedTuple):
+    """Output at the references, and with each parameter at its lower and its upper bound; None where it failed.
+
+    `missing` holds the reasons for what is None.
+    """
+
+    base: float | None
+    low: tuple[float | None, ...]
+    high: tuple[float | None, ...]
+    missing: str = ""
+
+
+class OutputSensitivity(NamedTuple):
+    """Sensitivity of one output.
+
+    Attributes
+    ----------
+    output : Output
+    tornado : Tornado
+    indices : Indices or None
+        Of a Sobol' study; None where too many simulations failed or the output is constant.
+    effects : Effects or None
+        Of a Morris study; None as `indices`.
+    failed : Failed
+    """
+
+    output: Output
+    tornado: Tornado
+    indices: Indices | None
+    effects: Effects | None
+    failed: Failed
+
+    @property
+    def ranking(self) -> Estimate | None:
+        """Estimate by which parameters are ranked: total index, or mean size of the effects."""
+        if self.indices is not None:
+            return self.indices.total
+        return None if self.effects is None else self.effects.magnitude
+
+
+@dataclass(frozen=True, repr=False)
+class Sensitivity(Shown):
+    """Result of a sensitivity study.
+
+    Attributes
+    ----------
+    title, injector : str
+    synthetic : str
+        What about the subject is not measured; empty if nothing.
+    parameters : tuple of Parameter
+        With their ranges.
+    settings : SensitivitySettings
+    outputs : tuple of OutputSensitivity
+    injections : int
+        Single simulations that it took.
+    seconds : float
+    notes : tuple of str
+        Conditions that a reader must know.
+    """
+
+    presenter = "commonrail.plugins.sensitivity.page:SENSITIVITY"
+
+    title: str
+    injector: str
+    synthetic: str
+    parameters: tuple[Parameter, ...]
+    settings: SensitivitySettings
+    outputs: tuple[OutputSensitivity, ...] = ()
+    injections: int = 0
+    seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    def with_outputs(self, outputs: tuple[OutputSensitivity, ...], injections: int, seconds: float) -> Sensitivity:
+        """The result with its outputs, the number of simulations, and the time that they took [s]."""
+        return replace(self, outputs=outputs, injections=injections, seconds=seconds)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row for each output and parameter in order of rank, SI; ``pandas.DataFrame(rows)`` takes them."""
+        record = self.record()
+        return [
+            {"output": o["name"], "point": o["point"], "unit": o["unit"], **_flat(row)}
+            for o in record["outputs"]
+            for row in o["parameters"]
+        ]
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, SI; what does not exist is None."""
+        how = self.settings
+        return {
+            "schema": SCHEMA,
+            "kind": "sensitivity",
+            "software": package_versions(),
+            "target": describe().machine,
+            "title": self.title,
+            "injector": self.injector,
+            "synthetic": self.synthetic,
+            "design": how.design.value,
+            "samples": how.samples,
+            "seed": how.seed,
+            "resamples": how.resamples,
+            "confidence": how.confidence,
+            "on_failure": how.on_failure.value,
+            "most_failed": how.most_failed,
+            "precision": how.precision.value,
+            "notes": list(self.notes),
+            "ranges": [_range(p) for p in self.parameters],
+            "outputs": [self._output(o) for o in self.outputs],
+            "injections": self.injections,
+            "clock": {"seconds": self.seconds},
+        }
+
+    def _output(self, found: OutputSensitivity) -> dict[str, Any]:
+        output, failed, names = found.output, found.failed, [p.name for p in self.parameters]
+        tornado = found.tornado
+        rows = []
+        for j, name in enumerate(names):
+            low, high = (ends[j] if ends else None for ends in (tornado.low, tornado.high))
+            swing = None if low is None or high is None else high - low
+            rows.append({"name": name, "low": low, "high": high, "swing": swing, **_estimates(found, j)})
+        moments = found.indices and {"mean": found.indices.mean, "variance": found.indices.variance}
+        return {
+            **output._asdict(),
+            "base": tornado.base,
+            "missing": tornado.missing,
+            "failed": failed._asdict() | {"reasons": dict(failed.reasons)},
+            "estimated": found.ranking is not None,
+            "why_not": self._why_not(found),
+            **(moments or {"mean": None, "variance": None}),
+            "parameters": [rows[j] for j in _ranks(found, len(rows))],
+        }
+
+    def _why_not(self, found: OutputSensitivity) -> str:
+        if found.ranking is not None:
+            return ""
+        if found.failed.share > self.settings.most_failed:
+            return (
+                f"{found.failed.share:.1%} of the simulations have no value, more than the "
+                f"{self.settings.most_failed:.0%} up to which indices are given; narrow the ranges."
+            )
+        return "The output is the same in all simulations, or too few of them have a value."
+
+
+def _ranks(found: OutputSensitivity, count: int) -> list[int]:
+    """Positions of the parameters in order of rank; by their swing where nothing was estimated."""
+    if found.ranking is not None:
+        return [int(j) for j in np.argsort(-found.ranking.value, kind="stable")]
+    ends = zip(found.tornado.low or (None,) * count, found.tornado.high or (None,) * count, strict=True)
+    swings = [0.0 if low is None or high is None else abs(high - low) for low, high in ends]
+    return sorted(range(count), key=lambda j: -swings[j])
+
+
+def _estimates(found: OutputSensitivity, j: int) -> dict[str, Any]:
+    if found.indices is not None:
+        both = {"first": found.indices.first, "total": found.indices.total}
+        return {key: _interval(value, j) for key, value in both.items()} | {"used": int(found.indices.used[j])}
+    if found.effects is not None:
+        both = {"effect": found.effects.mean, "magnitude": found.effects.magnitude}
+        more = {"spread": float(found.effects.spread[j]), "used": int(found.effects.used[j])}
+        return {key: _interval(value, j) for key, value in both.items()} | more
+    return {}
+
+
+def _interval(estimate: Estimate, j: int) -> dict[str, float]:
+    return {key: float(values[j]) for key, values in estimate._asdict().items()}
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in row.items():
+        if isinstance(value, Mapping):
+            flat |= {key: value["value"], f"{key}_low": value["low"], f"{key}_high": value["high"]}
+        else:
+            flat[{"name": "parameter", "low": "at_low", "high": "at_high"}.get(key, key)] = value
+    return flat
+
+
+def _range(p: Parameter) -> dict[str, Any]:
+    return {
+        "name": p.name,
+        "unit": p.unit,
+        "reference": p.reference,
+        "lower": p.lower,
+        "upper": p.upper,
+        "scale": p.scale,
+        "mark": p.mark,
+        "source": p.source,
+    }

@@ -1,0 +1,273 @@
+"""The page of a sensitivity study: sentences, ranked tables, indices and tornado as bars."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from commonrail.base.chart import Bars, Figure, Panel, Points, Series
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import MISSING, duration, field_unit, percent, quantity, significant
+from commonrail.data.records import Record
+from commonrail.report.draw.figure import figure_html
+from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
+from commonrail.report.result_kind import ResultKind
+
+SHOWN = 16  # parameters in a table or figure; all are in the CSV file
+HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
+
+
+def bar_height(rows: int) -> int:
+    """Height of a figure with bars [px]."""
+    return 130 + HEIGHT_OF_A_ROW * rows
+
+
+def _page(record: Record, folder: Path) -> str:
+    return sensitivity_html(record, folder.as_posix() or "DIR")
+
+
+KEYS = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
+RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", _page, KEYS)
+
+
+def sensitivity_html(record: Record, folder: str = "DIR") -> str:
+    """The page of a sensitivity study; `folder` is its name for the command lines in it."""
+    sections = []
+    for k, (output, table) in enumerate(zip(record["outputs"], sensitivity_tables(record), strict=True)):
+        figures = _figures(record, output)
+        drawn = [(f, figure_html(f, f"figure-{k}-{i}", bar_height(_rows(f)))) for i, f in enumerate(figures)]
+        sections.append((_heading(output), _output_lines(record, output), table, drawn))
+    return render(
+        "sensitivity.html",
+        kind="Sensitivity",
+        record=record,
+        lines=sensitivity_lines(record),
+        sections=sections,
+        ranges=_range_table(record),
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
+        commands=[("Make this report again", f"commonrail report {shlex.quote(folder)}")],
+        facts=_facts(record),
+    )
+
+
+def sensitivity_lines(record: Record) -> list[str]:
+    """Sentences on the study as a whole."""
+    kind = "Sobol' indices" if record["design"] == "sobol" else "Elementary effects (Morris)"
+    base = "base points" if record["design"] == "sobol" else "trajectories"
+    lines = [
+        f"{kind} of {len(record['ranges'])} parameters on {len(record['outputs'])} outputs, from {record['samples']:,} "
+        f"{base}: {record['injections']:,} simulations. Each parameter varies evenly over its range, independently of "
+        "the others.",
+        *record["notes"],
+    ]
+    failed = [o for o in record["outputs"] if o["failed"]["number"]]
+    if failed:
+        lines.append(
+            f"{len(failed)} of the outputs lack simulations; see there. Effects that compare one of them are omitted, "
+            "so their figures are those of the part of the ranges in which the simulation succeeds."
+        )
+    return lines
+
+
+def sensitivity_tables(record: Record) -> list[Table]:
+    """Ranked parameters of each output."""
+    return [_table(record, output) for output in record["outputs"]]
+
+
+def sensitivity_figures(record: Record) -> list[Figure]:
+    """Figures of all outputs, named by them."""
+    return [
+        replace(figure, title=f"{figure.title}: {_heading(output)}")
+        for output in record["outputs"]
+        for figure in _figures(record, output)
+    ]
+
+
+def _heading(output: Record) -> str:
+    text = f"{output['meaning'][:1].upper()}{output['meaning'][1:]}"
+    return f"{text}, {output['point']}" if output["point"] else text
+
+
+def _table(record: Record, output: Record) -> Table:
+    _, unit, scale = field_unit(output["unit"])
+    suffix = f", {unit}" if unit else ""
+
+    def at(key: str) -> Column:
+        return (f"at {key}er bound{suffix}".replace("higher", "upper"), lambda row: significant(row[key], 5, scale))
+
+    columns: list[Column] = [("parameter", "name")]
+    if output["estimated"] and record["design"] == "sobol":
+        columns += [
+            ("total, %", lambda row: _interval(row["total"], 100.0)),
+            ("alone, %", lambda row: _interval(row["first"], 100.0)),
+        ]
+    elif output["estimated"]:
+        columns += [
+            (f"mean size µ*{suffix}", lambda row: _interval(row["magnitude"], scale)),
+            (f"mean µ{suffix}", lambda row: _interval(row["effect"], scale)),
+            (f"spread σ{suffix}", lambda row: significant(row["spread"], 3, scale)),
+        ]
+    columns += [at("low"), at("high")]
+    rows = output["parameters"][:SHOWN]
+    more = len(output["parameters"]) - len(rows)
+    note = f"{more} more are in sensitivity.csv." if more else ""
+    return tabulated(_heading(output), rows, columns, note)
+
+
+def _interval(found: Record, scale: float) -> str:
+    value, low, high = (significant(found[key], 3, scale) for key in ("value", "low", "high"))
+    if scale == 100.0:  # shares: whole tenths of a percent
+        value, low, high = (_tenths(100.0 * found[key]) for key in ("value", "low", "high"))
+    return f"{value} ({low} to {high})".replace("-", "−")
+
+
+def _tenths(value: float) -> str:
+    """Percentage with one decimal, without a sign at zero."""
+    text = f"{value:.1f}"
+    return text.removeprefix("-") if not float(text) else text
+
+
+def _output_lines(record: Record, output: Record) -> list[str]:
+    lines = []
+    base = output["base"]
+    if base is not None:
+        lines.append(f"At the reference values: {quantity(base, output['unit'])}.")
+    if output["variance"] is not None:
+        spread = quantity(output["variance"] ** 0.5, output["unit"], 3)
+        lines.append(f"Over the ranges: mean {quantity(output['mean'], output['unit'])}, standard deviation {spread}.")
+    first = output["parameters"][0]
+    if output["estimated"] and record["design"] == "sobol":
+        rest = 1.0 - sum(row["first"]["value"] for row in output["parameters"])
+        lines.append(
+            f"{first['name']} takes part in {percent(first['total']['value'], 0)} % of the variance and explains "
+            f"{percent(first['first']['value'], 0)} % alone. Interactions of all parameters: "
+            f"{percent(max(rest, 0.0), 0)} %."
+        )
+    failed = output["failed"]
+    if failed["number"]:
+        reasons = " ".join(f"{number:,} × {text}" for text, number in failed["reasons"].items())
+        lines.append(
+            f"{failed['number']:,} simulations ({percent(failed['share'])} %) have no value, most of them at "
+            f"{failed['where']}: {reasons}"
+        )
+    return [*lines, *filter(None, [output["why_not"], output["missing"]])]
+
+
+def _figures(record: Record, output: Record) -> list[Figure]:
+    return [*filter(None, [_indices(record, output), _tornado(output)])]
+
+
+def _indices(record: Record, output: Record) -> Figure | None:
+    if not output["estimated"]:
+        return None
+    rows = output["parameters"][:SHOWN]
+    names = tuple(row["name"] for row in rows)
+    if record["design"] == "sobol":
+        bars = (
+            _measured("takes part in", "start", rows, "total", 100.0),
+            _measured("alone", "best", rows, "first", 100.0),
+        )
+        caption = "Total and first-order Sobol' indices with their bootstrap intervals."
+        return Figure(
+            "Share of the variance", caption, "share of the variance, %", (Panel("", (), bars=bars, rows=names),)
+        )
+    _, unit, scale = field_unit(output["unit"])
+    bar = _measured("mean size of the effects", "start", rows, "magnitude", scale)
+    return Figure(
+        "Elementary effects",
+        "Mean size µ* of the change of the output when a parameter moves over its whole range.",
+        f"effect, {unit}" if unit else "effect",
+        (Panel("", (), bars=(bar,), rows=names),),
+    )
+
+
+def _measured(label: str, look: str, rows: Sequence[Record], key: str, scale: float) -> Bars:
+    """Bars with their intervals; the first-order indices stand beside the total ones."""
+    value, low, high = (tuple(scale * row[key][end] for row in rows) for end in ("value", "low", "high"))
+    return Bars(label, look, (0.0,) * len(rows), value, low, high, slot=int(key == "first"))
+
+
+def _tornado(output: Record) -> Figure | None:
+    base = output["base"]
+    if base is None:
+        return None
+    _, unit, scale = field_unit(output["unit"])
+    rows = sorted(output["parameters"], key=lambda row: -max(_reach(row, base)))[:SHOWN]
+    start: Points = (scale * base,) * len(rows)
+
+    def ends(key: str) -> Points:
+        return tuple(None if row[key] is None else scale * row[key] for row in rows)
+
+    bars = (
+        Bars("at the lower bound", "start", start, ends("low")),
+        Bars("at the upper bound", "best", start, ends("high")),
+    )
+    line = Series("", "level", start[:1] * 2, (-0.5, len(rows) - 0.5))
+    return Figure(
+        "Tornado",
+        "One parameter at a time at the ends of its range, all others at their reference values.",
+        f"{output['name'].replace('_', ' ')}{f', {unit}' if unit else ''}",
+        (Panel("", (line,), bars=bars, rows=tuple(row["name"] for row in rows)),),
+    )
+
+
+def _reach(row: Record, base: float) -> tuple[float, float]:
+    low, high = (0.0 if row[key] is None else abs(row[key] - base) for key in ("low", "high"))
+    return low, high
+
+
+def _rows(figure: Figure) -> int:
+    return len(figure.panels[0].rows)
+
+
+def _range_table(record: Record) -> Table:
+    columns: list[Column] = [
+        ("parameter", "name"),
+        ("reference", lambda p: quantity(p["reference"], p["unit"])),
+        ("lower", lambda p: quantity(p["lower"], p["unit"])),
+        ("upper", lambda p: quantity(p["upper"], p["unit"])),
+        ("scale", "scale"),
+        ("mark", "mark"),
+        ("source", "source"),
+    ]
+    return tabulated(
+        "Ranges of the parameters", record["ranges"], columns, "Marks: M measured, C ECU, F fitted, E estimate.", 1
+    )
+
+
+_POLICY = {
+    "omit": "effects that compare a failed simulation are omitted and counted",
+    "refuse": "the study ends at the first output that lacks a simulation",
+}
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    return [
+        ("Injector", record["injector"]),
+        (
+            "Failed simulations",
+            f"{_POLICY[record['on_failure']]}; no index above {percent(record['most_failed'], 0)} %",
+        ),
+        ("Intervals", f"{percent(record['confidence'], 0)} %, bootstrap with {record['resamples']:,} resamples"),
+        ("Seed", str(record["seed"])),
+        ("Precision", record["precision"]),
+        *time_and_software(record),
+    ]
+
+
+def time_and_software(record: Record) -> list[tuple[str, str]]:
+    """Facts that a sensitivity and a tolerance study share."""
+    seconds = record["clock"]["seconds"]
+    speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
+    versions = ", ".join(f"{name} {version}" for name, version in record["software"].items())
+    return [("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)]
+
+
+SENSITIVITY = Presenter(
+    lambda s: [s.title, *sensitivity_lines(s.record())],
+    lambda s: sensitivity_tables(s.record()),
+    lambda s: sensitivity_figures(s.record()),
+)

@@ -1,0 +1,279 @@
+"""Sensitivity study: simulate a design, estimate indices or effects, and vary one parameter at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import function, instance, instances, thread_count
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.calibration.goal import Goal
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Study
+from commonrail.data.feature_targets.injection import DEFAULT, Codes, read_features, reason
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.status import OK
+from commonrail.physics.injector import Injector
+from commonrail.plugins.sensitivity.estimates import (
+    Effects,
+    Indices,
+    morris_effects,
+    one_at_a_time,
+    saltelli,
+    sobol_indices,
+    trajectories,
+)
+from commonrail.plugins.sensitivity.file import Failed, OutputSensitivity, Sensitivity, Tornado
+from commonrail.plugins.sensitivity.study import (
+    Computing,
+    Design,
+    Evaluated,
+    Features,
+    Joined,
+    Misfits,
+    Model,
+    OnFailure,
+    Output,
+    SensitivitySettings,
+)
+
+AT_A_TIME = 16_384  # candidates that are evaluated together
+
+
+class Progress(NamedTuple):
+    """Candidates done, and in all."""
+
+    done: int
+    total: int
+
+
+class _Design(NamedTuple):
+    """Candidates of a design in the unit cube, block by block; and the shape of an output's values."""
+
+    blocks: Iterator[Floats]
+    shape: tuple[int, int]
+    points: Floats  # trajectories of Morris; empty for Sobol'
+
+
+def sensitivity(
+    of: Injector | Study,
+    parameters: Sequence[Parameter] | None = None,
+    points: Sequence[OperatingPoint] = (),
+    features: Sequence[str] = DEFAULT,
+    *,
+    settings: SensitivitySettings | None = None,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Sensitivity:
+    """Sensitivity of features of an injection, and of J, to parameters.
+
+    Parameters
+    ----------
+    of : Injector or Study
+        A study adds its objective J to the outputs; its injector gives the values that do not vary.
+    parameters : sequence of Parameter, optional
+        Parameters with their ranges, uniform on their scale and independent: `parameters_within` makes them; those of
+        the study by default. Constraints of a study are not applied.
+    points : sequence of OperatingPoint
+        Operating points of the features; at least one for an injector.
+    features : sequence of str
+        "quantity", "return_quantity", "opening", "opening_delay", "closing", "closing_delay", "duration", "lift",
+        "mean_rate" and "steady_rate".
+    settings : SensitivitySettings, optional
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    progress : function of Progress, optional
+
+    Returns
+    -------
+    Sensitivity
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or there is neither an operating point nor a study.
+    SimulationError
+        If a simulation failed and the policy refuses that, or the injector itself cannot be simulated.
+    """
+    instance(of, Injector | Study, "subject of the study")
+    how = instance(settings, SensitivitySettings, "settings") if settings is not None else SensitivitySettings()
+    study = of if isinstance(of, Study) else None
+    injector = of.injector if isinstance(of, Study) else of
+    if parameters is None:
+        if study is None:
+            raise ConfigurationError(
+                "The parameters of an injector are needed; commonrail.parameters_within makes them."
+            )
+        parameters = study.space.parameters
+    space = Space(instances(parameters, Parameter, "parameters"))
+    _check(space, injector, study)
+    computing = Computing(how.step_or(study.time_step if study else None), thread_count(threads), how.precision)
+    models: list[Model] = [Misfits(_objective(study, space, computing))] if study else []
+    if instances(points, OperatingPoint, "points"):
+        models.append(Features(injector, space.names, points, read_features(features), computing))
+    if not models:
+        raise ConfigurationError("At least one operating point is needed among the points.")
+    synthetic = study.synthetic if study else injector.synthetic
+    title = study.title if study else injector.title
+    notes = (CONSTRAINTS,) if study and study.space.constrained else ()
+    return study_of_model(
+        Joined(models),
+        space,
+        how,
+        Sensitivity(title, injector.name, synthetic, tuple(space.parameters), how, notes=notes),
+        function(progress, "progress"),
+    )
+
+
+CONSTRAINTS = (
+    "The constraints of the study are not applied: indices need parameters that vary independently, each over its "
+    "whole range."
+)
+
+
+def _check(space: Space, injector: Injector, study: Study | None) -> None:
+    free = study.space.names if study else ()
+    for parameter in space.parameters:
+        if parameter.name not in injector.values and parameter.name not in free:
+            raise ConfigurationError(f"{injector.name} has no parameter {parameter.name}; correct its name.")
+
+
+def _objective(study: Study, space: Space, computing: Computing) -> Objective:
+    """J of the data, without the priors: they are no part of what was measured."""
+    return Objective(
+        study.injector,
+        space.names,
+        study.data,
+        computing.time_step,
+        computing.threads,
+        computing.precision,
+        goal=Goal(study.loss, conditions=study.conditions),
+        same_bits=study.same_bits,
+    )
+
+
+def study_of_model(
+    model: Model,
+    space: Space,
+    how: SensitivitySettings,
+    empty: Sensitivity,
+    progress: Callable[[Progress], None] | None = None,
+) -> Sensitivity:
+    """Sensitivity of any model's outputs.
+
+    Parameters
+    ----------
+    model : Model
+    space : Space
+        Ranges of the parameters.
+    how : SensitivitySettings
+    empty : Sensitivity
+        Result without outputs.
+    progress : function of Progress, optional
+    """
+    begin = time.perf_counter()
+    designing, resampling = (np.random.default_rng(s) for s in np.random.SeedSequence(how.seed).spawn(2))
+    design = _designed(how, space.dimension, designing)
+    centre = space.to_unit(space.reference)
+    cross = one_at_a_time(centre)
+    total = design.shape[0] * design.shape[1] + len(cross)
+    about = model.evaluate(_values(space, cross, space.reference))
+    found, away = _evaluated(
+        model, space, design, lambda done: progress and progress(Progress(done + len(cross), total))
+    )
+    results = []
+    for k, output in enumerate(model.outputs):
+        failed = _failed(found.codes[:, k], away[k], space)
+        _heed(how, output, failed)
+        y = found.values[:, k].reshape(design.shape)
+        indices = effects = None
+        if failed.share <= how.most_failed:
+            indices, effects = _estimates(design, y, how, np.random.default_rng(resampling.integers(2**63)))
+        results.append(OutputSensitivity(output, _tornado(about, k, space), indices, effects, failed))
+    return empty.with_outputs(tuple(results), total * model.injections, time.perf_counter() - begin)
+
+
+def _designed(how: SensitivitySettings, dimension: int, rng: np.random.Generator) -> _Design:
+    samples, each = how.samples, dimension + (1 if how.design is Design.MORRIS else 2)
+    share = max(AT_A_TIME // each, 1)
+    firsts = range(0, samples, share)
+    if how.design is Design.MORRIS:
+        paths = trajectories(dimension, samples, rng)
+        return _Design((paths[i : i + share].reshape(-1, dimension) for i in firsts), (samples, each), paths)
+    a, b = saltelli(dimension, samples, rng)
+    blocks = (_radial(a[i : i + share], b[i : i + share]) for i in firsts)
+    return _Design(blocks, (samples, each), np.empty((0, 0, 0)))
+
+
+def _radial(a: Floats, b: Floats) -> Floats:
+    """A, AB_1 … AB_d and B of some base points, one base point after the other."""
+    n, d = a.shape
+    rows = np.repeat(a[:, None, :], d + 2, axis=1)
+    rows[:, 1 + np.arange(d), np.arange(d)] = b
+    rows[:, -1] = b
+    return np.asarray(rows.reshape(n * (d + 2), d))
+
+
+def _values(space: Space, cube: Floats, exact: Floats) -> Floats:
+    """Values of positions; a position that is that of the reference has the reference itself, without rounding."""
+    return np.where(cube == space.to_unit(exact), exact, space.from_unit(cube))
+
+
+def _evaluated(model: Model, space: Space, design: _Design, told: Callable[[int], object]) -> tuple[Evaluated, Floats]:
+    """Outputs of all candidates, and for each output the mean position of the failed ones less that of all."""
+    values, codes, done = [], [], 0
+    outputs, d = len(model.outputs), space.dimension
+    failed, sums, everything = np.zeros(outputs), np.zeros((outputs, d)), np.zeros(d)
+    for cube in design.blocks:
+        found = model.evaluate(space.from_unit(cube))
+        lost = (found.codes != OK).astype(float)
+        failed, sums, everything = failed + lost.sum(axis=0), sums + lost.T @ cube, everything + cube.sum(axis=0)
+        values.append(found.values)
+        codes.append(found.codes)
+        done += len(cube)
+        told(done)
+    away = np.divide(sums, failed[:, None], out=np.zeros_like(sums), where=failed[:, None] > 0.0)
+    away = np.where(failed[:, None] > 0.0, away - everything / done, 0.0)
+    return Evaluated(np.concatenate(values), np.concatenate(codes)), away
+
+
+def _failed(codes: Codes, away: Floats, space: Space) -> Failed:
+    kinds, counts = np.unique(codes[codes != OK], return_counts=True)
+    reasons = {reason(int(kind)): int(count) for kind, count in zip(kinds, counts, strict=True)}
+    total = int(counts.sum())
+    most = int(np.argmax(np.abs(away)))
+    where = "" if not total else f"{'high' if away[most] > 0.0 else 'low'} {space.names[most]}"
+    return Failed(total, total / len(codes), reasons, where)
+
+
+def _heed(how: SensitivitySettings, output: Output, failed: Failed) -> None:
+    if how.on_failure is OnFailure.REFUSE and failed.number:
+        why = max(failed.reasons, key=lambda text: failed.reasons[text])
+        raise SimulationError(
+            f"{failed.number} simulations have no {output.name}, most at {failed.where}, and the policy is to refuse "
+            f"that: {why}"
+        )
+
+
+def _estimates(
+    design: _Design, y: Floats, how: SensitivitySettings, rng: np.random.Generator
+) -> tuple[Indices | None, Effects | None]:
+    if how.design is Design.MORRIS:
+        return None, morris_effects(design.points, y, rng, how.resamples, how.confidence)
+    return sobol_indices(y, rng, how.resamples, how.confidence), None
+
+
+def _tornado(about: Evaluated, k: int, space: Space) -> Tornado:
+    d = space.dimension
+    values, codes = about.values[:, k], about.codes[:, k]
+    if codes[0] != OK:
+        return Tornado(None, (), (), reason(int(codes[0])))
+    ends = [None if code != OK else float(value) for value, code in zip(values, codes, strict=True)]
+    lost = {reason(int(code)) for code in codes[1:] if code != OK}
+    return Tornado(float(values[0]), tuple(ends[1 : 1 + d]), tuple(ends[1 + d :]), " ".join(sorted(lost)))

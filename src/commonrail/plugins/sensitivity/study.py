@@ -1,0 +1,378 @@
+"""Settings of a sensitivity study, and the ranges of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from commonrail.base.arguments import Quantity, chosen, instance, known_names, mapping, number, settle, whole
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Precision
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.units import to_text
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.parameter import Parameter
+from commonrail.data.feature_targets.injection import STEADY, Codes, Feature, codes_of, steady_rates
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import prepare
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import OK
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.physics.parameters import Domain
+
+# Outputs of a sensitivity study as functions of the parameters: features of an injector, and J of a study.
+
+
+class Output(NamedTuple):
+    """Quantity whose sensitivity is asked for: name, SI unit, meaning, and operating point as text, if it has one."""
+
+    name: str
+    unit: str
+    meaning: str
+    point: str = ""
+
+
+class Evaluated(NamedTuple):
+    """Values (candidates, outputs) of candidates, NaN where there is none, and their codes, OK where there is one."""
+
+    values: Floats
+    codes: Codes
+
+
+class Computing(NamedTuple):
+    """Time step [s], threads (all usable processors if None) and precision of the simulations."""
+
+    time_step: float
+    threads: int | None = None
+    precision: Precision = Precision.F64
+
+
+class Model(Protocol):
+    """Outputs of candidates."""
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """Outputs in order."""
+
+    @property
+    def injections(self) -> int:
+        """Single injections that a candidate takes."""
+
+    def evaluate(self, values: Floats) -> Evaluated:
+        """Outputs of candidates (n, parameters) [SI]."""
+
+
+def point_text(point: OperatingPoint) -> str:
+    """Rail pressure and energising times of a point."""
+    rail = to_text(point.at_start(point.rail_pressure), "Pa", 4)
+    return f"{rail}, {' + '.join(to_text(pulse.duration, 's', 4) for pulse in point.pulses)}"
+
+
+class Features:
+    """Features of an injector at operating points.
+
+    Parameters
+    ----------
+    injector : Injector
+        Gives the values that do not vary.
+    names : sequence of str
+        Columns of the candidates; those that are no parameters of the injector, such as a meter's, are ignored.
+    points : sequence of OperatingPoint
+    features : sequence of Feature
+    computing : Computing
+    """
+
+    def __init__(
+        self,
+        injector: Injector,
+        names: Sequence[str],
+        points: Sequence[OperatingPoint],
+        features: Sequence[Feature],
+        computing: Computing,
+    ) -> None:
+        self.injector, self.points, self.features, self.computing = injector, tuple(points), tuple(features), computing
+        self._columns = [i for i, name in enumerate(names) if name in injector.values]
+        self._names = tuple(names[i] for i in self._columns)
+        dt = computing.time_step
+        self._ordinary = any(feature.name != STEADY for feature in features)
+        self._prepared = prepare(injector, self.points, dt)
+        self._steady = [steady_rates(p, dt) for p in points] if any(f.name == STEADY for f in features) else []
+        self._steady_prepared = [prepare(injector, [short], dt) for short, _ in self._steady]
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """Features of the first point, then those of the next."""
+        return tuple(Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
+
+    @property
+    def injections(self) -> int:
+        """Simulations of a candidate; one that ends with energising counts too."""
+        return len(self.points) * self._ordinary + len(self._steady)
+
+    def evaluate(self, values: Floats) -> Evaluated:
+        """As `Model`."""
+        own = np.ascontiguousarray(values[:, self._columns])
+        whole = self._batch(self.points, own, self._prepared) if self._ordinary else None
+        found, codes = [], []
+        for k, point in enumerate(self.points):
+            short = self._at_steady(k, own) if self._steady else None
+            for feature in self.features:
+                batch = short if feature.name == STEADY else whole and whole.at_points(slice(k, k + 1))
+                assert batch is not None
+                figures = feature.of(batch, point)
+                code = codes_of(feature, figures, batch.status[:, 0])
+                found.append(np.where(code == OK, figures, np.nan))
+                codes.append(code)
+        return Evaluated(np.stack(found, axis=1), np.stack(codes, axis=1))
+
+    def _at_steady(self, k: int, values: Floats) -> Batch:
+        short, misfit = self._steady[k]
+        return self._batch([short], values, self._steady_prepared[k], misfit)
+
+    def _batch(
+        self, points: Sequence[OperatingPoint], values: Floats, prepared: object, misfit: object = None
+    ) -> Batch:
+        step, threads, precision = self.computing
+        return simulate_batch(
+            self.injector,
+            points,
+            self._names,
+            values,
+            time_step=step,
+            threads=threads,
+            misfit=misfit,  # type: ignore[arg-type]
+            precision=precision,
+            prepared=prepared,  # type: ignore[arg-type]
+        )
+
+
+class Misfits:
+    """J of a study."""
+
+    def __init__(self, objective: Objective) -> None:
+        self.objective = objective
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """J alone."""
+        return (Output("J", "1", "objective of the study"),)
+
+    @property
+    def injections(self) -> int:
+        """Points of the data and of the conditions."""
+        return self.objective.injections
+
+    def evaluate(self, values: Floats) -> Evaluated:
+        """As `Model`."""
+        scores = self.objective.costs(values)
+        codes = scores.statuses.astype(np.int8)
+        return Evaluated(np.where(codes == OK, scores.costs, np.nan)[:, None], codes[:, None])
+
+
+class Joined:
+    """Outputs of several models side by side."""
+
+    def __init__(self, models: Sequence[Model]) -> None:
+        self.models = tuple(models)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """Of all models, in order."""
+        return tuple(output for model in self.models for output in model.outputs)
+
+    @property
+    def injections(self) -> int:
+        """Sum over the models."""
+        return sum(model.injections for model in self.models)
+
+    def evaluate(self, values: Floats) -> Evaluated:
+        """As `Model`."""
+        found = [model.evaluate(values) for model in self.models]
+        return Evaluated(np.hstack([f.values for f in found]), np.hstack([f.codes for f in found]))
+
+
+WITHIN = 0.05  # half width of a range about the value, as a share of it
+COUNTED = ("nozzle.holes", "solenoid.turns", "solenoid.air_gaps")  # whole numbers: they have no tolerance
+MOST_PARAMETERS = 1000
+
+
+class Design(Enum):
+    """Kind of study: Morris screens many parameters with few simulations, Sobol' divides the variance among them."""
+
+    SOBOL = "sobol"
+    MORRIS = "morris"
+
+
+class OnFailure(Enum):
+    """Policy for failed simulations: omit the effects that compare them, and say how many; or refuse the study."""
+
+    OMIT = "omit"
+    REFUSE = "refuse"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensitivitySettings:
+    """Settings of a sensitivity study.
+
+    Parameters
+    ----------
+    design : Design or str
+        "sobol" or "morris".
+    samples : int
+        Base points of a Sobol' study, a power of two, or trajectories of a Morris study; 0 for 1024 or 50.
+    seed : int
+        Of design and bootstrap.
+    resamples : int
+        Of the bootstrap.
+    confidence : float
+        Probability of the intervals, between 0.5 and 0.999.
+    on_failure : OnFailure or str
+        "omit" or "refuse".
+    most_failed : float
+        Share of the simulations of an output up to which it is estimated; beyond it no index is given.
+    time_step : float or str, optional
+        [s]; that of the study, or 1 us for an injector.
+    precision : Precision or str
+        "f64" or "f32".
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is of another kind or beyond its limits.
+    """
+
+    design: Design = Design.SOBOL
+    samples: int = 0
+    seed: int = 1
+    resamples: int = 1000
+    confidence: float = 0.95
+    on_failure: OnFailure = OnFailure.OMIT
+    most_failed: float = 0.1
+    time_step: float | None = None
+    precision: Precision = Precision.F64
+
+    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+
+        def __init__(
+            self,
+            *,
+            design: Design | str = Design.SOBOL,
+            samples: int = 0,
+            seed: int = 1,
+            resamples: int = 1000,
+            confidence: float = 0.95,
+            on_failure: OnFailure | str = OnFailure.OMIT,
+            most_failed: float = 0.1,
+            time_step: Quantity | None = None,
+            precision: Precision | str = Precision.F64,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        design = chosen(self.design, Design, "design")
+        default = 1024 if design is Design.SOBOL else 50
+        samples = whole(self.samples or default, "number of samples", 4, 2**20)
+        if design is Design.SOBOL and samples & (samples - 1):
+            raise ConfigurationError(
+                f"The number of samples must be a power of two for Sobol' indices, such as "
+                f"{1 << samples.bit_length()}, not {samples}."
+            )
+        settle(
+            self,
+            design=design,
+            samples=samples,
+            seed=whole(self.seed, "seed"),
+            resamples=whole(self.resamples, "number of resamples", 100, 100_000),
+            confidence=_between(self.confidence, "confidence", 0.5, 0.999),
+            on_failure=chosen(self.on_failure, OnFailure, "policy for failures"),
+            most_failed=_between(self.most_failed, "largest share of failures", 0.0, 0.9),
+            time_step=None if self.time_step is None else check_step(self.time_step),
+            precision=chosen(self.precision, Precision, "precision"),
+        )
+
+    def step_or(self, own: float | None) -> float:
+        """Time step [s]: the one that is set, else the study's own, else the engine's default."""
+        return check_step(own or DEFAULT_STEP if self.time_step is None else self.time_step)
+
+
+def _between(value: object, what: str, low: float, high: float) -> float:
+    found = number(value, "1", what)
+    if not low <= found <= high:
+        raise ConfigurationError(f"The {what} must lie between {low:g} and {high:g}, not {found:g}.")
+    return found
+
+
+def default_names(injector: Injector) -> tuple[str, ...]:
+    """Parameters that a study varies unless told otherwise: all that are not zero, without counts and temperature."""
+    return tuple(
+        name
+        for name, value in injector.values.items()
+        if value != 0.0 and name not in COUNTED and name != FUEL_TEMPERATURE
+    )
+
+
+def parameters_within(
+    injector: Injector,
+    names: Sequence[str] | None = None,
+    within: Quantity = WITHIN,
+    ranges: Mapping[str, tuple[Quantity, Quantity]] | None = None,
+) -> tuple[Parameter, ...]:
+    """Parameters of an injector with ranges for a sensitivity study.
+
+    Parameters
+    ----------
+    injector : Injector
+        Its values are the references.
+    names : sequence of str, optional
+        Dotted names; all parameters but zeros, counts and the fuel's temperature if omitted and no `ranges` are given.
+    within : float or str
+        Half width of a range as a share of the value, such as 0.05 or "5 %". At the end of a parameter's domain the
+        range is cut.
+    ranges : mapping of str to (low, high), optional
+        Ranges of their own, SI or text with units; their names need not be among `names`.
+
+    Raises
+    ------
+    ConfigurationError
+        If a name is unknown, a value is zero and has no range, or a range is crossed or leaves the domain.
+    """
+    instance(injector, Injector, "injector")
+    own = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
+    share = number(within, "1", "share of the ranges")
+    if not 0.0 < share <= 1.0:
+        raise ConfigurationError(f"The share of the ranges must be greater than 0 and at most 1, not {share:g}.")
+    if names is None:
+        names = () if own else default_names(injector)
+    wanted = known_names(list(dict.fromkeys([*names, *own])), parameter_quantities(), "names", "valve.lift")
+    if not wanted:
+        raise ConfigurationError("At least one parameter is needed among the names.")
+    return tuple(_ranged(injector, name, own.get(name), share) for name in wanted)
+
+
+def _ranged(injector: Injector, name: str, given: object, share: float) -> Parameter:
+    quantity, value = parameter_quantities()[name], injector.values[name]
+    if given is None:
+        if value == 0.0:
+            raise ConfigurationError(
+                f"{name} is zero in {injector.name}: a share of it is no range; give low and high."
+            )
+        low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
+        if quantity.domain in (Domain.COEFFICIENT, Domain.UNIT):
+            high = min(high, 1.0)
+    else:
+        pair = given if isinstance(given, tuple | list) and len(given) == 2 else None
+        if pair is None:
+            raise ConfigurationError(f'The range of {name} must be a pair, such as ("50 um", "60 um").')
+        low, high = (number(end, quantity.unit, f"range of {name}") for end in pair)
+    if not (quantity.domain.admits(low) and quantity.domain.admits(high)):
+        raise ConfigurationError(
+            f"The range of {name}, {low:g} to {high:g} {quantity.unit}, must lie in its domain: "
+            f"{quantity.domain.value}."
+        )
+    source = f"{share:.3g} of the value to either side" if given is None else "range of the sensitivity study"
+    return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, signed=True)

@@ -1,0 +1,226 @@
+"""commonrail sensitivity: effect of parameters on J, quantities and features of an injection."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+
+from commonrail.base.choices import Precision
+from commonrail.base.errors import InputError
+from commonrail.base.units import parse
+from commonrail.cli.console import Bar, Stage, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads
+
+if TYPE_CHECKING:
+    from commonrail.calibration.parameter import Parameter
+    from commonrail.calibration.study import Study
+    from commonrail.engine.operating_point import OperatingPoint
+    from commonrail.physics.injector import Injector
+    from commonrail.plugins.sensitivity.file import Sensitivity
+
+DESIGNS = ("sobol", "morris")
+
+
+@verb
+def sensitivity(
+    source: Annotated[
+        str,
+        Argument(help="Injector file, name of the catalogue, study file, or run folder of `calibrate`."),
+    ],
+    *,
+    parameter: Annotated[
+        tuple[str, ...],
+        Option(
+            metavar="NAME[=LOW:HIGH]",
+            help="Parameter to be varied, with its range or within --within; repeatable. [default: those of the study; "
+            "all of an injector that are not zero]",
+        ),
+    ] = (),
+    within: Annotated[str, Option(help="Half width of a range as a share of the value, e.g. 5%.")] = "5%",
+    rail_pressure: Annotated[
+        tuple[str, ...], Option(help="Rail pressure of the operating points, e.g. 160MPa; repeatable.")
+    ] = (),
+    energising_time: Annotated[
+        tuple[str, ...], Option(help="Energising time of the operating points, e.g. 700us; repeatable.")
+    ] = (),
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    feature: Annotated[
+        tuple[str, ...],
+        Option(
+            help="Feature at the operating points: quantity, return_quantity, opening, opening_delay, closing, "
+            "closing_delay, duration, lift, mean_rate, steady_rate; repeatable. [default: quantity, both delays, "
+            "duration, steady_rate]"
+        ),
+    ] = (),
+    design: Annotated[
+        str, Option(help="Design: sobol divides the variance among parameters, morris screens many of them.")
+    ] = "sobol",
+    samples: Annotated[
+        int,
+        Option(min=0, help="Number of base points (a power of two) or trajectories; 0 for 1024 or 50."),
+    ] = 0,
+    on_failure: Annotated[
+        str, Option(help="Policy for failed simulations: omit their effects and count them, or refuse.")
+    ] = "omit",
+    most_failed: Annotated[
+        str, Option(help="Share of failed simulations above which an output gets no indices.")
+    ] = "10%",
+    seed: Annotated[int, Option(min=0, help="Seed of design and bootstrap.")] = 1,
+    time_step: Annotated[str | None, Option(help="Time step, e.g. 1us. [default: that of the study, or 1us]")] = None,
+    precision: Annotated[Precision, Option(help="Precision of the simulations.")] = Precision.F64,
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="New folder for report.html, sensitivity.json, sensitivity.csv.")
+    ] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Rank parameters by their effect.
+
+    A study or a run adds its objective J; operating points add features at each pair of rail pressure and energising
+    time. Without --out nothing is written.
+
+    \b
+    Examples:
+      commonrail sensitivity virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us --design morris
+      commonrail sensitivity my.toml --parameter nozzle.hole_diameter=0.128mm:0.132mm --parameter valve.lift \\
+          --within 3% --rail-pressure 80MPa --rail-pressure 160MPa --energising-time 700us --out runs/sensitivity
+      commonrail sensitivity cases/paper/study.toml --samples 256
+    """
+    from commonrail.data.feature_targets.injection import DEFAULT
+    from commonrail.plugins.sensitivity.run import sensitivity as run
+    from commonrail.plugins.sensitivity.study import SensitivitySettings
+
+    settings = SensitivitySettings(
+        design=design,
+        samples=samples,
+        seed=seed,
+        on_failure=on_failure,
+        most_failed=parse(most_failed, "1", "--most-failed"),
+        time_step=None if time_step is None else parse(time_step, "s", "--time-step"),
+        precision=precision,
+    )
+    pressures = (
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        parse(return_pressure, "Pa", "--return-pressure"),
+    )
+    points = _points(rail_pressure, energising_time, pressures)
+    subject = _subject(source)
+    chosen = _parameters(subject, parameter, parse(within, "1", "--within"))
+
+    def work() -> Sensitivity:
+        with Bar(f"{source}: {settings.design.value}, {settings.samples} samples") as bar:
+            return run(
+                subject,
+                chosen,
+                points,
+                tuple(feature or DEFAULT),
+                settings=settings,
+                threads=threads,
+                progress=lambda p: bar.show(Stage("simulating", p.done, p.total, f"{p.total} candidates")),
+            )
+
+    _report(work() if out is None else _into(out, work), out, json)
+
+
+def _into(folder: Path, work: Any) -> Sensitivity:
+    """Run a study into a new folder, which is removed again if nothing comes of it."""
+    from commonrail.report.page import write_report
+    from commonrail.runs.comparison import write_analysis
+    from commonrail.runs.folder import new_run_folder
+
+    with new_run_folder(folder):
+        found: Sensitivity = work()
+        write_analysis(folder, "sensitivity.csv", found.record(), found.rows())
+    write_report(folder)
+    return found
+
+
+def _report(found: Sensitivity, out: Path | None, json: bool) -> None:
+    from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
+
+    record = found.record()
+    if json:
+        print_json(record)
+        return
+    if record["synthetic"]:
+        click.echo(f"SYNTHETIC: {record['synthetic']}")
+    for line in sensitivity_lines(record):
+        click.echo(line)
+    for output, table in zip(record["outputs"], sensitivity_tables(record), strict=True):
+        print_table(table)
+        if output["why_not"]:
+            say(f"{output['name']}: {output['why_not']}")
+    if out is not None:
+        click.echo(f"report: {out / 'report.html'}")
+
+
+def _points(rails: Sequence[str], times: Sequence[str], pressures: tuple[float, float]) -> tuple[OperatingPoint, ...]:
+    from commonrail.engine.operating_point import OperatingPoint
+
+    if bool(rails) != bool(times):
+        raise InputError("Give both --rail-pressure and --energising-time for operating points, or neither.")
+    rail = [parse(text, "Pa", "--rail-pressure") for text in rails]
+    time = [parse(text, "s", "--energising-time") for text in times]
+    return tuple(OperatingPoint(p, t, *pressures) for p, t in itertools.product(rail, time))
+
+
+def _subject(source: str) -> Injector | Study:
+    """Injector, study, or study at the values of a run."""
+    from commonrail.calibration.study_file.file import load_study
+    from commonrail.readers.injector.file import load_injector
+    from commonrail.readers.toml import read_toml
+
+    path = Path(source)
+    if path.is_dir():
+        return _of_run(path)
+    if source.endswith(".toml"):
+        document, _ = read_toml(path)
+        if str(document.get("format", "")).startswith("commonrail-study/"):
+            return load_study(path)
+    return load_injector(source)
+
+
+def _of_run(run: Path) -> Study:
+    """The study of a run folder about its calibrated values."""
+    from commonrail.calibration.space import Space
+    from commonrail.calibration.study_file.file import load_study
+    from commonrail.readers.injector.file import load_injector
+
+    calibrated = run / "calibrated.toml"
+    if not calibrated.is_file():
+        raise InputError(
+            f"{run}: not a run folder of commonrail calibrate (there is no calibrated.toml); name another."
+        )
+    study, injector = load_study(run / "study.toml"), load_injector(calibrated)
+    parameters = [replace(p, reference=injector.values.get(p.name, p.reference)) for p in study.space.parameters]
+    return replace(study, injector=injector, space=Space(parameters, study.space.constraints, study.space.products))
+
+
+def _parameters(subject: Injector | Study, given: Sequence[str], within: float) -> tuple[Parameter, ...] | None:
+    """Parameters with their ranges; None for those of the study."""
+    from commonrail.calibration.study import Study
+    from commonrail.physics.injector import parameter_quantities
+    from commonrail.plugins.sensitivity.study import parameters_within
+
+    if isinstance(subject, Study) and not given:
+        return None
+    injector = subject.injector if isinstance(subject, Study) else subject
+    known, ranges = parameter_quantities(), {}
+    names = []
+    for text in given:
+        name, equals, ends = (part.strip() for part in text.partition("="))
+        names.append(name)
+        if equals and name in known:
+            where = f"--parameter {text}"
+            low, colon, high = ends.partition(":")
+            if not colon:
+                raise InputError(f"{where}: expected NAME=LOW:HIGH, such as valve.lift=50um:60um.")
+            ranges[name] = (parse(low, known[name].unit, where), parse(high, known[name].unit, where))
+    return parameters_within(injector, names or None, within, ranges)

@@ -1,0 +1,1 @@
+"""Scatter of a series within tolerances."""

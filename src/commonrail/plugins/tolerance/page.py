@@ -1,0 +1,269 @@
+"""The page of a tolerance study: capability, histograms, shares of the variance, trim, dimensions."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+from commonrail.base.chart import Bars, Figure, Panel, Series
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import MISSING, fixed, percent, quantity, significant
+from commonrail.data.records import MICROSECOND, MM3, Record
+from commonrail.plugins.sensitivity.page import SHOWN, bar_height, time_and_software
+from commonrail.report.draw.figure import figure_html
+from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
+from commonrail.report.result_kind import ResultKind
+
+SHARES = "Of a cubic fit to the parts, with jackknife intervals; small intervals are hidden by the bars' ends."
+SMALL = 1e-3  # share of parts below which it is given in parts per million
+
+
+def _page(record: Record, folder: Path) -> str:
+    return tolerance_html(record, folder.as_posix() or "DIR")
+
+
+KEYS = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
+RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", _page, KEYS)
+
+
+def tolerance_html(record: Record, folder: str = "DIR") -> str:
+    """The page of a tolerance study; `folder` is its name for the command lines in it."""
+    sections = []
+    for k, point in enumerate(record["points"]):
+        figures = [(f, figure_html(f, f"figure-{k}-{i}", height)) for i, (f, height) in enumerate(_figures(point))]
+        sections.append((point["name"], _point_lines(point), figures, _share_table(record, point)))
+    return render(
+        "tolerance.html",
+        kind="Tolerance",
+        record=record,
+        lines=tolerance_lines(record),
+        capability=_capability_table(record),
+        sections=sections,
+        trim=_trim_table(record),
+        trim_lines=_trim_lines(record),
+        dimensions=_dimension_table(record),
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
+        commands=[("Make this report again", f"commonrail report {shlex.quote(folder)}")],
+        facts=_facts(record),
+    )
+
+
+def tolerance_lines(record: Record) -> list[str]:
+    """Sentences on the study as a whole."""
+    lines = [
+        f"{record['parts']:,} parts of {record['injector']['title']}, whose {len(record['dimensions'])} dimensions "
+        f"scatter within their tolerances, at {len(record['points'])} operating points: {record['injections']:,} "
+        "simulations."
+    ]
+    for point in record["points"]:
+        best = point["dimensions"][0]
+        if best["share"] is not None:
+            lines.append(
+                f"{point['name']}: standard deviation {quantity(point['spread']['deviation'], 'm3', 3)}, "
+                f"{percent(best['share']['value'], 0)} % of the variance from {best['name']}; with half of its spread "
+                f"{quantity(best['if_halved'], 'm3', 3)}."
+            )
+    failed = sum(point["spread"]["failed"] for point in record["points"])
+    if failed:
+        lines.append(f"{failed:,} simulations failed; a part that fails counts as out of limits, and has no quantity.")
+    return lines
+
+
+def tolerance_tables(record: Record) -> list[Table]:
+    """Tables of the terminal: capability, shares of each point, trim."""
+    tables = [_capability_table(record), *(_share_table(record, point) for point in record["points"])]
+    trim = _trim_table(record)
+    return tables if trim is None else [*tables, trim]
+
+
+def tolerance_figures(record: Record) -> list[Figure]:
+    """Figures of all operating points, named by them."""
+    return [
+        replace(figure, title=f"{figure.title}: {point['name']}")
+        for point in record["points"]
+        for figure, _ in _figures(point)
+    ]
+
+
+def _out(spread: Record) -> str:
+    if spread["lower"] is None and spread["upper"] is None:
+        return MISSING
+    out = spread["out"]
+    if out["value"] < SMALL:
+        value, low, high = (significant(1e6 * out[key], 3) for key in ("value", "low", "high"))
+        return f"{value} ppm ({low} to {high})"
+    value, low, high = (percent(out[key], 2) for key in ("value", "low", "high"))
+    return f"{value} % ({low} to {high})"
+
+
+def _volume(value: float | None, digits: int = 4) -> str:
+    return significant(value, digits, MM3)
+
+
+def _capability_table(record: Record) -> Table:
+    columns: list[Column] = [
+        ("operating point", "name"),
+        ("as drawn, mm³", lambda p: _volume(p["nominal"])),
+        ("mean, mm³", lambda p: _volume(p["spread"]["mean"])),
+        ("st. dev., mm³", lambda p: _volume(p["spread"]["deviation"], 3)),
+        ("99.73 % of the parts, mm³", _range),
+        ("limits, mm³", lambda p: f"{_volume(p['spread']['lower'])} to {_volume(p['spread']['upper'])}"),
+        ("out of limits", lambda p: _out(p["spread"])),
+        ("failed", lambda p: f"{p['spread']['failed']:,}"),
+        ("Cp", lambda p: fixed(p["spread"]["cp"], 2)),
+        ("Cpk", lambda p: fixed(p["spread"]["cpk"], 2)),
+    ]
+    sure = percent(record["confidence"], 0)
+    note = (
+        f"Out of limits with its {sure} % interval (Clopper and Pearson); failed parts are among them. Cp and Cpk take "
+        "the standard deviation, and mean what they say for a normal distribution; the share out of limits is counted."
+    )
+    return tabulated("Capability", record["points"], columns, note)
+
+
+def _range(point: Record) -> str:
+    quantiles = point["spread"]["quantiles"]
+    return f"{_volume(quantiles['0.00135'])} to {_volume(quantiles['0.99865'])}"
+
+
+def _share_table(record: Record, point: Record) -> Table:
+    columns: list[Column] = [
+        ("dimension", "name"),
+        ("share of the variance, %", _share),
+        ("from 2.5 % to 97.5 % of the parts, mm³", lambda d: significant(d["swing"], 3, MM3)),
+        ("st. dev. with half the spread, mm³", lambda d: _volume(d["if_halved"], 3)),
+    ]
+    rest = "" if point["rest"] is None else f"Rest: {percent(max(point['rest'], 0.0))} %, interactions and steps. "
+    more = len(point["dimensions"]) - SHOWN
+    note = f"{rest}{f'{more} more are in tolerance.csv.' if more > 0 else ''}".strip()
+    return tabulated(f"Tolerances to tighten: {point['name']}", point["dimensions"][:SHOWN], columns, note)
+
+
+def _share(row: Record) -> str:
+    if row["share"] is None:
+        return MISSING
+    value, low, high = (percent(row["share"][key]) for key in ("value", "low", "high"))
+    return f"{value} ({low} to {high})".replace("-", "−")
+
+
+def _point_lines(point: Record) -> list[str]:
+    spread = point["spread"]
+    return [f"{number:,} parts failed: {text}" for text, number in spread["reasons"].items()]
+
+
+def _figures(point: Record) -> list[tuple[Figure, int]]:
+    figures = [(_histogram(point), 260)]
+    rows = [row for row in point["dimensions"] if row["share"] is not None][:SHOWN]
+    if rows:
+        value, low, high = (tuple(100.0 * row["share"][key] for row in rows) for key in ("value", "low", "high"))
+        bars = Bars("", "start", (0.0,) * len(rows), value, low, high)
+        panel = Panel("", (), bars=(bars,), rows=tuple(row["name"] for row in rows))
+        figure = Figure(
+            "Share of the variance", "Covariance of each dimension's part of a cubic fit.", "share, %", (panel,)
+        )
+        figures.append((figure, bar_height(len(rows)) - 30))
+    return figures
+
+
+def _histogram(point: Record) -> Figure:
+    """Histogram as a line with steps, and the limits."""
+    spread = point["spread"]
+    edges, counts = spread["histogram"]["edges"], spread["histogram"]["counts"]
+    shares = [100.0 * count / spread["parts"] for count in counts]
+    x = tuple(MM3 * edge for edge in edges for _ in (0, 1))
+    y = (0.0, *(share for share in shares for _ in (0, 1)), 0.0)
+    series = [Series("parts", "solid", x, y, family=0)]
+    top = max(shares)
+    for name, at in (("lower", spread["lower"]), ("upper", spread["upper"]), ("drawn", point["nominal"])):
+        if at is not None:
+            look = "level" if name == "drawn" else "best"
+            label = "as drawn" if name == "drawn" else "limits" if name == "lower" or spread["lower"] is None else ""
+            series.append(Series(label, look, (MM3 * at,) * 2, (0.0, top)))
+    return Figure(
+        "Quantity of the parts", "", "injected quantity, mm³", (Panel("share of the parts, %", tuple(series)),)
+    )
+
+
+def _trim_table(record: Record) -> Table | None:
+    trim = record["trim"]
+    if trim is None:
+        return None
+    columns: list[Column] = [
+        ("operating point", "name"),
+        ("st. dev. before, mm³", lambda p: _volume(p["before"]["deviation"], 3)),
+        ("after, mm³", lambda p: _volume(p["after"]["deviation"], 3)),
+        ("after, % of before", lambda p: fixed(100.0 * p["after"]["deviation"] / p["before"]["deviation"], 0)),
+        ("out of limits before", lambda p: _out(p["before"])),
+        ("out of limits after", lambda p: _out(p["after"])),
+        ("st. dev. of the correction, µs", lambda p: fixed(p["correction"]["deviation"], 1, MICROSECOND)),
+    ]
+    return tabulated("Trim", trim["points"], columns, "Standard deviations are those over the parts.")
+
+
+def _trim_lines(record: Record) -> list[str]:
+    trim = record["trim"]
+    if trim is None:
+        return []
+    test = " and ".join(trim["test_points"])
+    law = "the same at all points" if len(trim["test_points"]) == 1 else "linear in the energising time"
+    scatter = quantity(trim["scatter"], "m3", 3)
+    lines = [
+        f"{trim['parts']:,} parts, each measured at {test} with a scatter of {scatter}, and corrected in its "
+        f"energising time by the nominal slope, {law}, in steps of {quantity(trim['resolution'], 's', 3)}. Each was "
+        "simulated again at its own energising time."
+    ]
+    if trim["unmeasured"]:
+        lines.append(f"{trim['unmeasured']:,} parts could not be measured and are left out.")
+    held = sum(point["held"] for point in trim["points"])
+    return [*lines, *([f"{held:,} corrections ended at half of the energising time."] if held else [])]
+
+
+def _dimension_table(record: Record) -> Table:
+    columns: list[Column] = [
+        ("dimension", "name"),
+        ("as drawn", lambda d: quantity(d["drawn"], d["unit"])),
+        ("distribution", _distribution),
+        ("mark", "mark"),
+        ("source", "source"),
+    ]
+    pairs = [f"{c['first']} and {c['second']}: {c['value']:g}" for c in record["correlations"]]
+    note = f"Correlations of the normal scores: {'; '.join(pairs)}. " if pairs else "All are independent. "
+    return tabulated(
+        "Dimensions", record["dimensions"], columns, note + "Marks: M measured, C ECU, F fitted, E estimate.", 1
+    )
+
+
+def _distribution(dimension: Record) -> str:
+    given, unit = dimension["distribution"], dimension["unit"]
+    ends = [quantity(given[key], unit, 5) for key in ("lower", "upper")]
+    between = f"{ends[0]} to {ends[1]}"
+    if given["kind"] == "normal":
+        cut = "" if given["lower"] is None and given["upper"] is None else f", cut: {between}"
+        sigma = quantity(given["sigma"], unit, 3)
+        return f"normal, {quantity(given['mean'], unit, 5)}, standard deviation {sigma}{cut}"
+    return f"{given['kind']}, {between}"
+
+
+_SAMPLING = {
+    "quasi-random": "quasi-random (scrambled Sobol' sequence)",
+    "random": "independent random numbers",
+}
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    return [
+        ("Injector", f"{record['injector']['name']} ({record['injector']['variant']})"),
+        ("Parts", f"{record['parts']:,}, {_SAMPLING[record['sampling']]}"),
+        ("Seed", str(record["seed"])),
+        ("Time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs, {record['precision']}"),
+        *time_and_software(record),
+    ]
+
+
+TOLERANCE = Presenter(
+    lambda t: [t.tolerances.title, *tolerance_lines(t.record())],
+    lambda t: tolerance_tables(t.record()),
+    lambda t: tolerance_figures(t.record()),
+)

@@ -1,0 +1,337 @@
+"""Simulated parts of a tolerance study: the injector with its dimensions as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import Prepared, prepare
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.status import OK, Status
+from commonrail.plugins.tolerance.study import Tolerances
+
+
+class Parts(NamedTuple):
+    """Quantities (parts, points) [m³], NaN where a simulation failed, and codes: values of `Status`."""
+
+    quantities: Floats
+    codes: NDArray[np.int8]
+
+
+class Simulated:
+    """The study's injector with its dimensions as columns.
+
+    Parameters
+    ----------
+    tolerances : Tolerances
+    threads : int, optional
+    """
+
+    def __init__(self, tolerances: Tolerances, threads: int | None = None) -> None:
+        self.tolerances, self.threads, self.injections = tolerances, threads, 0
+        self.points = [p.point for p in tolerances.points]
+        self._prepared = prepare(tolerances.injector, self.points, tolerances.time_step)
+
+    def parts(self, values: Floats | None) -> Parts:
+        """Quantities of parts (n, dimensions) [SI] at the study's points; of the part as drawn for None."""
+        return self._run(self.points, values, self._prepared)
+
+    def at(self, point: OperatingPoint, values: Floats | None) -> Parts:
+        """Quantities of parts at another point, as those of `parts`."""
+        return self._run([point], values, None)
+
+    def _run(self, points: Sequence[OperatingPoint], values: Floats | None, prepared: Prepared | None) -> Parts:
+        t = self.tolerances
+        self.injections += (1 if values is None else len(values)) * len(points)
+        batch = simulate_batch(
+            t.injector,
+            points,
+            () if values is None else t.names,
+            values,
+            time_step=t.time_step,
+            threads=self.threads,
+            precision=t.precision,
+            prepared=prepared,
+        )
+        good = batch.status == OK
+        return Parts(np.where(good, batch.injected_volume, np.nan), batch.status.astype(np.int8))
+
+
+# Share of each dimension in the variance of the quantity, by regression on the parts: no simulation is added.
+#
+# The quantity is fitted by a sum of cubic polynomials, one of each dimension. The share of a dimension is the
+# covariance of its polynomial with the quantity over the variance of the quantity (Li et al. 2010): with independent
+# dimensions its first-order Sobol' index, and with correlated ones too the shares and the rest sum to 1. The rest is
+# interactions, and steps that a cubic does not follow.
+
+DEGREE = 3  # of a dimension's polynomial
+GROUPS = 16  # of parts, each left out in turn for the intervals
+WIDE = np.array([0.025, 0.975])  # shares of the parts at which the scaled dimension is -1 and 1
+
+
+class Shares(NamedTuple):
+    """Shares of the variance at one operating point, per dimension.
+
+    Attributes
+    ----------
+    value, low, high : (d,)
+        Share of the variance, and its interval (jackknife over groups of parts).
+    rest : float
+        Share that is in no dimension alone.
+    swing : (d,)
+        Quantity at the value below which 97.5 % of the parts lie less that at 2.5 %, all else the same [m³].
+    halved : (d,)
+        Standard deviation of the quantity if the deviations of this dimension were half as large [m³].
+    """
+
+    value: Floats
+    low: Floats
+    high: Floats
+    rest: float
+    swing: Floats
+    halved: Floats
+
+
+class _Fit(NamedTuple):
+    """Shares, swings and halved standard deviations (d,), and the share of the rest."""
+
+    shares: Floats
+    swing: Floats
+    halved: Floats
+    rest: float
+
+
+class VarianceShares:
+    """Sums from which the shares follow, collected block by block.
+
+    Parameters
+    ----------
+    tolerances : Tolerances
+    centre : (points,)
+        Quantity about which sums are taken, so that rounding does not matter [m³].
+    """
+
+    def __init__(self, tolerances: Tolerances, centre: Floats) -> None:
+        ends = np.stack([dimension.distribution.at(WIDE) for dimension in tolerances.dimensions])
+        self._middle, self._reach = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
+        self._centre, self._d = centre, len(ends)
+        columns = 1 + DEGREE * self._d
+        self._products = np.zeros((GROUPS, len(centre), columns, columns))
+        self._sums = np.zeros((GROUPS, len(centre), columns))
+        self._squares = np.zeros((GROUPS, len(centre)))
+
+    def add(self, group: int, values: Floats, quantities: Floats) -> None:
+        """Collect parts; a quantity that is NaN does not count.
+
+        Parameters
+        ----------
+        group : int
+            From 0 to `GROUPS` − 1.
+        values : (n, dimensions)
+            [SI].
+        quantities : (n, points)
+            [m³].
+        """
+        scaled = (values - self._middle) / self._reach
+        powers = [np.ones((len(values), 1)), scaled]
+        for _ in range(1, DEGREE):
+            powers.append(powers[-1] * scaled)
+        terms = np.hstack(powers)
+        everything = terms.T @ terms
+        for k, column in enumerate((quantities - self._centre).T):
+            there = np.isfinite(column)
+            own, known = (terms, column) if there.all() else (terms[there], column[there])
+            self._products[group, k] += everything if len(own) == len(terms) else own.T @ own
+            self._sums[group, k] += own.T @ known
+            self._squares[group, k] += float(known @ known)
+
+    def shares(self, k: int, confidence: float) -> Shares | None:
+        """Shares at operating point k; None where too few parts are there, or the quantity does not scatter.
+
+        Parameters
+        ----------
+        k : int
+        confidence : float
+            Probability of the intervals.
+        """
+        from scipy.special import stdtrit  # slow to import
+
+        sums = [self._products[:, k], self._sums[:, k], self._squares[:, k]]
+        whole = self._fit(*(part.sum(axis=0) for part in sums))
+        if whole is None:
+            return None
+        used = [g for g in range(GROUPS) if self._products[g, k, 0, 0] > 0.0]
+        others = [self._fit(*(part.sum(axis=0) - part[g] for part in sums)) for g in used]
+        found = np.array([other.shares for other in others if other is not None])
+        n = len(found)
+        if n < 2:
+            return None
+        spread = np.sqrt((n - 1.0) / n * np.sum((found - found.mean(axis=0)) ** 2, axis=0))
+        reach = float(stdtrit(n - 1, 0.5 + 0.5 * confidence)) * spread
+        return Shares(whole.shares, whole.shares - reach, whole.shares + reach, whole.rest, whole.swing, whole.halved)
+
+    def _fit(self, products: Floats, sums: Floats, squares: Floats) -> _Fit | None:
+        """Least squares from sums."""
+        n, d = float(products[0, 0]), self._d
+        variance = float(squares) / n - (float(sums[0]) / n) ** 2 if n else 0.0
+        if n < 2 * len(sums) or not variance > 0.0:
+            return None
+        means = products[0, 1:] / n
+        covariances = products[1:, 1:] / n - np.outer(means, means)
+        with_quantity = sums[1:] / n - means * float(sums[0]) / n
+        slopes: Floats = np.asarray(np.linalg.lstsq(covariances, with_quantity, rcond=1e-12)[0], dtype=np.float64)
+        by_degree = (slopes * with_quantity).reshape(DEGREE, d).sum(axis=0)
+        own = [_quadratic(covariances, slopes, np.arange(j, DEGREE * d, d)) for j in range(d)]
+        odd = slopes.reshape(DEGREE, d)[::2].sum(axis=0)
+        halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * np.array(own), 0.0))
+        shares = by_degree / variance
+        return _Fit(shares, 2.0 * odd, halved, float(1.0 - shares.sum()))
+
+
+def _quadratic(covariances: Floats, slopes: Floats, columns: IndexArray) -> float:
+    """Variance of one dimension's polynomial."""
+    return float(slopes[columns] @ covariances[np.ix_(columns, columns)] @ slopes[columns])
+
+
+# Figures of the spread of a quantity over parts, and of the capability within limits.
+
+# Shares of the parts below the quantiles that are given; the outer two enclose 6 sigma of a normal distribution.
+QUANTILES = (0.00135, 0.025, 0.5, 0.975, 0.99865)
+BARS = 60  # of the histogram
+
+
+class Spread(NamedTuple):
+    """Spread of a quantity over parts at one operating point, SI.
+
+    Attributes
+    ----------
+    parts, failed : int
+        Number of parts, and of those whose simulation failed.
+    reasons : dict of str to int
+        Failed parts by reason.
+    mean, deviation : float
+        Of the parts that did not fail.
+    quantiles : tuple of float
+        At `QUANTILES`.
+    lower, upper : float or None
+        Limits.
+    below, above : int
+        Parts beyond the limits.
+    out : tuple of float
+        Share of the parts beyond the limits or failed, and its interval.
+    cp, cpk : float or None
+        Capability indices; None where limits are missing.
+    histogram : tuple of (edges, counts)
+    """
+
+    parts: int
+    failed: int
+    reasons: dict[str, int]
+    mean: float
+    deviation: float
+    quantiles: tuple[float, ...]
+    lower: float | None
+    upper: float | None
+    below: int
+    above: int
+    out: tuple[float, float, float]
+    cp: float | None
+    cpk: float | None
+    histogram: tuple[tuple[float, ...], tuple[int, ...]]
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form."""
+        edges, counts = self.histogram
+        found = self._asdict()
+        found["quantiles"] = {f"{share:g}": value for share, value in zip(QUANTILES, self.quantiles, strict=True)}
+        found["out"] = dict(zip(("value", "low", "high"), self.out, strict=True))
+        found["histogram"] = {"edges": list(edges), "counts": list(counts)}
+        return found
+
+
+def spread_of(
+    quantities: Floats,
+    codes: NDArray[np.int8],
+    limits: tuple[float | None, float | None],
+    confidence: float,
+) -> Spread | None:
+    """Spread of the quantities of parts.
+
+    A part whose simulation failed counts as out of limits: it would be rejected.
+
+    Parameters
+    ----------
+    quantities : (n,)
+        [m³]; NaN where the simulation failed.
+    codes : (n,)
+        Values of `Status`.
+    limits : (lower, upper)
+        [m³], None where there is none.
+    confidence : float
+        Probability of the interval.
+
+    Returns
+    -------
+    Spread or None
+        None if fewer than two parts could be simulated.
+    """
+    known = quantities[codes == OK]
+    if len(known) < 2:
+        return None
+    lower, upper = limits
+    mean, deviation = float(known.mean()), float(known.std(ddof=1))
+    below = 0 if lower is None else int(np.count_nonzero(known < lower))
+    above = 0 if upper is None else int(np.count_nonzero(known > upper))
+    failed = len(codes) - len(known)
+    kinds, counts = np.unique(codes[codes != OK], return_counts=True)
+    reasons = {Status(int(kind)).sentence: int(number) for kind, number in zip(kinds, counts, strict=True)}
+    out = below + above + failed
+    numbers, edges = np.histogram(known, BARS)
+    return Spread(
+        len(codes),
+        failed,
+        reasons,
+        mean,
+        deviation,
+        tuple(float(q) for q in np.quantile(known, QUANTILES)),
+        lower,
+        upper,
+        below,
+        above,
+        (out / len(codes), *binomial_interval(out, len(codes), confidence)),
+        *_capability(mean, deviation, lower, upper),
+        (tuple(edges.tolist()), tuple(numbers.tolist())),
+    )
+
+
+def _capability(
+    mean: float, deviation: float, lower: float | None, upper: float | None
+) -> tuple[float | None, float | None]:
+    """Cp, the width of the limits over 6 standard deviations, and Cpk, the nearer limit's distance over 3."""
+    if not deviation > 0.0:
+        return None, None
+    distances = [] if upper is None else [upper - mean]
+    distances += [] if lower is None else [mean - lower]
+    cp = (upper - lower) / (6.0 * deviation) if lower is not None and upper is not None else None
+    return cp, min(distances) / (3.0 * deviation) if distances else None
+
+
+def binomial_interval(hits: int, tries: int, confidence: float) -> tuple[float, float]:
+    """Interval of a share by Clopper and Pearson, which covers at least with the stated probability.
+
+    Parameters
+    ----------
+    hits, tries : int
+    confidence : float
+    """
+    from scipy.special import betaincinv  # slow to import
+
+    tail = 0.5 * (1.0 - confidence)
+    low = 0.0 if hits == 0 else float(betaincinv(hits, tries - hits + 1, tail))
+    high = 1.0 if hits == tries else float(betaincinv(hits + 1, tries - hits, 1.0 - tail))
+    return low, high

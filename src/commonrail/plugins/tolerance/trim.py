@@ -1,0 +1,168 @@
+"""Trim: correction of each part's energising time from one or two measured quantities, and the spread that is left.
+
+The correction is (nominal quantity − measured quantity) over the nominal slope dQ/dET at the test point, as a control
+unit that knows the nominal map computes it. It is rounded to the resolution of the energising time; parts with the same
+energising time are simulated together, exactly at that time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import SimulationError
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.status import OK
+from commonrail.plugins.tolerance.parts import Parts, Simulated, Spread, spread_of
+from commonrail.plugins.tolerance.study import Draws
+
+STEP = 10e-6  # of the energising time to either side for the nominal slope [s]; above the ripple of a PWM current
+SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the nominal one
+
+
+class TrimmedPoint(NamedTuple):
+    """Spread of the trimmed parts at one operating point, before and after.
+
+    Attributes
+    ----------
+    name : str
+    before, after : Spread
+    correction : (mean, standard deviation)
+        Of the energising time [s].
+    held : int
+        Parts whose correction ended at the limit, half of the energising time.
+    """
+
+    name: str
+    before: Spread
+    after: Spread
+    correction: tuple[float, float]
+    held: int
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form."""
+        return {
+            "name": self.name,
+            "before": self.before.record(),
+            "after": self.after.record(),
+            "correction": {"mean": self.correction[0], "deviation": self.correction[1]},
+            "held": self.held,
+        }
+
+
+class Trimmed(NamedTuple):
+    """Trimmed parts: their number, those that could not be measured at a test point, slopes [m³/s], and all points."""
+
+    parts: int
+    unmeasured: int
+    slopes: tuple[float, ...]
+    points: tuple[TrimmedPoint, ...]
+
+
+def trimmed(
+    simulated: Simulated,
+    found: Parts,
+    nominal: Floats,
+    limits: list[tuple[float | None, float | None]],
+    confidence: float,
+    told: Callable[[int, int], None],
+) -> Trimmed:
+    """Trim the first parts of a study.
+
+    Parameters
+    ----------
+    simulated : Simulated
+    found : Parts
+        Quantities of all parts before the trim.
+    nominal : (points,)
+        Of the part as drawn [m³].
+    limits : list of (lower, upper)
+        [m³].
+    confidence : float
+    told : function of int, int
+        Called with operating points done and in all.
+
+    Raises
+    ------
+    SimulationError
+        If the nominal quantity does not rise with the energising time at a test point.
+    """
+    t = simulated.tolerances
+    assert t.trim is not None
+    tests = [t.names_of_points.index(name) for name in t.trim.points]
+    slopes = [_slope(simulated, k) for k in tests]
+    count = min(t.trim.parts, len(found.quantities))
+    rng = np.random.default_rng([t.seed, 1])
+    measured = found.quantities[:count, tests] + t.trim.scatter * rng.standard_normal((count, len(tests)))
+    known = np.isfinite(measured).all(axis=1)
+    values = Draws(t).take(count)[known]
+    at_tests = (nominal[tests] - measured[known]) / slopes
+    points = []
+    for k, p in enumerate(t.points):
+        wanted = _corrections(simulated, tests, at_tests, k)
+        times, held = _rounded(p.point.pulses[0].duration, wanted, t.trim.resolution)
+        quantities, codes = _simulated(simulated, p.point, times, values)
+        before = spread_of(found.quantities[:count][known, k], found.codes[:count][known, k], limits[k], confidence)
+        after = spread_of(quantities, codes, limits[k], confidence)
+        if before is None or after is None:
+            raise SimulationError(f"{t.title}: hardly any trimmed part can be simulated at {p.name}.")
+        shift = times - p.point.pulses[0].duration
+        points.append(TrimmedPoint(p.name, before, after, (float(shift.mean()), float(shift.std())), held))
+        told(k + 1, len(t.points))
+    return Trimmed(int(known.sum()), count - int(known.sum()), tuple(slopes), tuple(points))
+
+
+def _slope(simulated: Simulated, k: int) -> float:
+    """Nominal slope of the quantity over the energising time at a test point [m³/s]."""
+    p = simulated.tolerances.points[k]
+    time = p.point.pulses[0].duration
+    low, high = (simulated.at(_with_time(p.point, time + shift), None) for shift in (-STEP, STEP))
+    slope = float(high.quantities[0, 0] - low.quantities[0, 0]) / (2.0 * STEP)
+    if not slope > 0.0:
+        raise SimulationError(
+            f"{p.name}: the nominal quantity does not rise with the energising time, so that no part can be trimmed "
+            "there; name another point in the trim."
+        )
+    return slope
+
+
+def _corrections(simulated: Simulated, tests: list[int], at_tests: Floats, k: int) -> Floats:
+    """Correction of each part [s] at operating point k."""
+    if len(tests) == 1:
+        return np.asarray(at_tests[:, 0])
+    points = simulated.tolerances.points
+    first, second, here = (points[i].point.pulses[0].duration for i in (*tests, k))
+    share = (here - first) / (second - first)
+    return np.asarray(at_tests[:, 0] + share * (at_tests[:, 1] - at_tests[:, 0]))
+
+
+def _rounded(time: float, wanted: Floats, resolution: float) -> tuple[Floats, int]:
+    """Energising times in steps of the resolution [s], and the number of parts held at a limit."""
+    steps = np.round(wanted / resolution)
+    low, high = np.ceil((SHORTEST - 1.0) * time / resolution), np.floor((LONGEST - 1.0) * time / resolution)
+    return time + resolution * np.clip(steps, low, high), int(np.count_nonzero((steps < low) | (steps > high)))
+
+
+def _simulated(
+    simulated: Simulated, point: OperatingPoint, times: Floats, values: Floats
+) -> tuple[Floats, NDArray[np.int8]]:
+    """Quantities and codes of parts, each at its own energising time."""
+    quantities, codes = np.full(len(values), np.nan), np.full(len(values), OK, np.int8)
+    order = np.argsort(times, kind="stable")
+    starts = np.flatnonzero(np.diff(times[order], prepend=-np.inf))
+    for group in np.split(order, starts[1:]):
+        part = simulated.at(_with_time(point, float(times[group[0]])), values[group])
+        quantities[group], codes[group] = part.quantities[:, 0], part.codes[:, 0]
+    return quantities, codes
+
+
+def _with_time(point: OperatingPoint, time: float) -> OperatingPoint:
+    """The point with another energising time, and with the same time simulated after it."""
+    pulse = point.pulses[0]
+    horizon = None if point.horizon is None else point.horizon + time - pulse.duration
+    return replace(point, energisings=(Energising(pulse.start, time),), horizon=horizon)

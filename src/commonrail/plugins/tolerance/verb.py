@@ -1,0 +1,100 @@
+"""commonrail tolerance: spread of the injected quantity over parts within their tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+
+from commonrail.base.choices import Precision
+from commonrail.cli.console import Bar, Stage, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.guard import INTERRUPTED
+from commonrail.cli.options import Json, Threads
+
+if TYPE_CHECKING:
+    from commonrail.plugins.tolerance.file import ToleranceResult
+    from commonrail.plugins.tolerance.study import Tolerances
+
+
+@verb
+def tolerance(
+    file: Annotated[Path, Argument(metavar="TOLERANCES.toml", help="Tolerance file.")],
+    *,
+    parts: Annotated[int | None, Option(min=1000, help="Number of parts. [default: as in the file]")] = None,
+    seed: Annotated[int | None, Option(min=0, help="Seed of the parts. [default: as in the file]")] = None,
+    precision: Annotated[
+        Precision | None, Option(help="Precision of the simulations. [default: as in the file]")
+    ] = None,
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="New folder for report.html, tolerance.json and tolerance.csv.")
+    ] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Simulate the spread of parts within their tolerances.
+
+    The report gives spread and capability of the injected quantity, and the tolerances to tighten.
+    Ctrl-C ends the study with the parts that are simulated by then; the exit status is 130. Without --out nothing is
+    written.
+
+    \b
+    Examples:
+      commonrail tolerance cases/tolerance/tolerances.toml --out runs/tolerance
+      commonrail tolerance cases/tolerance/tolerances.toml --parts 1000000 --precision f32
+    """
+    from commonrail.plugins.tolerance.study import load_tolerances
+
+    changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
+    loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
+    found = _run(loaded, threads) if out is None else _into(out, loaded, threads)
+    record = found.record()
+    if json:
+        print_json(record)
+    else:
+        _print(record, out)
+    if found.status == "interrupted":
+        say(f"commonrail: interrupted after {found.parts:,} of {loaded.parts:,} parts; the figures are those of these.")
+        raise SystemExit(INTERRUPTED)
+
+
+def _run(loaded: Tolerances, threads: int | None) -> ToleranceResult:
+    from commonrail.plugins.tolerance.run import tolerance as run
+
+    with Bar(f"{loaded.title}: {loaded.parts:,} parts") as bar:
+        return run(
+            loaded,
+            threads=threads,
+            progress=lambda p: bar.show(Stage(p.phase, p.done, p.total, f"{len(loaded.points)} operating points")),
+        )
+
+
+def _into(folder: Path, loaded: Tolerances, threads: int | None) -> ToleranceResult:
+    """Run a study into a new folder, which is removed again if nothing comes of it."""
+    from commonrail.base.output import write_text
+    from commonrail.report.page import write_report
+    from commonrail.runs.comparison import write_analysis
+    from commonrail.runs.folder import new_run_folder
+    from commonrail.workers.interrupt import held_interrupts
+
+    with held_interrupts(), new_run_folder(folder):  # what is simulated is written whatever keys are pressed
+        found = _run(loaded, threads)
+        write_analysis(folder, "tolerance.csv", found.record(), found.rows())
+        write_text(folder / "tolerances.toml", loaded.text)
+        write_report(folder)
+    return found
+
+
+def _print(record: dict[str, Any], out: Path | None) -> None:
+    from commonrail.plugins.tolerance.page import tolerance_lines, tolerance_tables
+
+    if record["synthetic"]:
+        click.echo(f"SYNTHETIC: {record['synthetic']}")
+    for line in tolerance_lines(record):
+        click.echo(line)
+    for table in tolerance_tables(record):
+        print_table(table)
+    if out is not None:
+        click.echo(f"report: {out / 'report.html'}")

@@ -1,0 +1,225 @@
+"""Figures of a program outside the project, and how near both engines come to them.
+
+The program (SciPy LSODA, method of lines) was written before this project and shares no line with it; it has fuel
+polynomials of its own and holds its memory of the discharge coefficient through a bounce. Limits tighter than these
+would judge that program.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from importlib import resources
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.calibration.objective import Objective
+from commonrail.data.base import DataSet, Role
+from commonrail.data.curves.data import RateData
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.simulator import Simulator
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.reference import Resolution, simulate_reference
+from commonrail.engine.simulate import simulate, simulate_batch
+from commonrail.engine.solution import Solution
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.plugins.paper.bench import PAPER_OPTIMUM
+from commonrail.plugins.verification.closed_forms import Check, check
+from commonrail.readers.columns import Column
+from commonrail.readers.csv import CsvFile
+from commonrail.readers.injector.file import load_injector
+
+INTERVAL = 3e-6  # of its samples [s]
+SHORT = 399e-6  # longest energising time of what counts as a short injection [s]
+# Of volume and rate [%], of a short and of a longer injection, and of the opening [us].
+VOLUME, RATE, OPENING = (0.3, 0.1), (1.0, 0.4), 0.3
+
+
+@dataclass(frozen=True)
+class Run:
+    """One injection by the program outside.
+
+    Attributes
+    ----------
+    injector : Injector
+    point : OperatingPoint
+        With one energising; its horizon is that of the rate.
+    volume : float
+        Injected [m³].
+    opening : float
+        Instant at which the tip passes 5 um [s].
+    rate : (samples,) or None
+        Means over `INTERVAL` each [m³/s], where they are known.
+    """
+
+    injector: Injector
+    point: OperatingPoint
+    volume: float
+    opening: float
+    rate: Floats | None
+
+    @property
+    def short(self) -> bool:
+        """True where the limits of short injections hold."""
+        return self.point.pulses[0].duration <= SHORT
+
+
+class Gaps(NamedTuple):
+    """An engine less the program outside: volume and L1 of the rate [%], opening [us]; no L1 without a rate."""
+
+    volume: float
+    rate: float | None
+    opening: float
+
+
+def by_lanes(run: Run) -> Gaps:
+    """Gaps of the fast engine at its default step."""
+    return gaps(run, simulate(run.injector, run.point, sample_interval=INTERVAL))
+
+
+def by_reference(run: Run) -> Gaps:
+    """Gaps of the reference, marched explicitly."""
+    return gaps(run, simulate_reference(run.injector, run.point, INTERVAL, Resolution(method="explicit")))
+
+
+ENGINES: dict[str, Callable[[Run], Gaps]] = {"lanes": by_lanes, "reference": by_reference}
+
+
+def gaps(run: Run, solution: Solution) -> Gaps:
+    """Distances of a solution from a run; NaN where it has failed."""
+    sound = math.nan if solution.status.failed else 1.0
+    rate = None
+    if run.rate is not None:
+        rate = sound * 100.0 * float(np.sum(np.abs(solution.rate - run.rate)) / np.sum(np.abs(run.rate)))
+    volume, opening = solution.injected_volume / run.volume - 1.0, solution.opening - run.opening
+    return Gaps(sound * 100.0 * volume, rate, sound * 1e6 * opening)
+
+
+def against_outside(runs: Sequence[Run], pool: Executor) -> list[Check]:
+    """Largest gaps of both engines, simulated by a pool of processes."""
+    return [
+        one for engine, simulated in ENGINES.items() for one in judged(engine, runs, list(pool.map(simulated, runs)))
+    ]
+
+
+def judged(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
+    """Checks of the gaps of one engine.
+
+    Parameters
+    ----------
+    engine : str
+        Its name.
+    runs, found : sequence
+        Runs, and the gaps of each.
+    """
+    for short, what in ((False, "from 400 us"), (True, "short injections")):
+        members = [one for run, one in zip(runs, found, strict=True) if run.short is short]
+        rates = [one.rate for one in members if one.rate is not None]
+        yield _worst(f"{engine}, volume, {what}", [one.volume for one in members], VOLUME[not short], "%")
+        yield _worst(f"{engine}, rate, L1, {what}", rates, RATE[not short], "%")
+    yield _worst(f"{engine}, opening", [one.opening for one in found], OPENING, "us")
+
+
+def _worst(name: str, values: Sequence[float], limit: float, unit: str) -> Check:
+    size = np.abs(values)
+    detail = f"{len(size)} runs of a program outside the project, median {np.median(size):.2g} {unit}"
+    return check(f"another program's figures: {name}", float(np.max(size)), limit, unit, detail)
+
+
+# The objective of a search against the scores of a report: two ways to one J.
+#
+# The search adds up its misfit inside the loop over steps, several candidates at once; the report traces each injector
+# and samples it afterwards.
+
+STEP = 1e-6  # [s]
+# The loop and the traced run add up the same 1900 steps, of rounding 1e-16, in another order and with other vectors.
+ROUNDING = 1e-9
+LABELS = ("simulated", "all of it")
+FACTORS = (0.8, 1.0, 1.3)  # of all stiffnesses
+MAP = ((60e6, 250e-6), (100e6, 250e-6), (100e6, 700e-6), (160e6, 700e-6))  # rail pressure [Pa], energising time [s]
+
+
+def objective_and_scores(injector: Injector) -> list[Check]:
+    """J of the search against Σ weight · J of the reported scores, at the fuel's own and at another temperature."""
+    data: list[DataSet] = [_curve(injector), _map(injector)]
+    low, high = injector.fuel.temperature_range
+    names = [*PAPER_OPTIMUM, FUEL_TEMPERATURE]
+    checks = []
+    for what, temperatures in (("own temperature", (injector.values[FUEL_TEMPERATURE],)), ("others", (low, high))):
+        rows = [_row(injector, factor, t) for factor in FACTORS for t in temperatures]
+        costs = Objective(injector, names, data, STEP, 1).costs(np.array(rows)).costs
+        scores = [_reported(injector.with_values(dict(zip(names, row, strict=True))), data) for row in rows]
+        worst = float(np.max(np.abs(costs / np.array(scores) - 1.0)))
+        detail = f"J of {len(rows)} candidates, a curve and a map, relative; limit: rounding of 1900 steps, with room"
+        checks.append(check(f"objective against scores, {what}", worst, ROUNDING, "1", detail))
+    return checks
+
+
+def _row(injector: Injector, factor: float, temperature: float) -> list[float]:
+    return [*(factor * injector.values[name] for name in PAPER_OPTIMUM), temperature]
+
+
+def _reported(injector: Injector, data: Sequence[DataSet]) -> float:
+    simulator = Simulator(injector, (), STEP, 1)
+    return sum(one.weight * float(one.misfit(one.score(simulator).values)) for one in data)
+
+
+def _curve(injector: Injector) -> RateData:
+    """Rate of the paper's optimal stiffness."""
+    point = OperatingPoint(160e6, 700e-6, horizon=1.9e-3)
+    shot = simulate(injector.with_values(PAPER_OPTIMUM), point, sample_interval=3e-6)
+    return RateData("curve", Role.FIT, point, shot.time, shot.rate, 1.5, *LABELS)
+
+
+def _map(injector: Injector) -> QuantityData:
+    """Quantities of the paper's optimal stiffness, half of them measured by mass."""
+    points = tuple(OperatingPoint(pressure, time) for pressure, time in MAP)
+    batch = simulate_batch(injector.with_values(PAPER_OPTIMUM), points, time_step=STEP)
+    by_mass = np.array([np.nan, np.nan, 800.0, 800.0])
+    none = np.zeros(len(points), bool)
+    return QuantityData("map", Role.FIT, points, batch.injected_volume[0], 1e-10, 0.02, none, 50.0, *LABELS, by_mass)
+
+
+# Figures of a program outside the project, from the table that ships with the package.
+
+_FOLDER = resources.files("commonrail.plugins.verification") / "external_figures"
+_STIFFNESS: Mapping[str, Mapping[str, float]] = {"theoretical": {}, "optimal": PAPER_OPTIMUM}  # of runs.csv
+
+
+def load_outside() -> tuple[Run, ...]:
+    """Read the runs with their injectors, points and, where there are some, rates."""
+    with resources.as_file(_FOLDER / "injector.toml") as path:
+        theoretical = load_injector(path)
+    injectors = {name: theoretical.with_values(values) for name, values in _STIFFNESS.items()}
+    rates = _rates()
+    samples = len(next(iter(rates.values())))
+    numbers = ("rail_pressure", "energising_time", "injected", "opening")
+    table = _sheet("runs.csv").take([Column("stiffness"), *(Column(name, "1") for name in numbers)])
+    rows = zip(table.texts["stiffness"], *(table.columns[name].tolist() for name in numbers), strict=True)
+    return tuple(
+        Run(
+            injectors[stiffness],
+            OperatingPoint(1e6 * rail, 1e-6 * energising, 5e6, 0.5e6, horizon=samples * INTERVAL),
+            1e-9 * injected,
+            1e-6 * opening,
+            rates.get(f"{stiffness} {rail:g} {energising:g}"),
+        )
+        for stiffness, rail, energising, injected, opening in rows
+    )
+
+
+def _rates() -> dict[str, Floats]:
+    """Rates [m³/s] by stiffness, rail pressure and energising time, as the columns are headed."""
+    sheet = _sheet("rates.csv")
+    names = sheet.names[1:]
+    columns = sheet.take([Column(name, "1") for name in names]).columns
+    return {name: 1e-6 * columns[name] for name in names}
+
+
+def _sheet(name: str) -> CsvFile:
+    with resources.as_file(_FOLDER / name) as path:
+        return CsvFile(path)

@@ -1,0 +1,70 @@
+"""commonrail verify: both engines against each other, closed forms and figures of another program."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Option, verb
+from commonrail.cli.options import Json
+
+if TYPE_CHECKING:
+    from commonrail.plugins.verification.closed_forms import Check
+
+FAILED = 1
+
+
+@verb
+def verify(
+    *,
+    injector: Annotated[str, Option(help="Injector file, or a name of the catalogue.")] = "virtual-lino-2016",
+    quick: Annotated[bool, Option("--quick", help="Use fewer pressures and candidates.")] = False,
+    json: Json = False,
+) -> None:
+    """Run the verification study.
+
+    Compares the fast engine with the reference, and both with closed forms and with figures of a program
+    outside the project. Each check has a limit and a margin. The exit status is 1 if a check fails.
+
+    \b
+    Example:
+      commonrail verify --quick
+    """
+    from commonrail.plugins.verification.checks import verify as run_checks
+    from commonrail.plugins.verification.external import load_outside
+    from commonrail.readers.injector.file import injector_catalogue, load_injector
+
+    further = [load_injector(name) for name in injector_catalogue()]
+    checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside(), catalogue=further)
+    failed = [check.name for check in checks if not check.passed]
+    if json:
+        records = [_record(check) for check in checks]
+        print_json({"kind": "verification", "passed": not failed, "checks": records})
+    else:
+        print_rows(("", "check", "value", "limit", "unit", "margin", "what it compares"), _rows(checks))
+    if failed:
+        say(f"commonrail: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
+        raise SystemExit(FAILED)
+    say(f"all {len(checks)} checks passed")
+
+
+def _record(check: Check) -> dict[str, Any]:
+    figures = {"value": check.value, "margin": check.margin}
+    return check._asdict() | {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
+
+
+def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
+    return [
+        (
+            "passed" if check.passed else "FAILED",
+            check.name,
+            f"{check.value:.3g}",
+            f"{check.limit:.3g}",
+            check.unit,
+            f"{100.0 * check.margin:.0f} %",
+            check.detail,
+        )
+        for check in checks
+    ]

@@ -1,0 +1,1 @@
+"""Bytes to columns: CSV, workbooks, MDF4, MAT, LVM, Parquet, TOML, with limits and locations in messages."""

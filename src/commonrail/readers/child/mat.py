@@ -1,0 +1,112 @@
+"""Reader of MAT files for `child`: version 5 to 7 by SciPy, version 7.3, which is HDF5, by h5py.
+
+Numbers, texts and structures; all else (cells, objects, sparse and complex numbers) is omitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+from commonrail.base.errors import InputError
+from commonrail.readers.child.program import Save
+from commonrail.readers.limits import MOST_VALUES
+
+MOST_VARIABLES = 10_000
+DEEPEST = 4  # structures in structures
+LARGEST_CHUNK = 100_000_000  # [bytes] of HDF5; it is unpacked whole, whatever is read of it
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MAT5 = (b"\x00\x01IM", b"\x01\x00MI")  # version and byte order at the end of the head
+
+Variables = Iterator[tuple[str, NDArray[Any] | str]]
+
+
+def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
+    """Names of the variables with numbers, in the order of their arrays "0", "1" …, and texts by name."""
+    if not (is_hdf5 := _HDF5 in (data[:8], data[512:520])) and data[124:128] not in _MAT5:
+        raise InputError(f"{path}: this is no MAT file of version 5 or later; save it with -v7 in MATLAB.")
+    names: dict[str, None] = {}
+    texts: dict[str, str] = {}
+    try:
+        for count, (name, value) in enumerate((_of_hdf5 if is_hdf5 else _of_mat5)(path, data)):
+            if count >= MOST_VARIABLES:
+                raise InputError(f"{path}: there are more than the {MOST_VARIABLES} variables that are read.")
+            if isinstance(value, str):
+                texts[name] = value
+            elif value.size and name not in names:
+                save(str(len(names)), np.squeeze(value) if value.size > 1 else value.reshape(-1))
+                names[name] = None
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # SciPy and h5py raise a dozen types for damaged files
+        raise InputError(f"{path}: this is no MAT file that can be read ({type(error).__name__}).") from error
+    return {"names": list(names), "texts": texts}
+
+
+def _check_count(path: Path, name: str, count: int) -> None:
+    if count > MOST_VALUES:
+        raise InputError(f'{path}: "{name}" has {count} numbers, and at most {MOST_VALUES} are read.')
+
+
+def _of_mat5(path: Path, data: bytes) -> Variables:
+    for name, value in loadmat(BytesIO(data)).items():
+        if not name.startswith("__"):  # the head of the file
+            yield from _flat(path, name, value, 0)
+
+
+def _flat(path: Path, name: str, value: Any, depth: int) -> Variables:
+    """Variable itself, or the fields of a structure or of each of a list of them."""
+    if type(value) is not np.ndarray:  # subclasses are objects and functions of MATLAB
+        return
+    if value.dtype.names:
+        for i, each in enumerate(value.ravel(order="F") if depth < DEEPEST else ()):
+            here = name if value.size == 1 else f"{name}({i + 1})"
+            for field in value.dtype.names:
+                yield from _flat(path, f"{here}.{field}", each[field], depth + 1)
+    elif value.dtype.kind == "U" and value.size == 1:
+        yield name, str(value.item())
+    elif value.dtype.kind in "biuf":
+        _check_count(path, name, value.size)
+        yield name, value
+
+
+def _of_hdf5(path: Path, data: bytes) -> Variables:
+    import h5py
+
+    with h5py.File(BytesIO(data), "r") as file:
+        for name, item in _in_hdf5(file, "", 0):
+            if isinstance(item, h5py.Group):
+                yield name, np.empty(0)  # counts as a variable: links may lead in circles
+                continue
+            if item.size is None or item.external or item.is_virtual or not item.size or item.dtype.kind not in "biuf":
+                continue
+            _check_count(path, name, item.size)
+            chunk = int(np.prod(item.chunks or (0,), dtype=object)) * item.dtype.itemsize
+            if chunk > LARGEST_CHUNK:
+                raise InputError(
+                    f'{path}: "{name}" is stored in chunks of {chunk / 1e6:.0f} MB, and at most '
+                    f'{LARGEST_CHUNK / 1e6:.0f} MB are read; save it with "-v7" in MATLAB.'
+                )
+            array = np.asarray(item[()]).T  # MATLAB keeps columns together
+            is_text = item.attrs.get("MATLAB_class") == b"char"
+            yield name, "".join(map(chr, array.reshape(-1, order="F").tolist())) if is_text else array
+
+
+def _in_hdf5(group: Any, inside: str, depth: int) -> Iterator[tuple[str, Any]]:
+    """Data sets and groups by their names; where links lead in circles, more than the file holds."""
+    import h5py
+
+    for name in group:
+        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue  # MATLAB's own, and links, which may lead to other files
+        item = group[name]
+        yield f"{inside}{name}", item
+        if isinstance(item, h5py.Group) and depth < DEEPEST:
+            yield from _in_hdf5(item, f"{inside}{name}.", depth + 1)

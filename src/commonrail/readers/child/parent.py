@@ -1,0 +1,120 @@
+"""The one way to libraries that read foreign formats: a child process with limits of memory and processor time.
+
+A file built on purpose, or damaged, can make a library take memory or time without end, or end the process that runs
+it. `child` limits its process; its arrays come back through a temporary file, without pickle.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.errors import InputError
+from commonrail.base.input import LARGEST_FILE
+from commonrail.readers.child.program import NAME
+
+# Limits of a child: memory of the whole process, of which asammdf takes 0.2 GB, and processor time besides the import
+# of the library. Each byte of the file adds 4 (itself, values twice as long, a copy) and 3 us: openpyxl, the slowest,
+# reads 24 MB with the two million cells that are allowed in 14 s, and such cells may be packed into 6 MB.
+MEMORY, MEMORY_PER_BYTE = 1_000_000_000, 4  # [bytes]
+TIME, TIME_PER_BYTE = 5.0, 3e-6  # [s]
+WAIT = 10.0  # elapsed time in multiples of the processor time, for a busy machine
+
+TIME_OVER = -getattr(signal, "SIGXCPU", 24)  # exit status of a process that the limit ended
+_ROOT = str(Path(__file__).resolve().parents[3])
+# The package of the parent, also where another one is installed; its folder must not hide modules of Python.
+_PROGRAM = (
+    "import sys; sys.path.insert(0, sys.argv[1]); import commonrail; del sys.path[0]; "
+    "from commonrail.readers.child.program import main; main(*sys.argv[2:])"
+)
+# One thread: more take memory for themselves and finish no sooner. Arrow's default allocator reserves memory ahead.
+_SETTINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
+
+
+class Content(NamedTuple):
+    """Content of a file: a description, as in JSON, and arrays by their names."""
+
+    about: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+
+def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
+    """Content of a file, read by `commonrail.readers.child.<reader>` in a child process.
+
+    Parameters
+    ----------
+    reader : str
+    path : Path
+        For messages.
+    data : bytes
+        Of the file.
+    **options
+        Of the reader; they go through JSON.
+
+    Raises
+    ------
+    InputError
+        If the reader refuses the file, a limit is hit, or the library ends the child.
+    """
+    read = _cached if len(data) <= LARGEST_FILE else _content
+    memory, seconds = MEMORY + MEMORY_PER_BYTE * len(data), max(1, int(TIME + TIME_PER_BYTE * len(data)))
+    try:
+        about, arrays = read(reader, data, json.dumps(options), memory, seconds)
+        return Content(about, dict(arrays))
+    except InputError as error:
+        raise InputError(f"{path}{str(error).removeprefix(NAME)}") from None
+
+
+def _content(reader: str, data: bytes, options: str, memory: int, seconds: int) -> Content:
+    with tempfile.TemporaryFile() as stream:
+        status = _run([reader, options, str(memory), str(seconds)], data, stream)
+        stream.seek(0)
+        if status == TIME_OVER:
+            raise _beyond(f"{seconds} s of processor time", len(data))
+        if status:
+            raise InputError(
+                f"{NAME}: the process that reads it ended with status {status}; the file is damaged, or its library or "
+                "the folder of temporary files cannot be used."
+            )
+        with np.load(stream, allow_pickle=False) as parts:
+            about = json.loads(parts["about.json"])
+            if "refused" in about:
+                raise InputError(about["refused"])
+            if "limit" in about:
+                raise _beyond(f"{memory / 1e6:.0f} MB of memory", len(data))
+            arrays = {name: parts[name] for name in parts.files if name != "about.json"}
+    for array in arrays.values():
+        array.setflags(write=False)  # what is cached is handed out again
+    return Content(about, arrays)
+
+
+_cached = lru_cache(maxsize=2)(_content)  # several blocks of a study read one file, and a run the copy of its data
+
+
+def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
+    """Run the child; returns its exit status."""
+    command = [sys.executable, "-P", "-c", _PROGRAM, _ROOT, *args]
+    wait, env = WAIT * (TIME + float(args[-1])), os.environ | _SETTINGS
+    try:
+        silent = subprocess.DEVNULL  # a library that a file ends has much to say
+        done = subprocess.run(command, input=data, stdout=stream, stderr=silent, timeout=wait, env=env, check=False)
+    except subprocess.TimeoutExpired:
+        return TIME_OVER
+    return done.returncode
+
+
+def _beyond(limit: str, size: int) -> InputError:
+    return InputError(
+        f"{NAME}: to read it takes more than the {limit} that a file of {size} bytes may take; save only what is "
+        "needed, or export the columns to a CSV file."
+    )

@@ -1,0 +1,186 @@
+"""Fuels from TOML: the catalogue that ships with the package, and files of the same form.
+
+Every table of such a file carries its unit, mark, source and error, and none may be left out.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, PlainValidator, create_model, model_validator
+from pydantic_core import CoreSchema, core_schema
+
+from commonrail.base.arguments import plain_text
+from commonrail.physics.fuel import Fuel, Law, Origin, Polynomial
+from commonrail.readers.catalogue import Catalogue
+from commonrail.readers.fields import MARKS, FileModel, Mark, OneOf, fault
+from commonrail.readers.location import Place
+from commonrail.readers.toml import parse_toml, read_model
+
+_CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fuel "{}"', "")
+
+
+def fuel_catalogue() -> list[str]:
+    """Names that `load_fuel` knows, sorted."""
+    return _CATALOGUE.names()
+
+
+def load_fuel(name: str) -> Fuel:
+    """Return a fuel of the catalogue.
+
+    Parameters
+    ----------
+    name : str
+        One of `fuel_catalogue()`, such as ``"iso4113"``.
+
+    Raises
+    ------
+    InputError
+        If there is no such fuel; the message proposes the nearest name.
+    ConfigurationError
+        If it is no text.
+    """
+    return _of_catalogue(plain_text(name, "name of a fuel"))
+
+
+@functools.cache
+def _of_catalogue(name: str) -> Fuel:
+    file = f"catalogue/{name}.toml"
+    return parse_fuel(parse_toml(_CATALOGUE.text(name), file), name, file)
+
+
+def parse_fuel(document: Mapping[str, Any], name: str, where: str) -> Fuel:
+    """Return the fuel that a parsed TOML document describes.
+
+    Parameters
+    ----------
+    document : mapping
+        Its tables.
+    name : str
+        Name to give the fuel.
+    where : str
+        File of the document, for messages.
+
+    Raises
+    ------
+    InputError
+        If something is missing, of the wrong type, in another unit, or contradicts the rest.
+    """
+    return read_model(FuelModel, document, Place(where)).fuel(name)
+
+
+def _polynomial(item: Any) -> Polynomial:
+    numbers = item if isinstance(item, list) else []
+    sound = (isinstance(n, int | float) and not isinstance(n, bool) and math.isfinite(n) for n in numbers)
+    if not numbers or not all(sound):
+        raise fault("this must be a list of numbers, ascending in temperature")
+    return tuple(map(float, numbers))
+
+
+def _range(item: Any) -> tuple[float, float]:
+    ends = _polynomial(item)
+    if len(ends) != 2 or not 0.0 <= ends[0] < ends[1]:
+        raise fault("this must be [lower, upper] with 0 <= lower < upper")
+    return ends[0], ends[1]
+
+
+def _in(unit: str) -> PlainValidator:
+    def check(item: Any) -> str:
+        if item != unit:
+            raise fault(f'unit is "{item}", convert the coefficients to "{unit}"')
+        return unit
+
+    return PlainValidator(check)
+
+
+_Polynomial = Annotated[Polynomial, PlainValidator(_polynomial)]  # in (T - 353.15 K)/(40 K)
+_Range = Annotated[tuple[float, float], PlainValidator(_range)]
+
+
+class _Law(FileModel):
+    model_config = ConfigDict(extra="ignore")
+
+    mark: Mark
+    source: str
+    error: float = Field(ge=0.0)
+
+
+@dataclass(frozen=True)
+class _Polynomials:
+    """Type of a law: its coefficients K are the polynomials of these names, in a unit."""
+
+    unit: str
+    names: Sequence[str] = ("k1", "k2", "k3", "k4")
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        keys: Any = {"unit": (Annotated[str, _in(self.unit)], ...)} | dict.fromkeys(self.names, (_Polynomial, ...))
+        table = handler.generate_schema(create_model("_Law", __base__=_Law, **keys))
+        return core_schema.no_info_after_validator_function(self._law, table)
+
+    def _law(self, table: _Law) -> Law:
+        return Law(tuple(getattr(table, name) for name in self.names), Origin(table.mark, table.source, table.error))
+
+
+_DENSITIES = {
+    "eq2": Annotated[Law, _Polynomials("kg/m3")],
+    "integrated": Annotated[Law, _Polynomials("kg/m3", ("at_zero_pressure",))],
+}
+
+
+class _Ranges(FileModel):
+    model_config = ConfigDict(extra="ignore")
+
+    pressure_MPa: _Range
+    temperature_K: _Range
+
+
+class FuelModel(FileModel):
+    """Whole file, or the table ``fuel.definition`` of an injector; it may say more than is read."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    title: str
+    source: str
+    range: _Ranges
+    density: Annotated[Law, OneOf("kind", _DENSITIES)]
+    bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
+    isentropic_bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
+    kinematic_viscosity: Annotated[Law, _Polynomials("mm2/s", ("k1", "k2", "k3"))]
+    vapour_pressure: Annotated[Law, _Polynomials("ln(Pa)", ("ln_pressure",))]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_moduli(cls, data: Any) -> Any:
+        density = data.get("density") if isinstance(data, dict) else None
+        kind = density.get("kind") if isinstance(density, dict) else None
+        if kind in ("eq2", "integrated") and (kind == "integrated") != ("bulk_modulus" in data):
+            raise fault(
+                'write a table [bulk_modulus] if, and only if, [density] has kind = "integrated", because an explicit '
+                "density law already fixes the modulus"
+            )
+        if kind == "eq2" and "isentropic_bulk_modulus" not in data:
+            raise fault('write a table [isentropic_bulk_modulus], because [density] has kind = "eq2"')
+        return data
+
+    def fuel(self, name: str) -> Fuel:
+        """The fuel under a name."""
+        laws = (self.density, self.bulk_modulus, self.isentropic_bulk_modulus, self.kinematic_viscosity)
+        marks = [law.origin.mark for law in (*laws, self.vapour_pressure) if law is not None]
+        low, high = self.range.pressure_MPa
+        return Fuel(
+            name=name,
+            title=self.title,
+            density_law=self.density,
+            bulk_modulus_law=self.bulk_modulus,
+            isentropic_law=self.isentropic_bulk_modulus,
+            viscosity_law=self.kinematic_viscosity,
+            vapour_law=self.vapour_pressure,
+            pressure_range=(low * 1e6, high * 1e6),
+            temperature_range=self.range.temperature_K,
+            mark=max(marks, key=MARKS.index),
+            source=self.source,
+        )

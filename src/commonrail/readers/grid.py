@@ -1,0 +1,308 @@
+"""Cells of a table from anywhere: text in several encodings, with decimal points or commas, or a sheet of a workbook.
+
+What a study reads is stricter (`csv_file`): there nothing is guessed. Here the encoding, the separator and the decimal
+sign are detected, and `Grid.said` states what was taken, so that whoever asked can check it.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from commonrail.base.errors import InputError
+from commonrail.base.input import read_plain
+from commonrail.base.units import fits
+from commonrail.readers.child.parent import read_apart
+from commonrail.readers.columns import Column, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.limits import LONGEST_LINE, Shape
+
+LONGEST_NUMBER = 100  # [characters]
+MOST_COMMENTS = 1000  # that are kept
+
+_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_LINE = re.compile(r"[^\n]+")
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_HUNDREDS = re.compile(r"[1-9]\d\d")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of a table.
+
+    Attributes
+    ----------
+    path : Path
+    rows : tuple of tuple of str or float
+        Rows of a file without comment lines and empty ones; texts are stripped, numbers are floats.
+    lines : tuple of int
+        Line in the file, or row of the sheet, of each row.
+    said : tuple of str
+        What was taken for encoding, separator, decimal sign and sheet.
+    comments : tuple of str
+    """
+
+    path: Path
+    rows: tuple[tuple[str | float, ...], ...]
+    lines: tuple[int, ...]
+    said: tuple[str, ...]
+    comments: tuple[str, ...] = ()
+
+
+def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None) -> Grid:
+    """Cells of a text table or of a sheet of a workbook (.xlsx).
+
+    Parameters
+    ----------
+    path : Path
+    encoding : str, optional
+        Of a text: "utf-8", "utf-16", "cp1252" …; by default it is detected.
+    sheet : str, optional
+        Of a workbook; by default the first that is not empty.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is too large or holds nothing.
+    """
+    if path.suffix.lower() == ".xlsx":
+        return read_sheet(path, sheet)
+    text, found = _decoded(path, read_plain(path), encoding)
+    return _parsed(path, text.replace("\r\n", "\n").replace("\r", "\n"), found)
+
+
+def read_sheet(path: Path, sheet: str | None = None) -> Grid:
+    """Cells of a sheet of a workbook (.xlsx), read by openpyxl in a child process.
+
+    Parameters
+    ----------
+    path : Path
+    sheet : str, optional
+        By default the first that is not empty.
+
+    Raises
+    ------
+    InputError
+        If it is no workbook, too large, has no such sheet or nothing in it, or openpyxl is not installed.
+    """
+    if find_spec("openpyxl") is None:
+        raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
+    about = read_apart("xlsx", path, read_plain(path), sheet=sheet).about
+    return Grid(path, tuple(map(tuple, about["rows"])), tuple(about["lines"]), (f'sheet "{about["sheet"]}"',))
+
+
+def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
+    """Numbers of cells, NaN for empty ones; None if one is a text."""
+    if any(isinstance(cell, str) and cell for cell in cells):
+        return None
+    return [cell if isinstance(cell, float) else math.nan for cell in cells]
+
+
+def _decoded(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
+    mark = next((name for start, name in _MARKS.items() if data.startswith(start)), None)
+    zeros = (data[1:200:2].count(0), data[0:200:2].count(0))
+    if encoding is None and mark is None and max(zeros) > 20:
+        mark = "utf-16-le" if zeros[0] > zeros[1] else "utf-16-be"
+    for name in [encoding] if encoding else [mark] if mark else ["utf-8", "cp1252"]:
+        try:
+            return data.decode(str(name)), str(name)
+        except UnicodeError:
+            continue
+        except LookupError as error:
+            raise InputError(f'{path}: there is no encoding "{name}"; write utf-8, utf-16 or cp1252.') from error
+    raise InputError(f"{path}: this is no text in {encoding or mark or 'UTF-8 or cp1252'}; name its encoding.")
+
+
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    """Lines that are not empty with their numbers, one by one: a file may have as many lines as bytes."""
+    number, last = 1, 0
+    for found in _LINE.finditer(text):
+        number, last = number + text.count("\n", last, found.start()), found.start()
+        if found[0].strip():
+            yield number, found[0]
+
+
+def _parsed(path: Path, text: str, encoding: str) -> Grid:
+    comments, separator = _scanned(path, _lines(text))
+    cells: list[list[str]] = []
+    lines: list[int] = []
+    shape = Shape(path)
+    for n, line in _lines(text):
+        if not line.lstrip().startswith("#"):
+            row = [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+            shape.add(len(row), n)
+            cells.append(row)
+            lines.append(n)
+    flat = [cell for row in cells for cell in row if cell]
+    comma = separator != "," and any(_COMMA.fullmatch(c) for c in flat)
+    if comma and any("." in c and _POINT.fullmatch(c) for c in flat):
+        raise InputError(f"{path}: some numbers have a decimal point and some a comma; write all of them alike.")
+    number = _with_comma if comma else _with_point
+    names = {";": "semicolons", "\t": "tabs", ",": "commas"}
+    sign = "decimal comma" if comma else "decimal point"
+    if not comma and separator == ";" and _like_thousands(flat):
+        _refuse_thousands(path, cells, lines)
+        sign += " (three digits follow each, as in thousands: write 1200, not 1.200, if that is meant)"
+    said = (f"encoding {encoding}", f"separated by {names[separator]}", sign)
+    return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(lines), said, comments)
+
+
+def _scanned(path: Path, lines: Iterator[tuple[int, str]]) -> tuple[tuple[str, ...], str]:
+    """Comments, and the separator: the one that stands in more than half of the other lines."""
+    comments: list[str] = []
+    total = semicolons = tabs = 0
+    for n, line in lines:
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"{path}, line {n}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
+                "read; keep only the columns that are needed."
+            )
+        if line.lstrip().startswith("#"):
+            comments += [line.strip()[1:].strip()] if len(comments) < MOST_COMMENTS else []
+        elif "\0" in line:
+            raise InputError(f"{path}, line {n}: this is no row of text.")
+        else:
+            total, semicolons, tabs = total + 1, semicolons + (";" in line), tabs + ("\t" in line)
+    if not total:
+        raise InputError(f"{path}: the file has no rows of text.")
+    return tuple(comments), ";" if semicolons * 2 > total else "\t" if tabs * 2 > total else ","
+
+
+def _like_thousands(cells: list[str]) -> bool:
+    """Return whether every point in numbers could separate thousands, so that none is certainly a decimal point."""
+    pointed = [cell for cell in cells if "." in cell and _POINT.fullmatch(cell)]
+    return bool(pointed) and all(_THOUSANDS.fullmatch(cell) for cell in pointed)
+
+
+def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
+    """Refuse a number as 1.200 in a column or an axis with one as 800: the point then separates thousands.
+
+    Numbers written with three decimals would have them in all cells, and others no zero at the end. A row is the axis
+    of a matrix if its first cell, the corner, is no number; cells of other rows are of different quantities.
+    """
+    thousands: dict[str, tuple[int, str]] = {}  # the first of each row that is an axis, and of each column
+    whole: dict[str, str] = {}
+    for line, row in zip(lines, cells, strict=True):
+        is_axis = not _POINT.fullmatch(row[0])
+        for i, cell in enumerate(row):
+            for group in (f"row {line}", f"column {i}") if is_axis else (f"column {i}",):
+                if _HUNDREDS.fullmatch(cell):
+                    whole.setdefault(group, cell)
+                elif cell.endswith("0") and _THOUSANDS.fullmatch(cell):
+                    thousands.setdefault(group, (line, cell))
+    for group, (line, cell) in thousands.items():
+        if other := whole.get(group):
+            raise InputError(
+                f'{path}, line {line}: "{cell}" stands beside "{other}", so that its point seems to separate '
+                f"thousands; write {cell.replace('.', '')}, or {float(other):.3f} if decimals are meant."
+            )
+
+
+def _with_point(cell: str) -> str | float:
+    return _number(cell, _POINT, lambda c: c)
+
+
+def _with_comma(cell: str) -> str | float:
+    found = _number(cell, _COMMA, lambda c: c.replace(",", "."))
+    return _with_point(cell) if isinstance(found, str) else found
+
+
+def _number(cell: str, form: re.Pattern[str], plain: Callable[[str], str]) -> str | float:
+    if not (cell and len(cell) <= LONGEST_NUMBER and form.fullmatch(cell)):
+        return cell
+    value = float(plain(cell))
+    return value if math.isfinite(value) else cell
+
+
+# Columns of a grid of cells: a sheet of a workbook, or a text whose form was detected.
+#
+# One header row, which may stand below other texts; the unit of a column stands in it, ``rate [mm3/ms]``, or in the
+# row below it.
+
+MOST_ABOVE = 30  # rows in which the header of a table is looked for
+
+
+class GridSheet:
+    """Columns of a grid, a `Sheet`.
+
+    Parameters
+    ----------
+    grid : Grid
+
+    Raises
+    ------
+    InputError
+        If it has no header.
+    """
+
+    apart = True
+
+    def __init__(self, grid: Grid) -> None:
+        self.path = grid.path
+        self._grid = grid
+        self._header, self._start = _header(grid)
+        named = [name_and_unit(str(cell)) for cell in grid.rows[self._header]]
+        self.names = [name for name, _ in named]
+        self._units = [unit for _, unit in named]
+        if self._start > self._header + 1:
+            below = grid.rows[self._header + 1]
+            self._units = [str(_at(below, i)).strip("[] ") or unit for i, unit in enumerate(self._units)]
+
+    def unit(self, name: str) -> str:
+        """Unit of a column, empty if the file has none."""
+        return self._units[self.names.index(name)]
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        """Content of columns; see `Sheet.take`."""
+        places = [find_column(self.path, self.names, column.name) for column in columns]
+        rows, lines = self._grid.rows[self._start :], self._grid.lines[self._start :]
+        numbers: dict[str, list[float]] = {}
+        texts: dict[str, list[str]] = {}
+        for column, i in zip(columns, places, strict=True):
+            if column.unit:
+                cells = zip(lines, rows, strict=True)
+                numbers[column.name] = [self._number(_at(row, i), column, line) for line, row in cells]
+            else:
+                texts[column.name] = [str(_at(row, i)) for row in rows]
+        given = {column.name: self._units[i] for column, i in zip(columns, places, strict=True)}
+        found = {name: np.array(values, np.float64) for name, values in numbers.items()}
+        return Table(self.path, found, texts, given, np.array(lines, np.intp), row="row")
+
+    def _number(self, cell: str | float, column: Column, line: int) -> float:
+        if isinstance(cell, float):
+            return cell
+        if cell == "" and not column.required:
+            return math.nan
+        found = f'"{cell[:40]}" is a text' if cell else "the cell is empty"
+        raise cell_place(self.path, line, column.name, "row").error(f"{found}, and a number is expected")
+
+
+def _header(grid: Grid) -> tuple[int, int]:
+    """Row of the header, and the first row of numbers."""
+    rows = grid.rows[: MOST_ABOVE + 2]
+    start = next((i for i, row in enumerate(rows) if _mostly(row, float)), len(rows))
+    header = start - 1
+    units = [str(cell).strip("[] ") for cell in rows[header] if cell] if header > 0 else []
+    if header > 0 and _mostly(rows[header - 1], str) and all(fits(unit, unit) for unit in units):
+        header -= 1
+    if header < 0 or not _mostly(rows[header], str):
+        raise InputError(f"{grid.path}: the table has no header row with the names of columns above its numbers.")
+    return header, start
+
+
+def _mostly(row: Sequence[str | float], kind: type) -> bool:
+    filled = [cell for cell in row if cell != ""]
+    return bool(filled) and 2 * sum(isinstance(cell, kind) for cell in filled) > len(filled)
+
+
+def _at(row: Sequence[str | float], column: int) -> str | float:
+    """Cell of a row, empty behind its last one."""
+    return row[column] if column < len(row) else ""

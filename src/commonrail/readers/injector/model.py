@@ -1,0 +1,280 @@
+"""Shape of an injector's file: its tables, and the injector that they make."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import BeforeValidator, Field, create_model
+
+from commonrail.base.arguments import not_whole
+from commonrail.base.choices import Actuation, Body, Boundary, Drive
+from commonrail.base.units import to_text
+from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder_stiffness
+from commonrail.physics.fuel import Fuel
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.physics.meters.meter import Meter
+from commonrail.physics.parameters import Q
+from commonrail.physics.reads import reader_of, unread_parameters
+from commonrail.physics.variants import MODELS, Variant
+from commonrail.readers.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice, fault
+from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
+from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place, located
+from commonrail.readers.toml import read_model, read_toml
+
+# Drawing of plunger and needle in an injector's file: seven cylinders, from which Eq. (8) gives stiffness and mass.
+
+CYLINDERS = 7  # five of the plunger, two of the needle
+
+_DRAWN = Source("F", "Eq. (8) from the drawing")
+_Length = Annotated[Number, Stated(Q("m", "length"))]
+
+
+def _table(item: Any) -> Any:
+    if not isinstance(item, dict):
+        raise fault('write the cylinder as { diameter = "4.3 mm", length = "20 mm" }')
+    return item
+
+
+def _seven(items: Any) -> Any:
+    if not isinstance(items, list) or len(items) != CYLINDERS:
+        raise fault(
+            f'give {CYLINDERS} cylinders {{ diameter = "4.3 mm", length = "20 mm" }}, five of the plunger and two of '
+            "the needle"
+        )
+    return items
+
+
+class _Cylinder(FileModel):
+    diameter: _Length
+    length: _Length
+
+
+class Drawing(Sourced):
+    """Sizes of the cylinders and their material."""
+
+    elastic_modulus: Annotated[Number, Stated(Q("Pa", "elastic modulus"))]
+    density: Annotated[Number, Stated(Q("kg/m3", "density"))]
+    cylinders: Annotated[list[Annotated[_Cylinder, BeforeValidator(_table)]], BeforeValidator(_seven)]
+
+    def values(self) -> Values:
+        """k1…k7 and m1…m7, Eq. (8)."""
+        origin, modulus, density = self.origin(_DRAWN), self.elastic_modulus.value, self.density.value
+        found: Values = {}
+        for i, cylinder in enumerate(self.cylinders, start=1):
+            size = cylinder.diameter.value, cylinder.length.value
+            found[f"k{i}"] = Given(cylinder_stiffness(modulus, *size), origin)
+            found[f"m{i}"] = Given(cylinder_mass(density, *size), origin)
+        return found
+
+
+class DrawnRoom(Room):
+    """Room of plunger and needle: a number of its own goes before that of the drawing."""
+
+    drawing: Drawing | None = None
+
+    def values(self) -> Values:
+        """Numbers of the drawing, and those that are given."""
+        return (self.drawing.values() if self.drawing else {}) | super().values()
+
+
+ROOMS = tuple(dict.fromkeys(room for model in MODELS.values() for room in get_type_hints(model.Parameters)))
+
+_DEFAULT = Source("E", "default of commonrail")
+
+
+def room_quantities(room: str) -> dict[str, Q]:
+    """Unit, meaning and domain of the parameters of a room, by the last part of their names."""
+    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{room}.")}
+
+
+class _Definition(FuelModel):
+    name: str = "fuel"
+
+
+class _FuelTable(Sourced):
+    """Fuel in one of three forms, and its temperature."""
+
+    name: str | None = None
+    file: str | None = None
+    definition: _Definition | None = None
+    temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])]
+
+
+class _Head(FileModel):
+    """Keys of an injector's file besides its parts."""
+
+    format: Literal["commonrail-injector/1"]
+    name: str | None = None
+    title: str | None = None
+    synthetic: str = ""
+    allow_outside: bool = False
+    fuel: _FuelTable
+    actuation: Annotated[Actuation, choice(Actuation)] = Actuation.SERVO
+    variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
+    rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
+    drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
+    meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
+
+
+_kinds = dict.fromkeys(ROOMS, Room) | {"plunger_needle": DrawnRoom}
+_rooms: Any = {room: (Annotated[kind, Quantities(room_quantities(room))], kind()) for room, kind in _kinds.items()}
+_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_rooms)
+
+
+def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
+    """Meters of a parsed file.
+
+    Parameters
+    ----------
+    document : mapping
+        Its tables.
+    at : Place
+        The file.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As `load_meters`.
+    """
+    tables: Mapping[str, MeterHead] = read_model(_InjectorModel, document, at).meters
+    for name, table in tables.items():
+        for key, amount in table.amounts():
+            if amount.free:
+                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
+    return tuple(meters_of_tables(tables, at / "meters").values())
+
+
+def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
+    """Injector of a parsed file.
+
+    Parameters
+    ----------
+    document : mapping
+        Its tables.
+    at : Place
+        The file.
+    stem : str
+        Name of an injector whose file gives none.
+    reach : Reach or None
+        Where the file of its fuel may lie.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As `load_injector`.
+    """
+    model = read_model(_InjectorModel, document, at)
+    given: dict[str, Given] = {}
+    own = tuple(get_type_hints(MODELS[model.actuation].Parameters))
+    for room in ROOMS:
+        if room in own:
+            given |= _room(room, getattr(model, room).values(), at / room)
+        elif room in model.model_fields_set:
+            raise (at / room).error(
+                f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
+                f"{', '.join(own)}"
+            )
+    _refuse_unread(model, own, at)
+    _check_knots(given, document.get("nozzle", {}), at / "nozzle")
+    for path, item in given.items():
+        if words := not_whole(path, item.value):
+            raise at.error(words)
+    given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
+    fuel = _fuel(model.fuel, at / "fuel", reach or Reach(Path(at.file), model.allow_outside))
+    name = stem if model.name is None else model.name
+    with located(at):  # a drawing may lead to a stiffness without bounds
+        return Injector(
+            name,
+            name if model.title is None else model.title,
+            {path: given[path].value for path in parameter_quantities(model.actuation)},
+            fuel,
+            _variant(model),
+            {path: item.source for path, item in given.items()},
+            synthetic=model.synthetic,
+        )
+
+
+_DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
+
+
+def _refuse_unread(model: Any, rooms: tuple[str, ...], at: Place) -> None:
+    """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
+    stated = model.model_fields_set
+    if model.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
+        raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key")
+    unread = unread_parameters(_variant(model))
+    for room, key in _DECIDING.items():
+        if room in rooms and key not in stated:
+            for name in getattr(model, room).values():
+                if f"{room}.{name}" in unread:
+                    reader = reader_of(f"{room}.{name}")
+                    raise (at / room / name).error(
+                        f"this is read with {reader} only, and the file does not state {key}; add it"
+                    )
+
+
+def _variant(model: Any) -> Variant:
+    return Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation)
+
+
+def _room(room: str, values: Values, at: Place) -> Values:
+    """Values of a room by dotted name: as given, else the default."""
+    quantities = room_quantities(room)
+    missing = [name for name, q in quantities.items() if name not in values and q.default is None]
+    if missing:
+        first, *others = missing
+        more = f", nor for {', '.join(others)}" if others else ""
+        raise at.error(f"there is no value for {first}, the {quantities[first].meaning}{more}; add it")
+    defaults = {name: Given(q.default, _DEFAULT) for name, q in quantities.items() if q.default is not None}
+    return {f"{room}.{name}": values.get(name) or defaults[name] for name in quantities}
+
+
+def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
+    """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
+
+    Parameters
+    ----------
+    given : mapping of str to Given
+        All values by dotted name.
+    stated : mapping of str to Any
+        Those that the file states for the nozzle, by key.
+    at : Place
+        Of the table of the nozzle.
+    """
+    names = [f"knot_{i}" for i in range(1, 9)]
+    lifts = {name: given[f"nozzle.{name}"].value for name in names}
+    known = [name for name in names if lifts[name] > 0.0 or name == names[0]]
+    for before, name in itertools.pairwise(known):
+        if not lifts[name] > lifts[before]:
+            low, high = to_text(lifts[before], "m"), to_text(lifts[name], "m")
+            raise (at / (name if name in stated else before)).error(
+                f"the knots must rise, and {before} is at {low}, {name} at {high}; correct them, or set knots that are "
+                "not wanted to zero"
+            )
+
+
+def _fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
+    fuel = _read_fuel(table, at, reach)
+    temperature, (low, high) = table.temperature.value, fuel.temperature_range
+    if not low - 1e-6 <= temperature <= high + 1e-6:  # rounding of a conversion from °C
+        raise (at / "temperature").error(
+            f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K"
+        )
+    return fuel
+
+
+def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
+    if [table.name, table.file, table.definition].count(None) != 2:
+        raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
+    if table.definition is not None:
+        return table.definition.fuel(table.definition.name)
+    if table.file is not None:
+        path = reach.path(Path(at.file).parent, table.file, at / "file")
+        return parse_fuel(read_toml(path)[0], path.stem, str(path))
+    with located(at / "name"):
+        return load_fuel(table.name or "")

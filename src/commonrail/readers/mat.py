@@ -1,0 +1,184 @@
+"""Quantity map of a MAT file: two vectors, rail pressures and energising times, and a matrix of quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.errors import InputError
+from commonrail.base.input import read_plain
+from commonrail.base.text import counted
+from commonrail.readers.child.parent import read_apart
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column
+from commonrail.readers.limits import MOST_COLUMNS
+from commonrail.readers.quantity_matrix import KINDS, FoundMap, GivenUnits, kind_of
+
+# Variables of a MAT file, of version 5 to 7 or of version 7.3, which is HDF5; both are read in a child process.
+#
+# Fields of structures are named with a point, ``run.rate``, and columns of a matrix ``rate(:,2)``. MATLAB knows no
+# units: that of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` beside it, or is stated by the reader.
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+class MatFile:
+    """MAT file, a `Sheet`.
+
+    Parameters
+    ----------
+    path : Path
+    form : FileForm
+        Without meaning here.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is beyond a limit, or h5py is needed and not installed.
+    """
+
+    apart = True
+
+    def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
+        self.path = path
+        data = read_plain(path)
+        if _HDF5 in (data[:8], data[512:520]) and find_spec("h5py") is None:
+            raise InputError(
+                f'{path}: MAT files of version 7.3 need h5py; install commonrail[mat], or save it with "-v7" in MATLAB.'
+            )
+        about, arrays = read_apart("mat", path, data)
+        self.arrays: dict[str, NDArray[Any]] = {name: arrays[str(i)] for i, name in enumerate(about["names"])}
+        self._texts: dict[str, str] = about["texts"]
+        self._columns = dict(_columns(self.arrays))
+        self.names = list(self._columns)
+        if not self.names:
+            raise InputError(f"{path}: the file has no variable with numbers.")
+
+    def unit(self, name: str) -> str:
+        """Unit of a variable, empty if the file has none."""
+        room, _, last = name.partition("(")[0].rpartition(".")
+        inside = f"{room}." if room else ""
+        beside = [f"{inside}{last}_unit", f"{inside}units.{last}", f"units.{last}"]
+        beside += [f"{inside}unit"] if last in ("value", "values") else []
+        return next((self._texts[text].strip(" []") for text in beside if text in self._texts), "")
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        """Content of variables; see `Sheet.take`."""
+        names = [self.names[find_column(self.path, self.names, column.name)] for column in columns]
+        lengths = {name: len(self._columns[name]) for name in names}
+        if len(set(lengths.values())) > 1:
+            said = ", ".join(f'"{name}" {length}' for name, length in lengths.items())
+            raise InputError(f"{self.path}: the variables have different numbers of values: {said}.")
+        numbers = {name: self._columns[name].astype(np.float64) for name in names}
+        for column, name in zip(columns, names, strict=True):
+            wrong = np.flatnonzero(~np.isfinite(numbers[name]) if column.required else np.isinf(numbers[name]))
+            if len(wrong):
+                at = cell_place(self.path, int(wrong[0]) + 1, name, "value")
+                raise at.error("this is not a finite number")
+        rows = np.arange(1, 1 + next(iter(lengths.values()), 0))
+        return Table(self.path, numbers, {}, {name: self.unit(name) for name in names}, rows, row="value")
+
+
+def _columns(arrays: dict[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[Any]]]:
+    for name, array in arrays.items():
+        if array.ndim == 1:
+            yield name, array
+        elif array.ndim == 2 and array.shape[1] <= MOST_COLUMNS:
+            yield from ((f"{name}(:,{i + 1})", array[:, i]) for i in range(array.shape[1]))
+
+
+# Last parts of names, where several variables have a unit of the kind or none has.
+_NAMES = {
+    "rail pressure": ("rail_pressure", "p_rail", "prail", "rail", "p"),
+    "energising time": ("energising_time", "et", "ti"),
+    "quantity": ("quantity", "q"),
+}
+
+
+def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of the variables of a MAT file, by their units and names.
+
+    Parameters
+    ----------
+    file : MatFile
+    given : GivenUnits
+        They count before those of the file.
+
+    Raises
+    ------
+    InputError
+        If none is found, several are, or a unit is missing.
+    """
+    stated = given.by_kind()
+    names = {kind: _variable(file, kind, 2 if kind == "quantity" else 1) for kind in KINDS}
+    units = {kind: stated[kind] or _plain(file.unit(name)) for kind, name in names.items()}
+    missing = [f'{kind} ("{names[kind]}")' for kind, unit in units.items() if not unit]
+    if missing:
+        raise InputError(
+            f"{file.path}: no unit of the {' and the '.join(missing)} is in the file; state it, or add a text such as "
+            f'{names["quantity"]}_unit = "mm3".'
+        )
+    rail, time, cells = (np.asarray(file.arrays[names[kind]], np.float64) for kind in KINDS)
+    if cells.shape == (len(rail), len(time)):
+        way = "down"
+    elif cells.shape == (len(time), len(rail)):
+        way, cells = "across", cells.T
+    else:
+        raise InputError(
+            f'{file.path}: "{names["quantity"]}" is {cells.shape[0]} × {cells.shape[1]}, and there are '
+            f"{counted(len(rail), 'rail pressure')} and {counted(len(time), 'energising time')}."
+        )
+    pressure, moments = np.repeat(rail, len(time)), np.tile(time, len(rail))
+    filled = np.isfinite(cells).ravel()
+    if not filled.any():
+        raise InputError(f'{file.path}: the map holds no quantity; "{names["quantity"]}" has no finite number.')
+    other = "across" if way == "down" else "down"
+    said = [f'variables "{names["rail pressure"]}", "{names["energising time"]}" and "{names["quantity"]}"']
+    if empty := int(cells.size - filled.sum()):
+        said.append(f"{empty} without a quantity omitted")
+    return FoundMap(
+        f"a matrix with rail pressures {way} and energising times {other}",
+        pressure[filled],
+        moments[filled],
+        cells.ravel()[filled],
+        units,
+        tuple(said),
+        np.flatnonzero(filled) + 1,
+    )
+
+
+def _variable(file: MatFile, kind: str, dimensions: int) -> str:
+    """The variable that holds a kind: the only one with such a unit, else the one with a usual name."""
+    fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
+    found = [name for name in fitting if _kind(file.unit(name)) == kind]
+    if len(found) != 1:
+        found = _named(found or fitting, kind)
+    if len(found) == 1:
+        return found[0]
+    shown = ", ".join(f'"{name}"' for name in (found or fitting)[:12]) or "none"
+    word = "matrices" if dimensions == 2 else "vectors"
+    raise InputError(
+        f"{file.path}: it is open which variable holds the {kind}; of the {word} {shown}, name one "
+        f'"{_NAMES[kind][0]}" or give it the unit of one.'
+    )
+
+
+def _named(names: Sequence[str], kind: str) -> list[str]:
+    """Variables by the first of the usual names that any of them has."""
+    for usual in _NAMES[kind]:
+        found = [name for name in names if name.rpartition(".")[2].lower() == usual]
+        if found:
+            return found
+    return []
+
+
+def _kind(unit: str) -> str:
+    return kind_of(unit) if unit else ""
+
+
+def _plain(unit: str) -> str:
+    return unit.replace("µ", "u").replace("³", "3")

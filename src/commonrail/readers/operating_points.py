@@ -1,0 +1,277 @@
+"""Tables of many traces beside each other, with the operating point of each in rows above the numbers.
+
+::
+
+    rail pressure [bar];800;800;1200
+    energising time [us];300;500;300
+    time [us];rate [mm3/ms];rate [mm3/ms];rate [mm3/ms]
+    0;0,1;0,0;0,1
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.errors import InputError
+from commonrail.base.units import compatible, convert, fits
+from commonrail.readers.columns import Table
+from commonrail.readers.grid import Grid, numbers_of
+from commonrail.readers.location import Place
+from commonrail.readers.quantity_matrix import kind_of, unit_in
+
+# Names of columns that state an operating point, ``800bar_300us``, and the pattern that reads them.
+
+_KINDS = {"p": "Pa", "rail_pressure": "Pa", "et": "s", "energising_time": "s", "shot": ""}
+_WORDS = {"Pa": "rail pressure", "s": "energising time"}
+_KEYS = {"Pa": "rail_pressure_unit", "s": "energising_time_unit"}
+_NUMBER = r"(\d+(?:[.,]\d+)?)"
+_SHOT = r"(\w+?)"
+
+
+class NamedPoint(NamedTuple):
+    """Content of a name: rail pressure [Pa], energising time [s], shot; None or empty where the pattern has none."""
+
+    column: str
+    rail_pressure: float | None
+    energising_time: float | None
+    shot: str
+
+
+class ColumnPattern:
+    """Pattern such as ``{p}bar_{et}us`` or ``{p} MPa, {et} us, shot {shot}``.
+
+    Parameters
+    ----------
+    text : str
+        ``{p}`` or ``{rail_pressure}``, ``{et}`` or ``{energising_time}``, and ``{shot}``; the unit stands behind the
+        number, or is stated.
+    stated : dict of str to str
+        Units by SI unit, "Pa" and "s".
+    at : Place
+        Of the pattern.
+
+    Raises
+    ------
+    InputError
+        If the pattern has no placeholder, an unknown one or one twice, or a number has no unit.
+    """
+
+    def __init__(self, text: str, stated: dict[str, str], at: Place) -> None:
+        self.text = text
+        self._units: dict[str, str] = {}
+        self._kinds: list[str] = []
+        first, *parts = re.split(r"\{(\w*)\}", text)
+        form = re.escape(first)
+        for name, behind in zip(parts[::2], parts[1::2], strict=True):
+            if name not in _KINDS:
+                raise at.error(f'there is no placeholder "{{{name}}}"; {{p}}, {{et}} and {{shot}} are known')
+            kind = _KINDS[name]
+            if kind in self._kinds:
+                raise at.error(f"the {_WORDS.get(kind, 'shot')} has two placeholders; keep one")
+            self._kinds.append(kind)
+            if kind:
+                self._units[kind] = _unit(behind, kind, stated.get(kind, ""), at)
+            form += (_NUMBER if kind else _SHOT) + re.escape(behind)
+        if not self._kinds:
+            raise at.error('the pattern has no placeholder; write it as in "{p}bar_{et}us"')
+        self._form = re.compile(form)
+
+    def read(self, name: str) -> NamedPoint | None:
+        """Content of a name; None for one that does not fit."""
+        found = self._form.fullmatch(name)
+        if found is None:
+            return None
+        texts = dict(zip(self._kinds, found.groups(), strict=True))
+        numbers = {
+            kind: convert(float(text.replace(",", ".")), self._units[kind], kind)
+            for kind, text in texts.items()
+            if kind
+        }
+        return NamedPoint(name, numbers.get("Pa"), numbers.get("s"), texts.get("", ""))
+
+
+def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
+    """Unit of a number: the longest one with which the text behind it begins, else what is stated."""
+    text = behind.lstrip(" ")
+    for end in range(min(len(text), 12), 0, -1):
+        if text[:end].isalpha() and fits(text[:end], kind):
+            return text[:end]
+    if stated:
+        return stated
+    raise at.error(
+        f'the {_WORDS[kind]} has no unit; write it behind the number, as in "{{p}}bar_{{et}}us", or state it with '
+        f"{_KEYS[kind]}"
+    )
+
+
+# Operating points that the names of columns state, such as "500bar_300us".
+
+_POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])")
+_LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)")
+
+
+def pattern_of(names: Sequence[str]) -> str | None:
+    """Pattern of names that state operating points, if all have one form."""
+    if len(names) < 2:
+        return None
+    made = [_POINT.sub(lambda m: _placeholder(m) + m[2] + m[3], name) for name in names]
+    made = made if len(set(made)) == 1 else [_LAST_NUMBER.sub("{shot}", name) for name in made]
+    pattern = made[0]
+    if len(set(made)) > 1 or "{" not in pattern.replace("{shot}", ""):
+        return None
+    try:
+        read = ColumnPattern(pattern, {}, Place(""))
+    except InputError:
+        return None
+    return pattern if all(read.read(name) for name in names) else None
+
+
+def named_points(names: Sequence[str]) -> tuple[NamedPoint, ...]:
+    """Operating points that the names of columns state; empty where there is one name, or not all state one."""
+    text = pattern_of(names)
+    if text is None:
+        return ()
+    pattern = ColumnPattern(text, {}, Place(""))
+    return tuple(point for name in names if (point := pattern.read(name)) is not None)
+
+
+def _placeholder(found: re.Match[str]) -> str:
+    return "{et}" if found[3] in ("us", "µs", "ms") else "{p}"
+
+
+_COLUMN_KINDS = ("rail pressure", "energising time")
+_SI = {"rail pressure": "Pa", "energising time": "s"}
+
+
+class WideTable(NamedTuple):
+    """Traces of a table.
+
+    Attributes
+    ----------
+    table : Table
+        In SI units: the time and the traces, which are named "trace 1" and so on.
+    names : tuple of str
+        Of the traces.
+    points : dict of str to (traces,)
+        "rail pressure" [Pa] and "energising time" [s], where the table states them.
+    """
+
+    table: Table
+    names: tuple[str, ...]
+    points: dict[str, Floats]
+
+
+def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
+    """Traces of a table with operating points above.
+
+    Parameters
+    ----------
+    grid : Grid
+    time : str
+        Name that the column of times shall have; it is the first column.
+    stated : dict of str to str
+        Units that the file does not give: "rail pressure", "energising time", "time" and "rate".
+
+    Raises
+    ------
+    InputError
+        If there are no such rows, or a unit is missing.
+    """
+    points, start = _points(grid, stated)
+    if not points:
+        raise InputError(
+            f'{grid.path}: no row states operating points; write rows such as "rail pressure [bar]" and '
+            '"energising time [us]" above the traces, with a number for each.'
+        )
+    texts, lines, body = _body(grid, start)
+    width = len(next(iter(points.values())))
+    if any(len(row) != width for row in points.values()) or body.shape[1] != width + 1:
+        raise InputError(
+            f"{grid.path}: the rows of operating points have {width} numbers and the table {body.shape[1] - 1} "
+            "traces; give one number for each trace."
+        )
+    time_unit = _one(grid, "time", [text for row in texts for text in row[:1]], "s", stated)
+    rate_unit = _one(grid, "rate", [text for row in texts for text in row[1:]], "m3/s kg/s", stated)
+    names = tuple(f"trace {i + 1}" for i in range(width))
+    si = "m3/s" if compatible(rate_unit, "m3/s") else "kg/s"
+    columns = {time: convert(body[:, 0], time_unit, "s")}
+    columns |= {name: convert(body[:, i + 1], rate_unit, si) for i, name in enumerate(names)}
+    given, units = {time: time_unit, **dict.fromkeys(names, rate_unit)}, {time: "s", **dict.fromkeys(names, si)}
+    table = Table(grid.path, columns, {}, given, lines, units=units)
+    steps = np.flatnonzero(~(np.diff(columns[time]) > 0.0))
+    if len(steps):
+        raise table.place(time, int(steps[0]) + 1).error("the time must increase from row to row")
+    return WideTable(table, names, points)
+
+
+def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]:
+    """Operating points by kind, and the row below them."""
+    found: dict[str, Floats] = {}
+    start = 0
+    for i, row in enumerate(grid.rows[:30]):
+        numbers, head = numbers_of(row[1:]), row[0]
+        if isinstance(head, float):
+            break
+        if numbers is None or not np.isfinite(numbers).any():
+            continue
+        units = unit_in(head)
+        kind = kind_of(units[0]) if units else _named(head, stated)
+        if kind in _COLUMN_KINDS and kind not in found:
+            values = np.array(numbers)
+            if not np.isfinite(values).all():
+                raise InputError(f"{grid.path}, line {grid.lines[i]}: a {kind} is missing; give one for each trace.")
+            found[kind] = convert(values, stated.get(kind) or units[0], _SI[kind])
+            start = i + 1
+    return found, start
+
+
+def _named(head: str, stated: dict[str, str]) -> str:
+    """Kind of a row without a unit, of its first word, if a unit is stated for it."""
+    words = {"rail pressure": ("p", "rail"), "energising time": ("et", "ti", "energising")}
+    first = head.lower().replace("_", " ").split()[:1]
+    return next((kind for kind, known in words.items() if stated.get(kind) and first and first[0] in known), "")
+
+
+def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floats]:
+    """Rows of texts, then lines and numbers of the rows below them."""
+    texts: list[Sequence[str]] = []
+    lines: list[int] = []
+    body: list[list[float]] = []
+    for line, row in zip(grid.lines[start:], grid.rows[start:], strict=True):
+        numbers = numbers_of(row)
+        if numbers is not None:
+            lines.append(line)
+            body.append(numbers)
+        elif body:
+            raise InputError(f"{grid.path}, line {line}: a row of numbers is expected.")
+        else:
+            texts.append([str(cell) for cell in row])
+    width = max(map(len, body), default=0)
+    if not body or width < 2:
+        raise InputError(f"{grid.path}: there are no rows of numbers below the operating points.")
+    return texts, np.array(lines, np.intp), np.array([row + [np.nan] * (width - len(row)) for row in body])
+
+
+def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[str, str]) -> str:
+    """The unit of a kind that texts name, or that is stated."""
+    found = []
+    for text in texts:
+        for unit in _units_of(text):
+            if any(fits(unit, kind) for kind in kinds.split()) and unit not in found:
+                found.append(unit)
+    if stated.get(what):
+        return stated[what]
+    if len(found) == 1:
+        return found[0]
+    cure = "write it into the header" if not found else f"the header has {' and '.join(found)}; write one"
+    raise InputError(f"{grid.path}: the {what} has no unit that is clear; {cure}, or state it.")
+
+
+def _units_of(text: str) -> list[str]:
+    inside = [part.partition("]")[0] for part in text.split("[")[1:]]
+    return [unit.strip().replace("µ", "u").replace("³", "3") for unit in (inside or [text])]

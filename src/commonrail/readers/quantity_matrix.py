@@ -1,0 +1,297 @@
+"""Measured quantity maps as they come: a row for each point, or a matrix of pressures × energising times, either way.
+
+Units are taken from the header, the corner or the lines above the numbers, never from the size of the numbers; which
+axis of a matrix is which follows from where the units stand, and only if that is open from which way makes sense.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.errors import InputError
+from commonrail.base.units import compatible, convert, fits
+from commonrail.readers.columns import Column
+from commonrail.readers.grid import Grid, numbers_of
+from commonrail.readers.parquet import ParquetFile
+
+MOST_HEADER = 30  # rows in which the header of a table is looked for
+BAND = "_band_"  # in the names of columns that hold an edge of a band beside the quantity
+
+KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
+SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
+
+# A unit in brackets, or after "in" or "/" at the end of a text.
+_BRACKETED = re.compile(r"[\[(]([^\[\]()]+)[\])]")
+_TRAILING = re.compile(r"(?:\bin|/|,)\s*([^\s/,]+(?:/\w+)?)\s*$")
+
+
+@dataclass(frozen=True)
+class GivenUnits:
+    """Units that are stated by whoever reads a file; an empty one is taken from the file."""
+
+    pressure: str = ""
+    time: str = ""
+    quantity: str = ""
+
+    def by_kind(self) -> dict[str, str]:
+        """Units by the kinds of `KINDS`."""
+        return dict(zip(KINDS, (self.pressure, self.time, self.quantity), strict=True))
+
+
+@dataclass(frozen=True)
+class FoundMap:
+    """Map found in a table, in the units of the file.
+
+    Attributes
+    ----------
+    form : str
+        What the table was taken for.
+    rail_pressure, energising_time, quantity : (n,)
+        In `units`.
+    units : dict of str to str
+        By the names of `KINDS`.
+    said : tuple of str
+        What else was taken or omitted.
+    lines : (n,)
+        Line of the file, or row of the sheet, of each point.
+    """
+
+    form: str
+    rail_pressure: Floats
+    energising_time: Floats
+    quantity: Floats
+    units: dict[str, str]
+    said: tuple[str, ...]
+    lines: IndexArray
+
+    @property
+    def by_mass(self) -> bool:
+        """True if the quantities are masses."""
+        return compatible(self.units["quantity"], "kg")
+
+
+def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of a table.
+
+    Parameters
+    ----------
+    grid : Grid
+    given : GivenUnits
+        They count before those of the file.
+
+    Raises
+    ------
+    InputError
+        If none is found, or a unit is missing.
+    """
+    for i, header in enumerate(grid.rows[:MOST_HEADER]):
+        columns = _columns(header, given)
+        if columns is not None:
+            return _long(grid, i + 1, columns)
+    start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), None)
+    if start is None:
+        raise InputError(f"{grid.path}: there are no rows of numbers.")
+    return _matrix(grid, start, given)
+
+
+def _is_numeric(row: Sequence[str | float]) -> bool:
+    """At least two numbers and no text behind the first cell."""
+    numbers = numbers_of(row[1:])
+    return numbers is not None and int(np.isfinite(numbers).sum()) >= 2
+
+
+def unit_in(text: str) -> list[str]:
+    """Units that a text names, in its order."""
+    found = [unit for unit in _BRACKETED.findall(text) if kind_of(unit)]
+    if not found and (match := _TRAILING.search(text)) and kind_of(match[1]):
+        found = [match[1]]
+    return found or ([text] if kind_of(text) else [])
+
+
+def kind_of(unit: str) -> str:
+    """Kind of a map's quantity that a unit measures, empty if none."""
+    return next((kind for kind, wanted in KINDS.items() if any(fits(_plain(unit), one) for one in wanted)), "")
+
+
+def _plain(unit: str) -> str:
+    return unit.strip().replace("µ", "u").replace("³", "3")
+
+
+def _columns(header: Sequence[str | float], given: GivenUnits) -> dict[str, tuple[int, str]] | None:
+    """Columns by kind with their units, if a row is the header or the row of units of a table of points."""
+    stated = given.by_kind()
+    found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
+    for i, cell in enumerate(header):
+        if BAND in str(cell):
+            continue
+        for unit in unit_in(str(cell))[:1]:
+            found[kind_of(unit)].append((i, stated[kind_of(unit)] or _plain(unit)))
+    if all(len(places) == 1 for places in found.values()):
+        return {kind: places[0] for kind, places in found.items()}
+    return None
+
+
+def _long(grid: Grid, start: int, columns: dict[str, tuple[int, str]]) -> FoundMap:
+    rows: list[list[str | float]] = []
+    lines: list[int] = []
+    empty = 0
+    for line, row in zip(grid.lines[start:], grid.rows[start:], strict=True):
+        cells = [row[i] if i < len(row) else "" for i, _ in columns.values()]
+        if line == grid.lines[start] and all(isinstance(cell, str) for cell in cells):
+            continue  # units below the names
+        if cells[2] == "" and all(isinstance(cell, float) for cell in cells[:2]):
+            empty += 1
+            continue
+        if not all(isinstance(cell, float) for cell in cells):
+            raise InputError(f"{grid.path}, line {line}: a number is expected in each of the columns that are used.")
+        rows.append(cells)
+        lines.append(line)
+    if not rows:
+        raise InputError(f"{grid.path}: there are no rows of numbers below the header.")
+    pressure, time, quantity = np.array(rows, float).T
+    units = {kind: unit for kind, (_, unit) in columns.items()}
+    said = (*grid.said, *_omitted(empty))
+    return FoundMap("a table with a row for each point", pressure, time, quantity, units, said, np.array(lines))
+
+
+def _omitted(empty: int) -> list[str]:
+    return [f"{empty} without a quantity omitted"] if empty else []
+
+
+def _matrix(grid: Grid, start: int, given: GivenUnits) -> FoundMap:
+    """Matrix whose first row and first column are its axes."""
+    across = numbers_of(grid.rows[start][1:])
+    body = [(line, numbers_of(row)) for line, row in zip(grid.lines[start + 1 :], grid.rows[start + 1 :], strict=True)]
+    for line, numbers in body:
+        if numbers is None or len(numbers) > len(across or []) + 1 or not np.isfinite(numbers[0]):
+            raise InputError(
+                f"{grid.path}, line {line}: a row of a map is expected, its place on the axis first and then numbers."
+            )
+    width = len(across or [])
+    cells = np.array([(numbers or [])[1:] + [np.nan] * (width + 1 - len(numbers or [])) for _, numbers in body])
+    if cells.size == 0 or not np.all(np.isfinite(across or [np.nan])):
+        raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
+    axes = np.array([(numbers or [np.nan])[0] for _, numbers in body]), np.array(across)
+    units, order = _units(grid, start, given)
+    turned = _pressures_across(grid, axes, units, order)
+    down, right = (np.repeat(axes[0], width), np.tile(axes[1], len(axes[0])))
+    filled = np.isfinite(cells).ravel()
+    if not filled.any():
+        raise InputError(f"{grid.path}: the map holds no quantity; all its cells are empty.")
+    pressure, time = (right, down) if turned else (down, right)
+    empty = int(cells.size - filled.sum())
+    said = (*grid.said, *_omitted(empty))
+    form = f"a matrix with rail pressures {'across' if turned else 'down'} and energising times " + (
+        "down" if turned else "across"
+    )
+    lines = np.repeat([line for line, _ in body], width)
+    return FoundMap(form, pressure[filled], time[filled], cells.ravel()[filled], units, said, lines[filled])
+
+
+def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], list[str]]:
+    """Units by kind, and the kinds in the order in which the corner names them."""
+    corner = str(grid.rows[start][0])
+    texts = [corner] + [str(c) for row in grid.rows[:start] for c in row if isinstance(c, str)] + list(grid.comments)
+    units = {kind: unit for kind, unit in given.by_kind().items() if unit}
+    stated = set(units)
+    for text in texts:
+        for unit in unit_in(text):
+            kind = kind_of(unit)
+            if kind not in stated and text not in grid.comments and not _alike(units.get(kind, unit), unit):
+                raise InputError(
+                    f'{grid.path}: the units "{units[kind]}" and "{unit}" of the {kind} contradict each other in the '
+                    "corner or above the numbers; keep the right one, or state it."
+                )
+            units.setdefault(kind, unit)
+    missing = [kind for kind in KINDS if kind not in units]
+    if missing:
+        raise InputError(
+            f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner; write them as in "
+            '"rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
+        )
+    return {kind: _plain(unit) for kind, unit in units.items()}, [
+        kind_of(unit) for unit in unit_in(corner) if kind_of(unit) != "quantity"
+    ]
+
+
+def _alike(first: str, second: str) -> bool:
+    """Return whether two units are the same under different names."""
+    one, other = _plain(first), _plain(second)
+    return compatible(one, other) and math.isclose(float(convert(np.array(1.0), one, other)), 1.0, rel_tol=1e-9)
+
+
+def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, str], order: list[str]) -> bool:
+    """True if the rail pressures are in the first row: by the corner (down, then across), else by what makes sense."""
+    if len(order) == 2:
+        return order == ["energising time", "rail pressure"]
+    sensible = [
+        all(
+            SENSIBLE[kind][0] <= value <= SENSIBLE[kind][1]
+            for kind, axis, si in (("rail pressure", pressures, "Pa"), ("energising time", times, "s"))
+            for value in convert(axis, units[kind], si).tolist()
+        )
+        for pressures, times in (axes, axes[::-1])
+    ]
+    if sensible[0] == sensible[1]:
+        raise InputError(
+            f"{grid.path}: it is open which axis is the rail pressure; write both names with their units into the "
+            'corner, that of the rows first, as in "rail pressure [MPa] \\ energising time [us]".'
+        )
+    return sensible[1]
+
+
+# Quantity map in the columns of a file with named and typed columns, found by their units whatever their names.
+
+FORM = "a table with a row for each point"
+
+
+def find_column_map(file: ParquetFile, given: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of a file whose columns state their units.
+
+    Parameters
+    ----------
+    file : ParquetFile
+    given : GivenUnits
+        They count before those of the file.
+
+    Raises
+    ------
+    InputError
+        If not exactly one column has a unit of each kind, or a cell of them holds no number.
+    """
+    names = {kind: _column(file, kind) for kind in KINDS}
+    stated = given.by_kind()
+    units = {kind: stated[kind] or file.unit(name) for kind, name in names.items()}
+    wanted = [Column(name, "1", required=kind != "quantity") for kind, name in names.items()]
+    table = file.take(wanted)
+    pressure, time, quantity = (table.columns[name] for name in names.values())
+    filled = np.isfinite(quantity)
+    if not filled.any():
+        raise InputError(f'{file.path}: the map holds no quantity; "{names["quantity"]}" has no finite number.')
+    said = ["columns " + ", ".join(f'"{name}"' for name in names.values())]
+    if empty := int(filled.size - filled.sum()):
+        said.append(f"{empty} without a quantity omitted")
+    return FoundMap(FORM, pressure[filled], time[filled], quantity[filled], units, tuple(said), table.rows[filled])
+
+
+def _column(file: ParquetFile, kind: str) -> str:
+    """Name of the only column with a unit of a kind."""
+    found = [name for name in file.names if BAND not in name and (unit := file.unit(name)) and kind_of(unit) == kind]
+    if len(found) == 1:
+        return found[0]
+    raise InputError(
+        f"{file.path}: {_shown(found)} the unit of a {kind}, and one column must have it; name columns as in "
+        '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".'
+    )
+
+
+def _shown(names: Sequence[str]) -> str:
+    if not names:
+        return "no column has"
+    return "the columns " + " and ".join(f'"{name}"' for name in names[:4]) + " have"

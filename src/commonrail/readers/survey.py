@@ -1,0 +1,337 @@
+"""Content of a data file, and the block of a study that reads it: what `inspect` lists and `new` writes.
+
+Nothing is guessed in silence: what a file is taken for follows from units, and where several channels fit, from names
+that are written down in `Survey.block`, to be checked.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.errors import InputError
+from commonrail.base.input import read_plain
+from commonrail.base.units import convert, fits, to_text
+from commonrail.readers.channels import TIME, ChannelSheet
+from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet
+from commonrail.readers.grid import Grid, GridSheet, read_grid
+from commonrail.readers.mat import MatFile, find_mat_map
+from commonrail.readers.operating_points import find_traces, pattern_of
+from commonrail.readers.parquet import ParquetFile
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_column_map, find_map
+from commonrail.readers.tables import open_sheet
+
+# Channels of a data file, and the block of a study that reads a rate of injection among them.
+
+UNKNOWN = "?"  # what a block needs and the file does not tell
+ZERO = "0 us"  # time zero of traces whose times hold it: taken for granted, and said
+
+# What a channel of this SI unit can be.
+_MEANINGS = {
+    "m3/s": "rate of injection by volume",
+    "kg/s": "rate of injection by mass",
+    "Pa": "pressure",
+    "s": "time",
+    "A": "current",
+    "V": "voltage",
+    "m3": "quantity by volume",
+    "kg": "quantity by mass",
+    "K": "temperature",
+    "m": "lift",
+    "1": "plain number",
+}
+RATES = ("m3/s", "kg/s")
+_TRIGGER = re.compile(r"trig|ttl|sync", re.I)
+_SET = re.compile(r"set|soll|cmd|nominal", re.I)
+
+
+class Channel(NamedTuple):
+    """A column or channel of a file.
+
+    Attributes
+    ----------
+    name, unit : str
+        Unit of the file.
+    size : int
+    low, high : float
+        Smallest and largest value, in that unit.
+    step : float, optional
+        Median time between samples [s], of a channel with times of its own.
+    times : (float, float), optional
+        Its first and last time [s].
+    """
+
+    name: str
+    unit: str
+    size: int
+    low: float
+    high: float
+    step: float | None = None
+    times: tuple[float, float] | None = None
+
+    @property
+    def kind(self) -> str:
+        """SI unit of what it measures, empty if that is unknown."""
+        return next((si for si in _MEANINGS if fits(self.unit, si)), "") if self.unit else ""
+
+    def text(self) -> str:
+        """One line on it."""
+        unit = self.unit or "no unit"
+        every = f", every {to_text(self.step, 's')}" if self.step else ""
+        meaning = f"; {_MEANINGS[self.kind]}" if self.kind else ""
+        return f"{self.size} values, {self.low:.6g} to {self.high:.6g} {unit}{every}{meaning}"
+
+
+def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
+    """Channels with numbers; what is wrong with others that have a unit, by their names."""
+    own_times = isinstance(sheet, ChannelSheet)
+    found = []
+    unread: dict[str, str] = {}
+    for name in sheet.names:
+        unit = str(sheet.unit(name)) if hasattr(sheet, "unit") else ""
+        wanted = [Column(name, "1", required=False)]
+        try:
+            table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
+        except InputError as error:  # of a column without a unit: texts, or nothing
+            unread |= {name: f"not read: {str(error).removeprefix(f'{sheet.path}: ')}"} if unit else {}
+            continue
+        values = table.columns[name]
+        values = values[np.isfinite(values)]
+        if len(values):
+            found.append(Channel(name, unit, len(values), float(values.min()), float(values.max())))
+            times = table.columns[TIME] if own_times else np.empty(0)
+            if len(times) > 1:
+                ends = float(times[0]), float(times[-1])
+                found[-1] = found[-1]._replace(step=float(np.median(np.diff(times))), times=ends)
+    if not found:
+        reason = next(iter(unread.values()), "no column holds numbers below a header.")
+        raise InputError(f"{sheet.path}: {reason.removeprefix('not read: ')}")
+    return found, unread
+
+
+def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
+    """Purpose that channels are taken for, and the block of a study that reads them."""
+    rates = [c for c in channels if c.kind in RATES]
+    times = [c for c in channels if c.kind == "s"]
+    base: dict[str, Any] = {"kind": "rate", "file": path.name}
+    if not rates:
+        return "channels without a rate of injection, whose unit would be one such as mm3/ms or mg/ms", {}
+    if not own_times:
+        named = [c for c in times if c.name.rpartition(".")[2].lower() in ("time", "t", "zeit")] or times
+        if len(named) != 1:
+            what = "no column is a time" if not named else f"{_names(named)} may be the time"
+            return f"channels of which the times are not clear: {what}", {}
+        base |= {"time": named[0].name} if named[0].name != TIME else {}
+    zero = zero_of(_times(rates[0] if own_times else named[0]), rates[0].size)
+    pattern = pattern_of([c.name for c in rates])
+    if pattern is not None:
+        count = len(rates)
+        return f'{count} traces whose names state their operating points, "{pattern}"', base | {
+            "columns": pattern
+        } | zero
+    if len(rates) > 1:
+        return f"channels of which several may be the rate of injection, {_names(rates)}; name one by rate = …", {}
+    base["rate"] = rates[0].name
+    shots = _shots(channels) if own_times else None
+    if shots is not None:
+        window = {"window": ["-0.1 ms", "3 ms"]}
+        return f'a record of shots, found by the trigger "{shots["trigger"]}"', base | {"shots": shots} | window
+    return "a trace", base | zero | {"rail_pressure": UNKNOWN, "energising_time": UNKNOWN}
+
+
+def _times(channel: Channel) -> tuple[float, float]:
+    """First and last time [s] of a channel: its own times, or its values where it is one of times."""
+    if channel.times is not None:
+        return channel.times
+    low, high = convert(np.array([channel.low, channel.high]), channel.unit, "s").tolist()
+    return low, high
+
+
+def zero_of(times: tuple[float, float], size: int) -> dict[str, str]:
+    """Key of a block with the time of the file at which energising starts: 0, where the file's times hold it.
+
+    Parameters
+    ----------
+    times : (float, float)
+        First and last one [s].
+    size : int
+        Number of samples; the first one may end, rather than begin, at its time.
+    """
+    first, last = times
+    interval = (last - first) / max(size - 1, 1)
+    return {"time_zero": ZERO if first - 1.5 * interval <= 0.0 <= last else UNKNOWN}
+
+
+def _shots(channels: Sequence[Channel]) -> dict[str, Any] | None:
+    """Keys of the shots of a record: its trigger and the channels of the operating point."""
+    triggers = [c for c in channels if _TRIGGER.search(c.name)] or [c for c in channels if c.kind == "V"]
+    if len(triggers) != 1:
+        return None
+    found: dict[str, Any] = {"trigger": triggers[0].name, "offset": UNKNOWN}
+    for key, kind in (("rail_pressure", "Pa"), ("energising_time", "s")):
+        fitting = [c for c in channels if c.kind == kind]
+        chosen = [c for c in fitting if _SET.search(c.name)] if len(fitting) > 1 else fitting
+        found |= {key: chosen[0].name} if len(chosen) == 1 else {}
+    return found
+
+
+def _names(channels: Sequence[Channel]) -> str:
+    return " and ".join(f'"{c.name}"' for c in channels[:4]) + (" and others" if len(channels) > 4 else "")
+
+
+OF_CHANNELS = (".mf4", ".mdf", ".lvm", ".mat", ".parquet", ".pq")
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Content of a data file.
+
+    Attributes
+    ----------
+    path : Path
+    taken_for : str
+    facts : dict of str to str
+        Channels, axes and ranges.
+    said : str
+        What was detected of the file's form.
+    block : dict of str to object
+        Keys of a block of a study that reads the file; empty if it is no data of a study. `UNKNOWN` stands for what
+        must be stated.
+    found : FoundMap or None
+        Quantity map of the file.
+    """
+
+    path: Path
+    taken_for: str
+    facts: dict[str, str]
+    said: str = ""
+    block: dict[str, Any] = field(default_factory=dict)
+    found: FoundMap | None = None
+
+
+def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
+    """Find out the content of a data file.
+
+    Parameters
+    ----------
+    path : Path
+    form : FileForm
+        Encoding and sheet, where they are stated; the decimal sign is detected.
+    given : GivenUnits
+        Units of a map that its file does not give.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    if path.suffix.lower() in OF_CHANNELS:
+        form = _detected(path, form)
+        found = _of_channels(path, open_sheet(path, form), given)
+        if path.suffix.lower() != ".lvm" or not form.encoding:
+            return found
+        keys = {"encoding": form.encoding} if found.block else {}
+        return replace(found, said=f"encoding {form.encoding}", block=found.block | keys)
+    grid = read_grid(path, form.encoding or None, form.sheet or None)
+    reasons = []
+    for way in (_map, _traces, _columns):
+        try:
+            return way(grid, form, given)
+        except InputError as error:
+            reasons.append(str(error).removeprefix(f"{path}: "))
+    facts = {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
+    return Survey(path, "a table, no quantity map and no trace", facts, "; ".join(grid.said))
+
+
+def _detected(path: Path, form: FileForm) -> FileForm:
+    """Form with the encoding of a text of channels: UTF-8, else cp1252, in which LabVIEW writes mm³ on Windows."""
+    if path.suffix.lower() != ".lvm" or form.encoding:
+        return form
+    data = read_plain(path)
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError:
+        return form if b"\0" in data else form._replace(encoding="cp1252")
+    return form
+
+
+def _map(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
+    return _of_map(grid.path, find_map(grid, given), form, given)
+
+
+def _of_map(path: Path, found: FoundMap, form: FileForm, given: GivenUnits) -> Survey:
+    axes = {"rail pressure": found.rail_pressure, "energising time": found.energising_time, "quantity": found.quantity}
+    facts = {
+        name: f"{values.min():g} to {values.max():g} {found.units[name]}"
+        + (f", {len(set(values.tolist()))} values" if name != "quantity" else f", {len(values)} points")
+        for name, values in axes.items()
+    }
+    layout = "matrix" if found.form.startswith("a matrix") else "found"
+    block = {"kind": "quantities", "file": path.name, "layout": layout} | _form_keys(form)
+    keys = ("rail_pressure_unit", "energising_time_unit", "quantity_unit")
+    block |= {key: unit for key, unit in zip(keys, given.by_kind().values(), strict=True) if unit}
+    repeats = len(found.quantity) > len(
+        {*zip(found.rail_pressure.tolist(), found.energising_time.tolist(), strict=True)}
+    )
+    block |= {"repeated": "mean"} if repeats else {}
+    return Survey(path, f"a quantity map: {found.form}", facts, "; ".join(found.said), block, found)
+
+
+def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
+    stated = {"rail pressure": given.pressure, "energising time": given.time}
+    wide = find_traces(grid, TIME, stated)
+    facts = {
+        name: ", ".join(to_text(float(v), {"rail pressure": "Pa"}.get(name, "s")) for v in values)
+        for name, values in wide.points.items()
+    }
+    time = wide.table.columns[TIME]
+    facts |= {"time": f"{len(time)} samples from {to_text(float(time[0]), 's')} to {to_text(float(time[-1]), 's')}"}
+    block = {"kind": "rate", "file": grid.path.name, "layout": "header rows"} | _form_keys(form)
+    block |= zero_of((float(time[0]), float(time[-1])), len(time))
+    missing = {key: UNKNOWN for key in ("rail pressure", "energising time") if key not in wide.points}
+    block |= {key.replace(" ", "_"): value for key, value in missing.items()}
+    taken = f"{len(wide.names)} traces below rows with their operating points"
+    return Survey(grid.path, taken, facts, "; ".join(grid.said), block)
+
+
+def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
+    found = _of_channels(grid.path, GridSheet(grid), given)
+    if not found.block:
+        return Survey(grid.path, found.taken_for, found.facts, "; ".join(grid.said))
+    keys = _form_keys(form)
+    encoding = grid.said[0].removeprefix("encoding ")
+    if grid.path.suffix.lower() != ".xlsx":
+        keys |= {"encoding": encoding} if encoding not in ("utf-8", "utf-8-sig") else {}
+        keys |= {"decimal": ","} if "decimal comma" in grid.said else {}
+    block = {"kind": found.block["kind"], "file": grid.path.name, **keys} | found.block
+    return Survey(grid.path, found.taken_for, found.facts, "; ".join(grid.said), block)
+
+
+def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
+    """Survey of a file with named channels."""
+    channels, unread = channels_of(sheet)
+    facts = {channel.name: channel.text() for channel in channels} | unread
+    if isinstance(sheet, MatFile | ParquetFile):
+        try:
+            own = find_mat_map(sheet, given) if isinstance(sheet, MatFile) else find_column_map(sheet, given)
+            found = _of_map(path, own, PLAIN, given)
+            return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
+        except InputError as error:
+            facts["no map"] = str(error).removeprefix(f"{path}: ")
+    taken, block = block_of(path, channels, isinstance(sheet, ChannelSheet))
+    return Survey(path, taken, facts, "", block)
+
+
+def _form_keys(form: FileForm) -> dict[str, Any]:
+    stated: Mapping[str, str] = {"encoding": form.encoding, "sheet": form.sheet}
+    return {key: value for key, value in stated.items() if value}
+
+
+def _shown(row: Sequence[str | float], most: int = 12) -> str:
+    heads = [str(cell) for cell in row]
+    return ", ".join(heads[:most]) + (f" and {len(heads) - most} more" if len(heads) > most else "")

@@ -1,0 +1,158 @@
+"""Measured columns of a file as SI values: every number with its unit, every fault with its line and column.
+
+The unit of a column stands in the file, or is stated by whoever reads it; it is never guessed from a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from commonrail.base.errors import InputError
+from commonrail.base.units import NAMES, compatible, convert
+from commonrail.physics.parameters import Domain
+from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
+from commonrail.readers.csv import CsvFile
+from commonrail.readers.location import Place, located
+from commonrail.readers.lvm import LvmFile
+from commonrail.readers.mat import MatFile
+from commonrail.readers.mdf import MdfFile
+from commonrail.readers.parquet import ParquetFile
+from commonrail.readers.workbook import WorkbookSheet
+
+LEAST_SAMPLES = 4
+
+# Format of a file by the end of its name; all else is CSV.
+_SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
+    ".xlsx": WorkbookSheet,
+    ".mf4": MdfFile,
+    ".mdf": MdfFile,
+    ".lvm": LvmFile,
+    ".mat": MatFile,
+    ".parquet": ParquetFile,
+    ".pq": ParquetFile,
+}
+_UNREAD = {".nc": "NetCDF", ".xls": "old Excel", ".tdms": "TDMS"}
+
+
+def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
+    """Read named columns of a file.
+
+    Parameters
+    ----------
+    path : Path
+        Its ending tells the format, see `open_sheet`.
+    wanted : sequence of Column
+    least : int
+        Rows that the file must have.
+    form : FileForm
+        Encoding, decimal sign and sheet.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a column or unit is missing, or a cell is not a finite number.
+    """
+    return take_columns(open_sheet(path, form), wanted, least)
+
+
+def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
+    """Named columns of an open file in SI units; see `read_columns`.
+
+    Parameters
+    ----------
+    sheet : Sheet
+    wanted : sequence of Column
+    least : int
+        Rows that the file must have.
+    """
+    path, table = sheet.path, sheet.take(wanted)
+    if len(table.rows) < least:
+        raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
+    numeric = [column for column in wanted if column.unit]
+    for column in numeric:
+        name, at = column.name, Place(str(path), f'column "{column.name}"')
+        table.given[name] = _unit(column, table.given[name], at)
+        table.units[name] = _kind(column, table.given[name], at)
+        with np.errstate(over="ignore"):  # _check names the line
+            table.columns[name] = convert(table.columns[name], table.given[name], table.units[name], str(at))
+    for column in numeric:
+        _check(table, column)
+    for column in numeric:
+        if column.increasing:
+            _check_increasing(table, column.name)
+    return table
+
+
+def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
+    """File with named columns, of the format that its ending tells; all unknown endings are CSV.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or its format is not.
+    """
+    suffix = path.suffix.lower()
+    if suffix in _UNREAD:
+        raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
+    opener: Callable[[Path, FileForm], Sheet] = _SHEETS.get(suffix, CsvFile)
+    return opener(path, form)
+
+
+def _example(column: Column) -> str:
+    """Units that people write for what is wanted, "mm3/ms or mg/ms"."""
+    return " or ".join(NAMES[unit][1].partition(" ")[2] if unit in NAMES else unit for unit in column.units)
+
+
+def _unit(column: Column, written: str, at: Place) -> str:
+    """Unit of a column, of what is written in the file and what is stated elsewhere."""
+    if written and column.stated and written != column.stated:
+        raise at.error(f'the file gives the unit "{written}", the study "{column.stated}"; keep one of them')
+    if not (written or column.stated or column.otherwise):
+        example = _example(column).split()[0]
+        raise at.error(
+            f'there is no unit; write it in the header, as in "{column.name} [{example}]", or state it in the study'
+        )
+    return written or column.stated or column.otherwise
+
+
+def _kind(column: Column, given: str, at: Place) -> str:
+    """The wanted unit that measures the same kind of quantity as the column's own."""
+    with located(at):
+        fitting = [unit for unit in column.units if compatible(given, unit)]
+    if not fitting:
+        raise at.error(f'a unit like {_example(column)} is expected, not "{given}"')
+    return fitting[0]
+
+
+def _check(table: Table, column: Column) -> None:
+    """Refuse what has grown too large for a number when it became SI, or lies outside the domain."""
+    values = table.columns[column.name]
+    beyond = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
+    if len(beyond):
+        raise table.place(column.name, int(beyond[0])).error("the number is too large for its unit")
+    if column.domain is not Domain.ANY:
+        outside = np.flatnonzero(~(column.domain.admits(values) | np.isnan(values)))
+        if len(outside):
+            raise table.place(column.name, int(outside[0])).error(f"the value must be {column.domain.value}")
+
+
+def _check_increasing(table: Table, column: str) -> None:
+    steps = np.diff(table.columns[column])
+    if np.all(steps > 0.0):
+        return
+    row = int(np.argmax(steps <= 0.0)) + 1
+    what = "repeats" if steps[row - 1] == 0.0 else "runs back behind"
+    raise table.place(column, row).error(
+        f"this {column} {what} the one on {table.row} {table.rows[row - 1]}; it must increase from row to row"
+        f"{_exchanged(table, column)}"
+    )
+
+
+def _exchanged(table: Table, column: str) -> str:
+    """Cure where another column increases as this one should."""
+    others = (name for name, values in table.columns.items() if name != column and np.all(np.diff(values) > 0.0))
+    other = next(others, "")
+    return f', as the column "{other}" does: the two may be exchanged in the header' if other else ""

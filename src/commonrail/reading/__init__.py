@@ -1,1 +1,0 @@
-"""Reading of TOML, columns and texts from disk: types, places and limits, nothing of injectors or studies."""

@@ -1,0 +1,150 @@
+"""The page of a comparison: sentences, tables, figures, models."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from commonrail.base.table import Part, Table, table_of
+from commonrail.base.text import fixed, listed, number, pressure, quantity, significant
+from commonrail.data.records import MICROSECOND, Record, Traces
+from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.figures import comparison_figures
+from commonrail.report.fit.record import by_kind
+from commonrail.report.fit.verdict import synthetic_notes
+from commonrail.report.html import render
+from commonrail.report.result_kind import ResultKind
+from commonrail.runs.comparison import COMPARISON
+from commonrail.runs.folder import TRACES
+from commonrail.runs.traces import read_traces
+
+# Tables of a comparison: those of the data, points that failed, and parameters that differ.
+
+
+def comparison_tables(record: Record) -> list[Table]:
+    """Every table that the data sets of a comparison have something for."""
+    labels = list(record["labels"])
+    tables = [table for view, own in by_kind(record["data"]) for table in view.compared_tables(own, labels)]
+    failed = failure_table(record["data"])
+    return [*tables, failed] if failed.rows else tables
+
+
+def difference_table(record: Record) -> Table:
+    """Parameters that are not the same in all the models, with prefixes that suit them."""
+    labels = list(record["labels"])
+    parts = (
+        Part(("parameter", "meaning"), lambda d: (d["name"], d["meaning"])),
+        Part(labels, lambda d: [quantity(d["values"].get(label), d["unit"]) for label in labels]),
+    )
+    return table_of("Parameters that differ", record["differences"], parts, "", 2)
+
+
+def failure_table(data: Sequence[Record]) -> Table:
+    """Points that have no number, and why."""
+    rows: dict[tuple[str, str, str], list[Record]] = {}
+    for d in data:
+        for label, failures in d.get("failures", {}).items():
+            for failure in failures:
+                rows.setdefault((d["name"], label, failure["sentence"]), []).append(failure)
+    heads = ("data set", "model", "points", "reason", "number of points")
+    cells = ((name, label, _points(found), reason, str(len(found))) for (name, label, reason), found in rows.items())
+    return table_of("Points without a number", cells, (Part(heads, lambda row: row),), "", 4)
+
+
+def _points(failures: Sequence[Record]) -> str:
+    """Points in words: "80 MPa: 1000, 1400 µs; 120 MPa: 250 µs"."""
+    by_rail: dict[str, list[str]] = {}
+    for f in failures:
+        by_rail.setdefault(pressure(f["rail_pressure"]), []).append(fixed(f["energising_time"], 0, MICROSECOND))
+    return "; ".join(f"{rail}: {', '.join(times)} µs" for rail, times in by_rail.items())
+
+
+def _page(record: Record, folder: Path) -> str:
+    return comparison_html(record, read_traces(folder / TRACES), folder.as_posix() or "DIR")
+
+
+KEYS = ("title", "labels", "models", "differences", "studies", "data")
+RESULT = ResultKind(COMPARISON, "comparison", "compare", _page, KEYS)
+
+
+def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
+    """The page of a comparison; `folder` is its name for the command lines in it."""
+    drawn = enumerate(comparison_figures(record, traces))
+    return render(
+        "comparison.html",
+        kind="Comparison",
+        record=record,
+        lines=comparison_lines(record),
+        tables=comparison_tables(record),
+        figures=[(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn],
+        differences=difference_table(record),
+        synthetic=synthetic_notes(record),
+        commands=comparison_commands(record, folder),
+        facts=_facts(record),
+    )
+
+
+def comparison_lines(record: Record) -> list[str]:
+    """Sentences on models and data, the nearest model to each data set, and points without a number."""
+    labels, data = list(record["labels"]), record["data"]
+    counts = (_counted(len(labels), "model"), _counted(len(data), "data set"))
+    lines = [f"{counts[0]} on {counts[1]}; nothing was fitted."]
+    if len(labels) > 1:
+        for view, own in by_kind(data):
+            lines += _nearest(*view.leading(own), [d["name"] for d in own], labels)
+    failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
+    if failed:
+        lines.append(f"{_counted(failed, 'point')} could not be simulated or judged; the last table says why.")
+    return lines
+
+
+def comparison_commands(record: Record, folder: str) -> list[tuple[str, str]]:
+    """Purpose and command line; the first only if the models and studies were named on one."""
+    arguments = [model.get("argument", "") for model in record["models"]]
+    files = [study.get("file", "") for study in record["studies"]]
+    commands = []
+    if all(arguments) and all(files):
+        options = " ".join(f"--data {shlex.quote(file)}" for file in files)
+        models = " ".join(shlex.quote(argument) for argument in arguments)
+        commands.append(("Compare again", f"commonrail compare {models} {options} --out NEW-DIR"))
+    return [*commands, ("Make this report again", f"commonrail report {shlex.quote(folder)}")]
+
+
+def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: Sequence[str]) -> list[str]:
+    """Sentence on which model has the least error of which data sets.
+
+    Parameters
+    ----------
+    what : str
+        What the best model has.
+    errors : sequence of mapping
+        Errors by label, of each data set.
+    names : sequence of str
+        Of the data sets.
+    labels : sequence of str
+    """
+    won: dict[str, list[str]] = {}
+    for name, own in zip(names, errors, strict=True):
+        found = {label: value for label in labels if (value := number(own.get(label))) is not None}
+        if found:
+            won.setdefault(min(found, key=lambda label: found[label]), []).append(name)
+    if not won:
+        return []
+    order = sorted(won, key=lambda label: -len(won[label]))
+    first, *others = (f"“{label}”{{}} on {listed(won[label])}" for label in order)
+    return ["; ".join([first.replace("{}", f" has {what}"), *(part.replace("{}", "") for part in others)]) + "."]
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    steps = dict.fromkeys(f"{significant(study['time_step'], 4, 1e6)} µs" for study in record["studies"])
+    titles = [f"{s['title']}{' (' + s['file'] + ')' if s.get('file') else ''}" for s in record["studies"]]
+    return [
+        ("Data of", "; ".join(titles)),
+        ("Time step", listed(list(steps))),
+        ("Software", ", ".join(f"{name} {version}" for name, version in record.get("software", {}).items())),
+    ]

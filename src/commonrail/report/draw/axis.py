@@ -1,0 +1,144 @@
+"""Axis of a drawing: places in pixels, round ticks and their texts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+
+ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
+PADDING = 0.04  # of the range, on either side
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Map from values to pixels.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends of the values; positive ones if logarithmic.
+    start, end : float
+        Their places [px].
+    logarithmic : bool
+    """
+
+    low: float
+    high: float
+    start: float
+    end: float
+    logarithmic: bool = False
+
+    def at(self, value: float) -> float:
+        """Place of a value [px]."""
+        low, high, value = (self._scaled(v) for v in (self.low, self.high, value))
+        return self.start + (value - low) / (high - low) * (self.end - self.start)
+
+    def places(self, values: Sequence[float | None] | Floats) -> Floats:
+        """Places of values [px]; NaN where there is none, and on a logarithmic axis where one is not positive."""
+        if self.logarithmic:
+            values = [self._scaled(v) if v is not None and v > 0.0 else None for v in values]
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        return np.asarray(self.start + (np.array(values, float) - low) / (high - low) * (self.end - self.start))
+
+    def _scaled(self, value: float) -> float:
+        return math.log10(max(value, 1e-300)) if self.logarithmic else value
+
+    def ticks(self, most: int) -> list[tuple[float, str]]:
+        """Round values between the ends, about `most` of them, each with its text."""
+        values = _log_ticks(self.low, self.high, most) if self.logarithmic else _ticks(self.low, self.high, most)
+        step = values[1] - values[0] if len(values) > 1 else 0.0
+        return [(value, _text(value, 0.0 if self.logarithmic else step)) for value in values]
+
+
+def span(values: Iterable[float], zero: bool = False, padded: bool = True) -> tuple[float, float]:
+    """Ends of an axis that shows all values.
+
+    Parameters
+    ----------
+    values : iterable of float
+    zero : bool
+        Include zero.
+    padded : bool
+        Leave some room on either side.
+    """
+    found = list(values)
+    if zero:
+        found.append(0.0)
+    low, high = (min(found), max(found)) if found else (0.0, 1.0)
+    size = max(abs(low), abs(high))
+    if high - low <= ROUNDING * size:  # constant but for rounding
+        return (low - 0.05 * size, high + 0.05 * size) if size else (-1.0, 1.0)
+    room = PADDING * (high - low) if padded else 0.0
+    return low - room, high + room
+
+
+def _ticks(low: float, high: float, most: int) -> list[float]:
+    """Multiples of 1, 2 or 5 times a power of ten, about `most` of them, and more where they would be one."""
+    rough = (high - low) / max(most, 1)
+    power = 10.0 ** math.floor(math.log10(rough))
+    steps = [digit * power for digit in (0.2, 0.5, 1.0, 2.0, 5.0, 10.0)]
+    fitting = next(i for i, step in enumerate(steps) if step >= rough * (1.0 - 1e-9))
+    found: list[float] = []
+    for step in steps[fitting::-1]:
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        found = [i * step for i in range(first, last + 1)]
+        if len(found) > 1:
+            break
+    return found
+
+
+def _log_ticks(low: float, high: float, most: int) -> list[float]:
+    """1, 2 and 5 times the powers of ten, or the powers alone where there are many."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for digits in ((1, 2, 5), (1,)):
+        found = [
+            d * 10.0**p for p in decades for d in digits if low <= d * 10.0**p * (1 + 1e-9) and d * 10.0**p <= high
+        ]
+        if len(found) <= max(most, 3):
+            return found
+    return found[:: -(-len(found) // max(most, 3))]
+
+
+def _text(value: float, step: float) -> str:
+    """Number of a tick, with the decimals of the step and a true minus."""
+    size = max(abs(value), step)
+    if size >= 1e6 or 0.0 < size < 1e-4:
+        text = f"{value:.6g}"
+    elif step:
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+        text = f"{value:.{decimals}f}"
+    else:
+        text = f"{value:.10g}"
+    return text.replace("-", "−") if float(text) else "0"
+
+
+# Letters of drawings: widths, what is cut, and names that stand upright where they do not fit beside one another.
+
+SIZE = 11.5  # of letters [px]
+LONGEST = 150.0  # names that stand upright [px]
+BETWEEN = 4.0  # names [px]
+
+
+def text_width(text: str) -> float:
+    """Width of a text [px], near enough to set others beside it."""
+    return sum(0.3 if c in "iljt.,:;'|!() " else 0.85 if c in "mwMW%@" else 0.58 for c in text) * SIZE
+
+
+def cut(text: str, width: float) -> str:
+    """Text that fits a width [px], with an ellipsis where it is cut."""
+    if text_width(text) <= width + 1.0:
+        return text
+    while len(text) > 1 and text_width(text + "…") > width:
+        text = text[:-1]
+    return text + "…"
+
+
+def upright(names: Sequence[str], width: float) -> float:
+    """Room for names that stand upright below columns of a width, as they do not fit there [px]; 0 where they do."""
+    longest = max(map(text_width, names), default=0.0)
+    return min(longest, LONGEST) if longest > width - BETWEEN else 0.0

@@ -1,0 +1,468 @@
+"""Figures as SVG within HTML: drawn here once and for all, so that a page shows them without any library."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import Band, Bars, Boxes, Figure, Panel, Points, Series
+from commonrail.report.draw.axis import LONGEST, SIZE, Axis, cut, span, text_width, upright
+
+# Content of one panel of a figure as SVG: bands, boxes, bars, lines and markers.
+
+TENTHS = 10  # coordinates are whole tenths of a pixel
+PASSES = 5  # each may move a line by a tenth of a pixel
+INK = "#1d2733"
+
+# Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
+LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
+    "measured": ("#6b7785", 3.0, "solid"),
+    "rigid": ("#b07d00", 1.4, "dot"),
+    "rigid fitted": ("#8f4a7d", 1.4, "longdashdot"),
+    "start": ("#0072b2", 1.6, "dash"),
+    "best": ("#c1272d", 1.8, "solid"),
+    "mean": ("#0072b2", 1.6, "dash"),
+    "paper": ("#00795c", 1.6, "dashdot"),
+    "level": ("#6b7785", 1.2, "dot"),
+}
+_FAMILY_LINES: dict[str, tuple[float, str]] = {
+    "start": (1.2, "dot"),
+    "best": (1.8, "solid"),
+    "measured": (1.8, "solid"),
+}
+FAMILIES = ("#0072b2", "#d55e00", "#00795c", "#8f4a7d", "#7a6a00", "#3a3a3a", "#5b8fb9", "#a6312b")
+DASHES = {"dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3", "longdashdot": "11 3 2 3"}
+# Filled disc, filled square, ring and frame: drawn as ends of lines, so that an enlarged panel does not enlarge them.
+_MARKERS = (("round", False), ("square", False), ("round", True), ("square", True))
+SIZES = {"markers": 7.5, "lines+markers": 5.0}
+_KEEPS_ITS_WIDTH = 'vector-effect="non-scaling-stroke"'
+
+
+def colour_of(look: str, family: int | None) -> str:
+    """Colour of a series, a band or boxes."""
+    return LOOKS[look][0] if family is None else FAMILIES[family % len(FAMILIES)]
+
+
+def line_of(series: Series) -> tuple[str, float, str]:
+    """Colour, width [px] and dash of a series."""
+    if series.family is None:
+        return LOOKS[series.look]
+    width, dash = _FAMILY_LINES.get(series.look, (1.6, series.look))
+    return colour_of(series.look, series.family), width, dash
+
+
+def pane_svg(panel: Panel, x: Axis, y: Axis) -> str:
+    """Everything inside the axes of a panel, in tenths of a pixel from its corner."""
+    parts = [*(_band(band, x, y) for band in panel.bands)]
+    for boxes in panel.boxes:
+        parts += _boxes(boxes, x, y)
+    slots = sorted({bars.slot for bars in panel.bars})
+    for bars in panel.bars:
+        parts += _bars(bars, x, y, (slots.index(bars.slot), len(slots)))
+    for series in panel.series:
+        parts += _series(series, x, y)
+    return "".join(parts)
+
+
+def _series(series: Series, x: Axis, y: Axis) -> Iterator[str]:
+    places = _places(series.x, series.y, x, y)
+    name = f' data-name="{escape(series.label)}"'
+    if "lines" in series.mode and (path := _path(places)):
+        colour, width, dash = line_of(series)
+        dashed = f' stroke-dasharray="{DASHES[dash]}"' if dash in DASHES else ""
+        yield (
+            f'<path class="curve"{name} d="{path}" fill="none" stroke="{colour}" stroke-width="{width}"{dashed} '
+            f'stroke-linejoin="round" {_KEEPS_ITS_WIDTH}/>'
+        )
+    if "markers" in series.mode and len(points := places[np.isfinite(places).all(axis=1)]):
+        yield from marker_path(series, "".join(f"M{i} {j}h1" for i, j in points.astype(int).tolist()), name)
+
+
+def marker_style(series: Series) -> tuple[str, str, float, bool]:
+    """Colour, kind of end, size [px] of the markers of a series, and whether they are hollow."""
+    cap, hollow = _MARKERS[(series.family or 0) % len(_MARKERS)]
+    size = SIZES[series.mode] * (0.85 if cap == "square" else 1.0)
+    return line_of(series)[0], cap, size, hollow
+
+
+def marker_path(series: Series, path: str, attributes: str = "") -> Iterator[str]:
+    """Markers as ends of lines of hardly any length at the places of a path.
+
+    Parameters
+    ----------
+    series : Series
+    path : str
+        "M1 2h1" for each marker; an end of no length at all is not printed.
+    attributes : str
+        Of the first element.
+    """
+    colour, cap, size, hollow = marker_style(series)
+    kept = f'fill="none" stroke-linecap="{cap}" {_KEEPS_ITS_WIDTH}'
+    yield f'<path class="marks"{attributes} d="{path}" stroke="{colour}" stroke-width="{size:g}" {kept}/>'
+    if hollow:
+        yield f'<path d="{path}" stroke="#fff" stroke-width="{size - 3.2:g}" {kept}/>'
+
+
+def _places(xs: Points, ys: Points, x: Axis, y: Axis) -> Floats:
+    """Whole tenths of a pixel (points, 2); NaN where a point has no number, or none on a logarithmic axis."""
+    found = np.stack([x.places(xs), y.places(ys)], axis=1)
+    found[np.isnan(found).any(axis=1)] = np.nan
+    return np.asarray(np.round(np.clip(TENTHS * found, -1e6, 1e6)))
+
+
+def _path(places: Floats) -> str:
+    """Path through places, with gaps; a point that lies on the line between its neighbours is left out."""
+    sound = np.isfinite(places).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], sound, [False]]).astype(int)))
+    return "".join(_stretch(places[a:b]) for a, b in edges.reshape(-1, 2))
+
+
+def _stretch(places: Floats) -> str:
+    places = _thinned(places).astype(int)
+    steps = np.diff(places, axis=0).tolist()
+    drawn = "".join(f"{'' if i < 0 else ' '}{i}{'' if j < 0 else ' '}{j}" for i, j in steps)
+    return f"M{places[0, 0]} {places[0, 1]}l{drawn.strip() or '0 0'}"
+
+
+def _thinned(places: Floats) -> Floats:
+    """Without points within a tenth of a pixel of the line between their neighbours."""
+    for _ in range(PASSES):
+        if len(places) < 3:
+            break
+        before, here, after = places[:-2], places[1:-1], places[2:]
+        along, away = after - before, here - before
+        length = np.maximum(np.hypot(*along.T), 1.0)
+        off = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]) / length
+        ahead = (along * away).sum(axis=1) >= 0.0
+        spare = (off < 1.0) & ahead & ((along * (after - here)).sum(axis=1) >= 0.0)
+        spare[1::2] = False  # never two neighbours at once
+        if not spare.any():
+            return places
+        places = places[np.concatenate([[True], ~spare, [True]])]
+    return places
+
+
+def _band(band: Band, x: Axis, y: Axis) -> str:
+    low, high = _places(band.x, band.low, x, y), _places(band.x, band.high, x, y)
+    sound = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
+    if not sound.any():
+        return ""
+    around = np.concatenate([low[sound], high[sound][::-1]])
+    return f'<path d="{_stretch(around)}z" fill="{colour_of(band.look, band.family)}" fill-opacity=".16"/>'
+
+
+def _rect(x: float, y: float, width: float, height: float, colour: str) -> str:
+    """Filled and framed rectangle [px]."""
+    sizes = (round(TENTHS * v) for v in (x, y, max(width, 0.0), max(height, 0.0)))
+    place = 'x="{}" y="{}" width="{}" height="{}"'.format(*sizes)
+    return f'<rect {place} fill="{colour}" fill-opacity=".22" stroke="{colour}" stroke-width="1.2" {_KEEPS_ITS_WIDTH}/>'
+
+
+def _lines(path: str, colour: str, width: float) -> str:
+    return f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="{width}" {_KEEPS_ITS_WIDTH}/>'
+
+
+def _move(x0: float, y0: float, x1: float, y1: float) -> str:
+    """Straight line [px]."""
+    return "M{} {}L{} {}".format(*(round(TENTHS * v) for v in (x0, y0, x1, y1)))
+
+
+def _boxes(boxes: Boxes, x: Axis, y: Axis) -> Iterator[str]:
+    colour = colour_of(boxes.look, None)
+    for i, box in enumerate(boxes.boxes):
+        low, q1, median, q3, high = (y.at(v) for v in box)
+        left, middle, right = (x.at(i + boxes.offset + d) for d in (-0.13, 0.0, 0.13))
+        yield _rect(left, q3, right - left, q1 - q3, colour)
+        ends = "".join(_move(left, v, right, v) for v in (low, median, high))
+        yield _lines(ends + _move(middle, low, middle, q1) + _move(middle, q3, middle, high), colour, 1.4)
+
+
+def _bars(bars: Bars, x: Axis, y: Axis, slot: tuple[int, int]) -> Iterator[str]:
+    """Bars in rows 0, 1, … of the vertical axis; `slot` is the number of the bars in a row, and how many there are."""
+    colour = colour_of(bars.look, None)
+    number, count = slot
+    thick = 0.8 / count
+    path = ""
+    for i, (start, end) in enumerate(zip(bars.start, bars.end, strict=True)):
+        if start is None or end is None:
+            continue
+        top, bottom = (y.at(i - 0.4 + thick * (number + d)) for d in (0.0, 1.0))
+        left, right = sorted((x.at(start), x.at(end)))
+        yield _rect(left, min(top, bottom), right - left, abs(bottom - top), colour)
+        low, high = (edges[i] if edges else None for edges in (bars.low, bars.high))
+        if low is not None and high is not None:
+            middle = 0.5 * (top + bottom)
+            path += _move(x.at(low), middle, x.at(high), middle)
+            path += "".join(_move(x.at(v), middle - 3.0, x.at(v), middle + 3.0) for v in (low, high))
+    if path:
+        yield _lines(path, INK, 1.2)
+
+
+SOFT, GRID = "#586472", "#e3e7eb"
+FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
+WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
+LINE = 16.0  # of a legend [px]
+BETWEEN = 16.0  # panels [px]
+BELOW = 40.0  # the last panel: ticks and title [px]
+RIGHT = 14.0  # of the panels [px]
+TITLE = 30.0  # of the vertical axis, with the spaces about it [px]
+LARGEST_NAME = 0.45  # of a row, of the width of the figure
+SAMPLE = 26.0  # length of a legend's line, with the space behind it [px]
+APART = 14.0  # entries of a legend [px]
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """Places of the panels of a figure [px]."""
+
+    width: float
+    height: float
+    left: float
+    panes: tuple[tuple[float, float], ...]  # top and height of each
+
+    @property
+    def inner(self) -> float:
+        """Width of the panels."""
+        return self.width - self.left - RIGHT
+
+
+def drawings(figures: Iterable[Figure], height: int = 0) -> list[tuple[Figure, str]]:
+    """Figures with their elements of a page, which are numbered; `height` [px] as for `figure_html`."""
+    return [(figure, figure_html(figure, f"figure-{i}", height)) for i, figure in enumerate(figures)]
+
+
+def figure_html(figure: Figure, key: str, height: int = 0) -> str:
+    """Element of a page that shows a figure, drawn for a page and for a telephone.
+
+    Parameters
+    ----------
+    figure : Figure
+    key : str
+        Identifier, unique within the page.
+    height : int
+        [px]; by default what its panels need.
+    """
+    sizes = (WIDE, height, "wide"), (NARROW, round(0.75 * height), "narrow")
+    wide, narrow = (figure_svg(figure, *size) for size in sizes)
+    return Markup('<div class="drawing" id="{}">{}{}</div>').format(key, Markup(wide), Markup(narrow))
+
+
+def small_html(figure: Figure, key: str) -> str:
+    """Element of a page that shows a figure among others beside it, with the identifier `key`."""
+    return Markup('<div class="drawing" id="{}">{}</div>').format(key, Markup(figure_svg(figure, NARROW)))
+
+
+def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "") -> str:
+    """Picture of a figure, panels above one another.
+
+    Parameters
+    ----------
+    figure : Figure
+    width, height : int
+        [px]; the height by default what its panels need.
+    name : str
+        Class of the element.
+    """
+    legend, top = _legend(figure, width)
+    xs = _horizontals(figure.panels)
+    height = height or _usual_height(figure, width, top)
+    panes = _panes(figure, height, top)
+    ys = [replace(_vertical(panel), start=pane, end=0.0) for panel, (_, pane) in zip(figure.panels, panes, strict=True)]
+    left = _left(figure, ys, width)
+    turned = _turned(figure.panels[-1], width - left - RIGHT)
+    sheet = _Sheet(float(width), height + turned, left, panes)
+    parts = [legend]
+    for i, panel in enumerate(figure.panels):
+        axis_x = replace(xs[i], start=0.0, end=sheet.inner)
+        last = i == len(figure.panels) - 1
+        parts.append(_panel(panel, (axis_x, ys[i]), panes[i][0], sheet, last or xs[i] != xs[-1]))
+    middle, bottom = sheet.left + sheet.inner / 2, sheet.height - 6.0
+    width, height = round(sheet.width), round(sheet.height)
+    parts.append(_text(figure.x_title, middle, bottom, "middle"))
+    return (
+        f'<svg class="figure {name}" viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg" '
+        f'font-family="{escape(FONT)}" font-size="{SIZE}" fill="{INK}" role="img" '
+        f'aria-label="{escape(figure.title)}">{"".join(parts)}</svg>'
+    )
+
+
+def _usual_height(figure: Figure, width: int, top: float) -> int:
+    first, more = (250.0, 100.0) if width > NARROW else (190.0, 70.0)
+    rows = max((len(panel.rows) for panel in figure.panels), default=0)
+    return round(top + max(first + more * (len(figure.panels) - 1), 22.0 * rows) + BELOW)
+
+
+def _left(figure: Figure, ys: Sequence[Axis], width: int) -> float:
+    """Width of the title and the texts of the vertical axes [px]."""
+    names = [text for axis, panel in zip(ys, figure.panels, strict=True) for _, text in _y_ticks(panel, axis, width)]
+    return max(map(text_width, names), default=0.0) + TITLE
+
+
+def _turned(panel: Panel, width: float) -> float:
+    """Room for upright names of categories [px], in a panel of a width; 0 where they fit beside one another."""
+    return upright(panel.categories, width / len(panel.categories)) if panel.categories else 0.0
+
+
+def _panes(figure: Figure, height: int, top: float) -> tuple[tuple[float, float], ...]:
+    """Top and height of each panel [px]; the panels share the height as they ask for it.
+
+    Parameters
+    ----------
+    figure : Figure
+    height : int
+        Of the figure without upright names of categories [px].
+    top : float
+        Of the first panel [px].
+    """
+    available = height - top - BELOW - BETWEEN * (len(figure.panels) - 1)
+    total = sum(panel.share for panel in figure.panels)
+    panes = []
+    for panel in figure.panels:
+        panes.append((top, available * panel.share / total))
+        top += panes[-1][1] + BETWEEN
+    return tuple(panes)
+
+
+def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
+    """Values and texts of the vertical axis: numbers in full, names of rows cut where they would fill the figure.
+
+    Parameters
+    ----------
+    panel : Panel
+    y : Axis
+        From the bottom to the top of the panel [px].
+    width : float
+        Of the figure [px].
+    """
+    if panel.rows:
+        return [(float(i), cut(name, LARGEST_NAME * width)) for i, name in enumerate(panel.rows)]
+    return y.ticks(max(3, round(y.start / 45.0)))
+
+
+def _horizontals(panels: Sequence[Panel]) -> list[Axis]:
+    """Axis of each panel: that of all panels, or its own categories."""
+    values = [v for panel in panels for v in _x_values(panel)]
+    marks = any("markers" in series.mode for panel in panels for series in panel.series)
+    shared = Axis(*span(values, padded=marks or any(panel.rows for panel in panels)), 0.0, 1.0)
+    return [Axis(-0.6, len(p.categories) - 0.4, 0.0, 1.0) if p.categories else shared for p in panels]
+
+
+def _x_values(panel: Panel) -> list[float]:
+    found = [panel.series, panel.bands]
+    values = [v for group in found for one in group for v in one.x]  # type: ignore[attr-defined]
+    values += [v for bars in panel.bars for v in chain(bars.start, bars.end, bars.low, bars.high)]
+    return [v for v in values if v is not None]
+
+
+def _vertical(panel: Panel) -> Axis:
+    if panel.rows:
+        return Axis(len(panel.rows) - 0.4, -0.6, 0.0, 1.0)
+    scaling = [series for series in panel.series if series.look == panel.scaled_by] or panel.series
+    values = [v for series in scaling for v in series.y if v is not None]
+    values += [v for band in panel.bands for v in chain(band.low, band.high) if v is not None]
+    values += [v for boxes in panel.boxes for box in boxes.boxes for v in box]
+    if not panel.logarithmic:
+        return Axis(*span(values, zero=panel.zero_line), 0.0, 1.0)
+    positive = [v for v in values if v > 0.0] or [1.0, 10.0]
+    low, high = min(positive), max(positive)
+    return Axis(low / 1.15, max(high * 1.15, 2.0 * low), 0.0, 1.0, True)
+
+
+def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, labelled: bool) -> str:
+    """Grid, content, frame and texts of a panel; `labelled` is whether its horizontal axis has texts."""
+    x, y = axes
+    height = y.start
+    xs = _x_ticks(panel, x, sheet.inner)
+    ys = _y_ticks(panel, y, sheet.width)
+    grid = "".join(f"M{x.at(v):.1f} 0v{height:.1f}" for v, _ in xs if not panel.categories)
+    grid += "".join(f"M0 {y.at(v):.1f}h{sheet.inner:.1f}" for v, _ in ys if not panel.rows)
+    zero = (
+        f"M0 {y.at(0.0):.1f}h{sheet.inner:.1f}" if panel.zero_line and not panel.rows and y.low < 0.0 < y.high else ""
+    )
+    zero += f"M{x.at(0.0):.1f} 0v{height:.1f}" if panel.rows and x.low < 0.0 < x.high else ""
+    ends = f'data-x="{x.low!r} {x.high!r}" data-y="{y.low!r} {y.high!r}"'
+    has_texts = ' data-texts=""' if labelled else ""
+    fixed = ' data-fixed=""' if panel.categories or panel.rows or y.logarithmic else ""
+    view = f"0 0 {round(TENTHS * sheet.inner)} {round(TENTHS * height)}"
+    texts = _x_texts(panel, [(x.at(v), text) for v, text in xs], height, sheet.inner) if labelled else []
+    names = [_text(text, -6.0, y.at(v) + 4.0, "end") for v, text in ys]
+    turned = f'<g transform="translate({12.0 - sheet.left:.1f} {height / 2:.1f}) rotate(-90)">'
+    return (
+        f'<g class="panel" transform="translate({sheet.left:.1f} {top:.1f})">'
+        f'<rect width="{sheet.inner:.1f}" height="{height:.1f}" fill="#fff"/>'
+        f'<path class="grid" d="{grid}" stroke="{GRID}"/><path class="zero" d="{zero}" stroke="{INK}"/>'
+        f'<svg class="pane" width="{sheet.inner:.1f}" height="{height:.1f}" viewBox="{view}" '
+        f'preserveAspectRatio="none" {ends}{fixed}>{pane_svg(panel, x, y)}</svg>'
+        f'<path d="M0 0V{height:.1f}H{sheet.inner:.1f}" fill="none" stroke="{INK}"/>'
+        f'<g class="xs"{has_texts}>{"".join(texts)}</g><g class="ys">{"".join(names)}</g>'
+        f"{turned}{_text(panel.y_title, 0.0, 0.0, 'middle')}</g></g>"
+    )
+
+
+def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
+    if not panel.categories:
+        return x.ticks(max(4, round(width / 90.0)))
+    return [(float(i), cut(name, LONGEST)) for i, name in enumerate(panel.categories)]
+
+
+def _x_texts(panel: Panel, places: Sequence[tuple[float, str]], height: float, width: float) -> list[str]:
+    """Texts below a panel, upright where they do not fit beside one another.
+
+    Parameters
+    ----------
+    panel : Panel
+    places : sequence of (float, str)
+        Places [px] and texts.
+    height, width : float
+        Of the panel [px].
+    """
+    if not _turned(panel, width):
+        return [_text(text, place, height + 15.0, "middle") for place, text in places]
+    return [
+        f'<g transform="translate({place + 4.0:.1f} {height + 6.0:.1f}) rotate(-90)">{_text(text, 0.0, 0.0, "end")}</g>'
+        for place, text in places
+    ]
+
+
+def _text(text: str, x: float, y: float, anchor: str = "start") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
+
+
+def _legend(figure: Figure, width: int) -> tuple[str, float]:
+    """Entries in rows above the panels, and where the panels begin [px]."""
+    x, y = 8.0, LINE
+    parts = []
+    for key, text in _entries(figure):
+        text = cut(text, width - SAMPLE - 16.0)
+        own = SAMPLE + text_width(text)
+        if x > 8.0 and x + own > width - 8.0:
+            x, y = 8.0, y + LINE
+        parts.append(f'<g transform="translate({x:.1f} {y:.1f})">{key}{_text(text, SAMPLE, 0.0)}</g>')
+        x += own + APART
+    return "".join(parts), (y + 10.0 if parts else 12.0)
+
+
+def _entries(figure: Figure) -> list[tuple[str, str]]:
+    """Sample and text of each entry, each once."""
+    found: dict[str, str] = {}
+    for panel in figure.panels:
+        solid: list[Boxes | Bars] = [*panel.boxes, *panel.bars]
+        for boxes in solid:
+            colour = colour_of(boxes.look, None)
+            square = f'<rect x="4" y="-10" width="12" height="11" fill="{colour}" fill-opacity=".3" stroke="{colour}"/>'
+            found.setdefault(boxes.label, square)
+        for series in panel.series:
+            found.setdefault(series.label, _sample(series))
+    return [(sample, text) for text, sample in found.items() if text]
+
+
+def _sample(series: Series) -> str:
+    colour, width, dash = line_of(series)
+    dashed = f' stroke-dasharray="{DASHES[dash]}"' if dash in DASHES else ""
+    drawn = f'<path d="M0 -4h20" stroke="{colour}" stroke-width="{width}"{dashed}/>' if "lines" in series.mode else ""
+    return drawn + ("".join(marker_path(series, "M10 -4h.1")) if "markers" in series.mode else "")

@@ -1,0 +1,332 @@
+"""Heat maps as SVG within HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from commonrail.base.chart import HeatMap
+from commonrail.base.text import megapascal, number, signed, significant
+from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.returned import ReturnData
+from commonrail.data.records import JUDGED, MEASURED, MM3, Record, origin_of
+from commonrail.report.draw.axis import LONGEST, SIZE, cut, text_width, upright
+from commonrail.report.draw.figure import FONT, INK, NARROW, WIDE
+
+# Light enough throughout for dark numbers; they differ in lightness, so that they are told apart in grey too.
+_SEQUENTIAL = ("#f7fbff", "#a6cde4", "#5b9fcd")
+_DIVERGING = ("#5b9fcd", "#ffffff", "#e0907a")
+NUMBERS = 9.5  # size of the numbers in the cells [px]
+NARROWEST, BROADEST = 31.0, 84.0  # columns: narrower ones show no numbers [px]
+LOWEST = 84.0  # map, whatever its rows: its vertical title has room [px]
+SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row, unless stated [px]
+TOP, BELOW, RIGHT = 12.0, 40.0, 12.0
+SMALLEST = 4.4  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
+
+
+class _Frame(NamedTuple):
+    """Places of a map [px]: width of the picture, left edge and bottom of its cells, their size, room below them."""
+
+    width: float
+    left: float
+    bottom: float
+    cell: float
+    tall: float
+    below: float
+
+    @property
+    def is_narrow(self) -> bool:
+        """True for the picture on a telephone, whose scale lies below the map."""
+        return self.width < WIDE
+
+
+def heat_map_html(figure: HeatMap, key: str, height: int = 0) -> str:
+    """Element of a page that shows a heat map, drawn for a page and for a telephone.
+
+    Parameters
+    ----------
+    figure : HeatMap
+    key : str
+        Identifier, unique within the page.
+    height : int
+        [px]; by default a fixed one for each row.
+    """
+    wide, narrow = Markup(heat_map_svg(figure, height)), Markup(heat_map_svg(figure, width=NARROW))
+    return Markup('<div class="drawing heat" id="{}">{}{}</div>').format(key, wide, narrow)
+
+
+def heat_map_svg(figure: HeatMap, height: int = 0, width: int = WIDE) -> str:
+    """Picture of a heat map.
+
+    Parameters
+    ----------
+    figure : HeatMap
+    height, width : int
+        [px]; the height by default a fixed one for each row. A narrow picture has its scale of colours below the map.
+    """
+    frame = _frame(figure, height, float(width))
+    size = _number_size(figure, frame)
+    parts = [
+        _cell(figure, (i, j), _place(frame, i, j), frame.is_narrow, size)
+        for i in range(len(figure.y))
+        for j in range(len(figure.x))
+    ]
+    parts += _names(figure, frame)
+    middle = TOP + 0.5 * (frame.bottom - TOP)
+    turned = f'transform="translate(13 {middle:.1f}) rotate(-90)" text-anchor="middle"'
+    parts += [f"<text {turned}>{escape(figure.y_title)}</text>", _scale(figure, frame)]
+    total, name = round(frame.bottom + frame.below), "narrow" if frame.is_narrow else "wide"
+    return (
+        f'<svg class="figure map {name}" viewBox="0 0 {width} {total}" xmlns="http://www.w3.org/2000/svg" '
+        f'font-family="{escape(FONT)}" font-size="11" fill="{INK}" role="img" aria-label="{escape(figure.title)}">'
+        f"{''.join(parts)}</svg>"
+    )
+
+
+def _frame(figure: HeatMap, height: int, width: float) -> _Frame:
+    rows, columns, narrow = max(len(figure.y), 1), max(len(figure.x), 1), width < WIDE
+    left = max(map(text_width, figure.y), default=0.0) + 32.0
+    left = min(left, 0.45 * width) if narrow else left
+    cell = min((width - left - (0.0 if narrow else SCALE) - RIGHT) / columns, BROADEST)
+    below = BELOW + _upright(figure.x, cell) + (34.0 if narrow else 0.0)
+    tall = (height - TOP - below) / rows if height else max(TALL, LOWEST / rows)
+    return _Frame(width, left, TOP + tall * rows, cell, tall, below)
+
+
+def _place(frame: _Frame, i: int, j: int) -> tuple[float, float, float, float]:
+    """Left, top, width and height of a cell [px]."""
+    return frame.left + frame.cell * j, frame.bottom - frame.tall * (i + 1), frame.cell, frame.tall
+
+
+def _upright(names: Sequence[str], width: float) -> float:
+    """Room for words that stand upright below columns of a width [px]; numbers never do."""
+    return 0.0 if _are_numbers(names) else upright(names, width)
+
+
+def _are_numbers(names: Sequence[str]) -> bool:
+    return all(name[:1].isdigit() for name in names)
+
+
+def _number_size(figure: HeatMap, frame: _Frame) -> float:
+    """Size of the numbers in the cells [px]: smaller in the narrow columns of a telephone, 0 where they do not fit."""
+    longest = max((text_width(text) for row in figure.texts for text in row), default=0.0) / SIZE
+    if not frame.is_narrow:
+        return NUMBERS
+    fitting = min((frame.cell - 2.0) / max(longest, 1.0), NUMBERS)
+    return fitting if fitting >= SMALLEST else 0.0
+
+
+def _names(figure: HeatMap, frame: _Frame) -> list[str]:
+    """Names of rows and columns, and the title below the columns."""
+    bottom, turned = frame.bottom, _upright(figure.x, frame.cell)
+    found = []
+    for j, name in enumerate(figure.x) if turned else _column_names(figure.x, frame.cell):
+        x = frame.left + frame.cell * (j + 0.5)
+        if turned:
+            at = f'transform="translate({x + 4.0:.1f} {bottom + 6.0:.1f}) rotate(-90)" text-anchor="end"'
+            found.append(f"<text {at}>{escape(cut(name, LONGEST))}</text>")
+        else:
+            found.append(f'<text x="{x:.1f}" y="{bottom + 15.0:.1f}" text-anchor="middle">{escape(name)}</text>')
+    for i, name in enumerate(figure.y):
+        y = bottom - frame.tall * (i + 0.5) + 4.0
+        short = cut(name, frame.left - 32.0) if frame.is_narrow else name
+        found.append(f'<text x="{frame.left - 6.0:.1f}" y="{y:.1f}" text-anchor="end">{escape(short)}</text>')
+    x, y = frame.left + frame.cell * len(figure.x) / 2, bottom + 33.0 + turned
+    return [*found, f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{escape(figure.x_title)}</text>']
+
+
+def _column_names(names: Sequence[str], width: float) -> list[tuple[int, str]]:
+    """Names below columns of a width [px]: of numbers that do not fit only some are shown."""
+    if not _are_numbers(names):
+        return list(enumerate(names))
+    every = int(-(-max(map(text_width, names), default=1.0) // max(width - 4.0, 1.0)))
+    return list(enumerate(names))[:: max(every, 1)]
+
+
+def _cell(
+    figure: HeatMap, at: tuple[int, int], place: tuple[float, float, float, float], narrow: bool, size: float
+) -> str:
+    """Cell with its number, and on a page, which a mouse moves over, with its place and number in words.
+
+    Parameters
+    ----------
+    figure : HeatMap
+    at : (int, int)
+        Row and column.
+    place : (float, float, float, float)
+        Left, top, width and height [px].
+    narrow : bool
+        On a telephone.
+    size : float
+        Of the number [px]; 0 for none.
+    """
+    i, j = at
+    value, text = figure.values[i][j], figure.texts[i][j]
+    if value is None and not text.strip():
+        return ""
+    x, y, width, height = place
+    colour = "#ffffff" if value is None else _colour(figure, value)
+    said = f"{figure.y_title} {figure.y[i]}; {figure.x_title} {figure.x[j]}: {text} {figure.unit}"
+    title = "" if narrow else f"<title>{escape(said)}</title>"
+    fits = size > 0.0 if narrow else width >= min(NARROWEST, text_width(text))
+    number = (
+        f'<text x="{x + width / 2:.1f}" y="{y + height / 2 + 0.36 * size:.1f}" font-size="{size:.3g}" '
+        f'text-anchor="middle">{escape(text)}</text>'
+        if fits
+        else ""
+    )
+    return (
+        f'<g>{title}<rect x="{x + 0.5:.1f}" y="{y + 0.5:.1f}" width="{width - 1:.1f}" '
+        f'height="{height - 1:.1f}" fill="{colour}"/>{number}</g>'
+    )
+
+
+def _ends(figure: HeatMap) -> tuple[float, float]:
+    """Values of the first and the last colour; of a difference as far from zero on both sides."""
+    values = [v for row in figure.values for v in row if v is not None]
+    if figure.diverging:
+        largest = figure.largest or max(map(abs, values), default=1.0) or 1.0
+        return -largest, largest
+    low, high = min(values, default=0.0), max(values, default=1.0)
+    return low, high if high > low else low + 1.0
+
+
+def _colour(figure: HeatMap, value: float) -> str:
+    low, high = _ends(figure)
+    place = 2.0 * min(max((value - low) / (high - low), 0.0), 1.0)
+    stops = _DIVERGING if figure.diverging else _SEQUENTIAL
+    first = min(int(place), 1)
+    pair = [[int(stop[k : k + 2], 16) for k in (1, 3, 5)] for stop in stops[first : first + 2]]
+    return "#" + "".join(f"{round(a + (place - first) * (b - a)):02x}" for a, b in zip(*pair, strict=True))
+
+
+def _scale(figure: HeatMap, frame: _Frame) -> str:
+    """Colours from the lowest value to the highest, with their numbers, beside the map or below a narrow one."""
+    (low, high), steps = _ends(figure), 24
+    texts = [significant(value, 3).replace("-", "−") for value in (low, 0.5 * (low + high), high)]
+    colours = [_colour(figure, low + (k + 0.5) / steps * (high - low)) for k in range(steps)]
+    x, bottom, long = frame.left + frame.cell * len(figure.x) + 10.0, frame.bottom, frame.bottom - TOP
+    if frame.is_narrow:
+        x, bottom, long = frame.left, frame.bottom + frame.below - 28.0, frame.width - frame.left - RIGHT
+    step = long / steps
+    if frame.is_narrow:
+        places = [(x + step * k, bottom, step + 0.5, 10.0) for k in range(steps)]
+        numbers = [(x + 0.5 * long * k, bottom + 22.0, anchor) for k, anchor in enumerate(("start", "middle", "end"))]
+    else:
+        places = [(x, bottom - step * (k + 1), 10.0, step + 0.5) for k in range(steps)]
+        numbers = [(x + 13.0, y, "start") for y in (bottom, (TOP + bottom) / 2 + 4.0, TOP + 8.0)]
+    parts = [
+        f'<rect x="{px:.1f}" y="{py:.1f}" width="{width:.1f}" height="{height:.1f}" fill="{colour}"/>'
+        for (px, py, width, height), colour in zip(places, colours, strict=True)
+    ]
+    parts += [
+        f'<text x="{px:.1f}" y="{py:.1f}" text-anchor="{anchor}">{text}</text>'
+        for (px, py, anchor), text in zip(numbers, texts, strict=True)
+    ]
+    return "".join(parts)
+
+
+# Heat maps of the errors of measured quantity maps: all of it in percent, and the small quantities in mm³.
+
+SMALL = 5e-9  # largest quantity of the second map [m³]
+COLUMNS = 22  # of energising times; more share a column
+LARGEST_PERCENT, LARGEST_MM3 = 20.0, 1.0  # beyond them the colour stays the same
+_MICRO = 1e6
+
+
+class _Point(NamedTuple):
+    """Rail pressure [Pa], energising time [us], measured quantity [m³] and error [m³]."""
+
+    rail: float
+    time: float
+    measured: float
+    error: float
+
+
+def error_maps(record: Record) -> list[HeatMap]:
+    """Heat maps of each quantity map of a calibration; none for one with fewer than two pressures or four points."""
+    kinds = (QuantityData.kind, ReturnData.kind)
+    return [heat for data in record["data"] if data["kind"] in kinds for heat in _maps(data)]
+
+
+def _maps(data: Record) -> list[HeatMap]:
+    points = [
+        _Point(
+            float(row["rail_pressure"]),
+            float(row["energising_time"]) * _MICRO,
+            float(row[MEASURED]),
+            best - row[MEASURED],
+        )
+        for row in data["rows"]
+        if not row.get("dead_time") and (best := number(row.get(JUDGED))) is not None
+    ]
+    if len(points) < 4 or len({point.rail for point in points}) < 2:
+        return []
+    limit = float(data["figures"].get(JUDGED, {}).get("limit_quantity", 3e-9))
+    large = [point for point in points if point.measured > limit]
+    small = [point for point in points if point.measured <= SMALL]
+    what = f"{data['name']} ({data['role']})"
+    found = []
+    if large:
+        title = f"Error of {what}, % of the quantity, above {limit * MM3:.3g} mm³"
+        found.append(_heat(large, title, _percent, ("%", 1, LARGEST_PERCENT), data))
+    if small:
+        title = f"Error of {what}, mm³, quantities up to {SMALL * MM3:.3g} mm³"
+        found.append(_heat(small, title, _absolute, ("mm³", 2, LARGEST_MM3), data))
+    return found
+
+
+def _percent(point: _Point) -> float:
+    return 100.0 * point.error / point.measured
+
+
+def _absolute(point: _Point) -> float:
+    return point.error * MM3
+
+
+def _heat(
+    points: Sequence[_Point],
+    title: str,
+    measure: Callable[[_Point], float],
+    shown: tuple[str, int, float],
+    data: Record,
+) -> HeatMap:
+    """Heat map of some points; `shown` is the unit, its decimals, and the error of the last colour."""
+    unit, decimals, most = shown
+    rails = sorted({point.rail for point in points})
+    columns, names = _columns([point.time for point in points])
+    cells: dict[tuple[int, int], float] = {}
+    for point, column in zip(points, columns, strict=True):
+        cell, error = (rails.index(point.rail), column), measure(point)
+        if abs(error) >= abs(cells.get(cell, 0.0)):
+            cells[cell] = error
+    places = [[(i, j) for j in range(len(names))] for i in range(len(rails))]
+    largest = max(map(abs, cells.values()))
+    shared = " A cell with several points shows the largest error." if len(cells) < len(points) else ""
+    return HeatMap(
+        title,
+        f"Calibrated − {origin_of(data)}: red delivers too much, blue too little.{shared}",
+        "energising time, µs",
+        "rail pressure, MPa",
+        names,
+        tuple(map(megapascal, rails)),
+        tuple(tuple(cells.get(cell) for cell in row) for row in places),
+        tuple(tuple(signed(cells[cell], decimals) if cell in cells else "" for cell in row) for row in places),
+        unit,
+        True,
+        min(largest, most) or 1.0,
+    )
+
+
+def _columns(times: Sequence[float]) -> tuple[list[int], tuple[str, ...]]:
+    """Column of each energising time [us], and the names of the columns: single times, or ranges if there are many."""
+    rounded = np.round(times)
+    distinct = np.unique(rounded)
+    if len(distinct) <= COLUMNS:
+        return np.searchsorted(distinct, rounded).tolist(), tuple(f"{time:.0f}" for time in distinct)
+    edges = np.unique(np.round(np.quantile(distinct, np.linspace(0.0, 1.0, COLUMNS + 1))))
+    column = np.clip(np.searchsorted(edges, rounded, side="right") - 1, 0, len(edges) - 2)
+    return column.tolist(), tuple(f"{low:.0f}…" for low in edges[:-1])

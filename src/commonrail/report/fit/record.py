@@ -1,0 +1,127 @@
+"""Records of result.json and comparison.json, read by kinds of data and labels of models."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+
+from commonrail.base.text import listed
+from commonrail.base.units import to_text
+from commonrail.data.base import View
+from commonrail.data.kinds import KINDS
+from commonrail.data.records import LABELS, Record, Shown
+
+# Meters in reports: a sentence on each, from the record of a result.
+
+_MARKS = {"F": "fitted", "M": "measured", "C": "from the ECU", "E": "estimate"}
+
+
+def meter_lines(record: Record) -> list[str]:
+    """One sentence for each meter through which the simulated curves and quantities are seen; often none."""
+    lines = []
+    for meter in record.get("meters", []):
+        parts = [_quantity(quantity) for quantity in meter["quantities"]]
+        if any(quantity["name"].endswith("cutoff") for quantity in meter["quantities"]):
+            parts.append(f"low-pass {meter['law']} of order {meter['order']}")
+        sets = [d["name"] for d in record["data"] if d.get("meter") == meter["name"]]
+        of = f" ({listed(sets)})" if sets else ""
+        lines.append(
+            f"Simulated values are shown as the meter “{meter['name']}”{of} sees them: {listed(parts) or 'unchanged'}."
+        )
+    return lines
+
+
+def _quantity(quantity: Record) -> str:
+    value = to_text(quantity["value"], quantity["unit"], 4)
+    return f"{quantity['name'].replace('_', ' ')} {value} [{_MARKS.get(quantity['mark'], quantity['mark'])}]"
+
+
+_DASHES = ("solid", "dash", "dot", "dashdot")
+
+
+def shown_of(record: Record) -> dict[str, Shown]:
+    """Looks of the models: the fixed ones of a calibration, or a colour, marker and dash for each of a comparison."""
+    texts: Mapping[str, str] = record["labels"]
+    if set(texts) <= set(LABELS) and record.get("kind") != "comparison":
+        return {label: Shown(text, label) for label, text in texts.items()}
+    return {label: Shown(text, _DASHES[i % len(_DASHES)], i) for i, (label, text) in enumerate(texts.items())}
+
+
+def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:
+    """Data sets of each kind that there is, with what reports show of it."""
+    for name, kind in KINDS.items():
+        if own := [d for d in data if d["kind"] == name]:
+            yield kind.view, own
+
+
+def of_role(data: Sequence[Record], role: str) -> list[Record]:
+    """Data sets of one role: "fit" or "validation"."""
+    return [d for d in data if d["role"] == role]
+
+
+# Command lines that repeat a calibration or use what it found.
+
+_PRESSURES = {"cylinder_pressure": "Pa", "return_pressure": "Pa"}
+_POINT = {"rail_pressure": "Pa", "energising_time": "s"} | _PRESSURES
+_STEP = {"time_step": "s"}
+
+
+def map_line(record: Record, run: str) -> tuple[str, str]:
+    """Purpose and command line of the control unit's map, at the pressures and with the step of a calibration.
+
+    Where the data have several cylinder or return pressures, the most frequent are taken, and the purpose says so.
+
+    Parameters
+    ----------
+    record : mapping
+        Of the calibration.
+    run : str
+        Name of its folder.
+    """
+    counted = Counter(_options(point, _PRESSURES) for data in record["data"] for point in _points(data))
+    ranked = [pressures for pressures, _ in counted.most_common()]
+    pressures, others = ranked[0], ranked[1:]
+    purpose = "Compute the map of the calibrated injector for the control unit."
+    if others:
+        more = f"{len(others)} other pair" + ("s" if len(others) > 1 else "")
+        purpose += (
+            " The cylinder and return pressures are those of most of the measured points; the data have "
+            f"{more}: state those of the engine."
+        )
+    words = ["commonrail map", shlex.quote(run), pressures, _options(record, _STEP), "--out map.dcm"]
+    return purpose, " ".join(filter(None, words))
+
+
+def _points(data: Record) -> Sequence[Record]:
+    return KINDS[data["kind"]].view.operating_points(data)
+
+
+def _options(values: Record, units: Mapping[str, str]) -> str:
+    """Options that state values."""
+    return " ".join(
+        f"--{key.replace('_', '-')} {to_text(values[key], unit).replace(' ', '')}"
+        for key, unit in units.items()
+        if key in values
+    )
+
+
+def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
+    """Purpose and command line, for the run folder of that name."""
+    folder, injector = shlex.quote(run), shlex.quote(f"{run}/calibrated.toml")
+    first = record["data"][0]
+    point = _options(KINDS[first["kind"]].view.operating_point(first), _POINT)
+    return [
+        ("Calibrate again", f"commonrail calibrate {shlex.quote(f'{run}/study.toml')}"),
+        ("Add generations", f"commonrail resume {folder} --generations 50"),
+        ("Judge on other data", f"commonrail validate OTHER-STUDY.toml --run {folder}"),
+        (
+            "Simulate the calibrated injector",
+            " ".join(filter(None, ["commonrail simulate", injector, point, _options(record, _STEP)])),
+        ),
+        (
+            "Move the parameters and see the injection change",
+            f"commonrail report {folder} --page",
+        ),
+        ("Make this report again", f"commonrail report {folder}"),
+    ]

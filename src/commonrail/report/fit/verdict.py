@@ -1,0 +1,471 @@
+"""First page of a calibration's report: may the result be used, why, and what to do next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from commonrail.base.table import Part, Table, table_of
+from commonrail.base.text import MISSING, fixed, listed, number, signed, significant
+from commonrail.data.bands import band_sentence, too_few_inside
+from commonrail.data.base import DataSet
+from commonrail.data.kinds import KINDS
+from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
+from commonrail.report.fit.certainty import difference
+from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
+from commonrail.runs.folder import LIKELY
+
+# Result of a calibration in sentences.
+
+_ENDINGS = {
+    None: "the search ran to its end",
+    True: "the search has converged",
+    False: "the search ran to its end and has not converged",
+}
+NAMED = 6  # data sets that a sentence names
+_ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
+
+
+def headline(record: Record) -> list[str]:
+    """Sentences on what was calibrated, how far the objective fell, and how well each role is met."""
+    return [
+        _task(record),
+        _objective(record),
+        *convergence_lines(record),
+        *data_lines(record["data"]),
+        *baseline_lines(record["data"]),
+        *meter_lines(record),
+    ]
+
+
+def data_lines(data: Sequence[Record]) -> list[str]:
+    """One sentence or more for each kind and role of data."""
+    return [
+        f"{opening}{end}."
+        for role, opening in _ROLES.items()
+        for view, own in by_kind(of_role(data, role))
+        for end in view.sentences(own)
+    ]
+
+
+def baseline_lines(data: Sequence[Record]) -> list[str]:
+    """One sentence for each trivial model beside data of validation: whether the calibrated model beats it."""
+    return [str(baseline["sentence"]) for d in data for baseline in d.get("baselines", ())]
+
+
+def convergence_lines(record: Record) -> list[str]:
+    """Sentence on whether the search has converged, with the rule; none of a record that does not say."""
+    found = record.get("convergence")
+    return [f"Search {found['sentence']}."] if found else []
+
+
+def parameter_lines(parameters: Sequence[Record]) -> list[str]:
+    """Sentences on what the data say of the parameters, and on those that ended at a bound."""
+    lines = []
+    for verdict in dict.fromkeys(p["verdict"] for p in parameters if p.get("verdict")):
+        names = [p["name"] for p in parameters if p.get("verdict") == verdict]
+        if names:
+            lines.append(f"{verdict.capitalize()}: {listed(names)}.")
+    bounded = [p["name"] for p in parameters if p.get("at_bound")]
+    if bounded:
+        lines.append(
+            f"At a bound: {listed(bounded)}. The best value may lie outside; widen the bound if the "
+            "part allows it, otherwise read it as something the model lacks."
+        )
+    return lines
+
+
+def synthetic_notes(record: Record) -> list[str]:
+    """Notes on synthetic data: the whole record's note, then what only a data set says, then their names."""
+    texts = [record.get("synthetic", "")]
+    chosen = [d for d in record["data"] if d.get("synthetic")]
+    texts += [d["synthetic"] for d in chosen if d["synthetic"] not in texts[0]]
+    if chosen:
+        texts.append(f"Synthetic data: {listed([d['name'] for d in chosen])}.")
+    return [text for text in texts if text]
+
+
+def warning_lines(record: Record) -> list[str]:
+    """Sentences of the warnings."""
+    return [str(warning["sentence"]) for warning in record["warnings"]]
+
+
+def _task(record: Record) -> str:
+    injector, data = record["injector"], record["data"]
+    fit = [d["name"] for d in of_role(data, "fit")]
+    sets = f"{len(fit)} data set{'s' if len(fit) != 1 else ''}"
+    sets += f" ({listed(fit)})" if 0 < len(fit) <= NAMED else ""
+    name = injector.get("title") or injector["name"]
+    count = len(record["parameters"])
+    task = f"{count} parameter{'s' if count != 1 else ''} of “{name}” ({injector['variant']})"
+    if record["status"] == "interrupted":
+        ending = "the search was stopped early and these are the best values up to then"
+    else:
+        ending = _ENDINGS[record.get("convergence", {}).get("converged")]
+    return f"{task} fitted to {sets}; {ending}."
+
+
+def _objective(record: Record) -> str:
+    start, best = (number(record["objective"].get(key)) for key in ("start", "best"))
+    if best is None:
+        return "No candidate could be simulated."
+    if start is None:
+        return f"The objective ended at {significant(best)}; the start values fail to simulate."
+    share = f" ({fixed(100.0 * (best / start - 1.0), 0)} %)".replace("-", "−") if start else ""
+    if best < start:
+        return f"The objective fell from {significant(start)} to {significant(best)}{share}."
+    return f"The objective did not fall: {significant(start)} at the start and still at the end."
+
+
+# Judgement of a fit: bands, effective parameters, combinations, other seeds, rows that were held out.
+
+_WORDS = {"rail_pressure": "rail pressure", "energising_time": "energising time"}
+
+
+def judgement_lines(record: Record) -> list[str]:
+    """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
+    lines = [band_sentence(d) for d in record["data"] if "band" in d]
+    known = (record.get("certainty") or {}).get("parameters", [])
+    if known and not lines and all(None in (one["lower"], one["upper"]) for one in known):
+        lines.append("There are no bands: no parameter has an interval, so nothing bounds what the model predicts.")
+    if found := record.get("identifiability"):
+        lines.append(_effective(found, len(record["parameters"]), _unit(record)))
+    refits = record.get("refits", {})
+    lines += _seed_lines(refits.get("seeds", ()))
+    lines += [line for one in refits.get("left_out", ()) for line in _left_out_lines(one)]
+    if refits.get("interrupted"):
+        lines.append("The user stopped the further searches: those that are missing were not run.")
+    return lines
+
+
+def judgement_tables(record: Record) -> list[Table]:
+    """Tables of other seeds and of rows that were held out, where there are any."""
+    refits = record.get("refits", {})
+    tables = [_seed_table(refits["seeds"])] if refits.get("seeds") else []
+    return tables + ([_left_out_table(refits["left_out"])] if refits.get("left_out") else [])
+
+
+def combination_table(record: Record) -> Table | None:
+    """Combinations of parameters that the data hold, by falling singular value; None in a record without them."""
+    found = record.get("identifiability")
+    if not found:
+        return None
+    least = 1.0 if _unit(record) == DataSet.residual_unit else 0.0  # a tolerance is no smaller than it is stated
+    scatter = max(float(found["scatter"]), least)
+    held = [c for c in found["combinations"] if c["singular_value"] > scatter]
+    rest = len(record["parameters"]) - len(held)
+    parts = (
+        Part(("combination",), lambda c: (_weights(c["weights"]),)),
+        Part(("singular value",), lambda c: (significant(c["singular_value"], 3),)),
+        Part(("standard error, % of the bounds",), lambda c: (significant(100.0 * scatter / c["singular_value"], 2),)),
+    )
+    note = (
+        "Moves of parameters, each in widths of its bounds, that change the fitted data, and their standard error by "
+        f"the data alone; parameters with a weight below 0.2 are not named. {rest} further combinations are not known "
+        "to within the width of the bounds: priors and bounds alone hold them."
+    )
+    return table_of("Combinations that the data hold", held, parts, note, 1)
+
+
+def _weights(weights: Mapping[str, Any]) -> str:
+    texts = [f"{signed(weight, 2)} {name}" for name, weight in weights.items()]
+    return ", ".join(texts) or "many parameters, none with 0.2"
+
+
+def _unit(record: Record) -> str:
+    """Unit of the scatter of the fitted residuals, which are weighted where data of several units are fitted."""
+    units = {KINDS[d["kind"]].residual_unit for d in of_role(record["data"], "fit")}
+    return units.pop() if len(units) == 1 else "of their weighted units"
+
+
+def _effective(found: Record, parameters: int, unit: str) -> str:
+    return (
+        f"{found['residuals']} residuals determine {fixed(found['effective_parameters'], 1)} effective parameters of "
+        f"{parameters}; their scatter about the fit is {significant(found['scatter'], 3)} {unit}."
+    )
+
+
+def _seed_lines(seeds: Sequence[Record]) -> list[str]:
+    done = [seed for seed in seeds if not seed.get("failed")]
+    if len(done) < 2:
+        return []
+    names = done[0]["positions"]
+    spread = {name: _range(seed["positions"][name] for seed in done) for name in names}
+    widest = max(spread, key=lambda name: spread[name])
+    if spread[widest] < 1e-3:
+        return [f"{len(done)} seeds end at the same values, within 0.1 % of the bounds."]
+    ends = listed([significant(seed["objective"], 4) for seed in done])
+    return [
+        f"{len(done)} seeds end at objectives of {ends}; the parameter that differs most between them is {widest}, by "
+        f"{fixed(100.0 * spread[widest], 0)} % of its bounds."
+    ]
+
+
+def _range(values: Any) -> float:
+    found = list(values)
+    return float(max(found) - min(found))
+
+
+def _seed_table(seeds: Sequence[Record]) -> Table:
+    heads = seeds[0]["errors"]
+    parts = (
+        Part(("seed", "objective"), lambda seed: (str(seed["seed"]), significant(seed.get("objective")))),
+        Part(
+            [f"{name}: {seeds[0]['error_heads'][name]}" for name in heads],
+            lambda seed: [significant(seed.get("errors", {}).get(name), 3) for name in heads],
+        ),
+    )
+    note = "The first seed is that of the result. The spread is that of the search, not that of the parameters."
+    return table_of("Other seeds", seeds, parts, note, 1)
+
+
+def _left_out_lines(one: Record) -> list[str]:
+    by = _WORDS.get(one["by"], one["by"])
+    lines = [
+        f"Each {by} of {one['name']} held out in turn, {one['searches']} searches, and predicted: "
+        f"{_metrics(one['figures'])}."
+    ]
+    if "mean" in one:
+        lines.append(f"The mean of the members of each search gives {_metrics(one['mean'])}.")
+    if one["failed"]:
+        lines.append(f"The search without {listed(one['failed'])} could simulate no candidate.")
+    for baseline in one["baselines"]:
+        beyond = baseline.get("extrapolated")
+        said = f", {beyond} of its {one['values']} values extrapolated" if beyond else ""
+        beats = "beats" if baseline["beaten"] else "does not beat"
+        lines.append(f"There the model {beats} {baseline['text']}, which gives {_metrics(baseline['figures'])}{said}.")
+    return lines
+
+
+def _metrics(figures: Record) -> str:
+    limit = significant(figures["limit_quantity"], 3, MM3)
+    parts = [
+        f"{fixed(figures[key], decimals, scale)} {unit} rms {words}"
+        for key, decimals, scale, unit, words in (
+            ("rms_large_percent", 2, 1.0, "%", f"above {limit} mm³"),
+            ("rms_small", 3, MM3, "mm³", f"up to {limit} mm³"),
+        )
+        if number(figures.get(key)) is not None
+    ]
+    return " and ".join(parts) or MISSING
+
+
+def _left_out_table(found: Sequence[Record]) -> Table:
+    rows: list[tuple[Record, str, Record]] = []
+    for one in found:
+        rows.append((one, "model", one["figures"]))
+        if "mean" in one:
+            rows.append((one, LABELS[MEAN], one["mean"]))
+        rows += [(one, baseline["text"], baseline["figures"]) for baseline in one["baselines"]]
+    limit = significant(found[0]["figures"]["limit_quantity"], 3, MM3)
+    parts = (
+        Part(
+            ("data set", "held out in turn", "predicted by"),
+            lambda r: (r[0]["name"], _WORDS.get(r[0]["by"], r[0]["by"]), r[1]),
+        ),
+        Part(("searches", "quantities"), lambda r: (str(r[0]["searches"]), str(r[0]["values"]))),
+        Part(
+            (f"above {limit} mm³, % rms", f"up to {limit} mm³, mm³ rms", "dead time, µs rms"),
+            lambda r: (
+                fixed(r[2].get("rms_large_percent"), 2),
+                fixed(r[2].get("rms_small"), 3, MM3),
+                fixed(r[2].get("dead_time_rms"), 1, MICROSECOND),
+            ),
+        ),
+    )
+    note = "Every row is predicted by a fit that did not see the rows at its value; outermost values are extrapolated."
+    return table_of("Predictions of what was held out", rows, parts, note, 3)
+
+
+GOOD, CARE, BAD = "good", "care", "bad"
+SHOWN = 4  # parameters that a sentence names
+
+
+class Step(NamedTuple):
+    """One thing to do, and the command line for it if there is one."""
+
+    text: str
+    command: str = ""
+
+
+class ReportVerdict(NamedTuple):
+    """Verdict on a calibration.
+
+    Attributes
+    ----------
+    level : str
+        "good", "care" or "bad".
+    title : str
+        In a few words.
+    reasons : list of str
+        What speaks against the result; what speaks for it where there is nothing.
+    steps : list of Step
+        What to do next, the most urgent first.
+    """
+
+    level: str
+    title: str
+    reasons: list[str]
+    steps: list[Step]
+
+
+class _Point(NamedTuple):
+    """Something that speaks against a result, how much, and its cure."""
+
+    level: str
+    reason: str
+    step: Step
+
+
+_TITLES = {
+    GOOD: "Nothing found against using this result",
+    CARE: "Usable with care",
+    BAD: "Not usable yet",
+}
+
+
+def verdict(record: Record, run: str) -> ReportVerdict:
+    """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
+    folder = shlex.quote(run)
+    found = [
+        *_better(record, folder),
+        *_ending(record, folder),
+        *_plausibility(record, folder),
+        *_prediction(record),
+        *_parameters(record, folder),
+    ]
+    levels = {point.level for point in found}
+    level = BAD if BAD in levels else CARE if CARE in levels else GOOD
+    found.sort(key=lambda point: point.level != BAD)
+    steps = list(dict.fromkeys(point.step for point in found))
+    return ReportVerdict(
+        level,
+        _TITLES[level],
+        [point.reason for point in found] or _praise(record),
+        steps if level == BAD else [*steps, Step(*map_line(record, run))],
+    )
+
+
+def _better(record: Record, folder: str) -> Iterator[_Point]:
+    """Most likely values that fit better than the calibrated ones by more than noise explains."""
+    found = difference(record)
+    if found is None or not found.matters:
+        return
+    if record["certainty"]["starts"] > 1:
+        text = "Compare both fits on all data, and take most-likely.toml as the injector if it is the better one."
+        command = f"commonrail compare {folder} likely={folder}/{LIKELY} --data {folder}/study.toml"
+    else:
+        text, command = _full(folder)
+    yield _Point(CARE, found.sentence, Step(text, command))
+
+
+def _full(folder: str) -> Step:
+    text = "Compute full intervals of the parameters, and search for their most likely values from several starts."
+    return Step(text, f"commonrail certainty {folder}")
+
+
+def _ending(record: Record, folder: str) -> Iterator[_Point]:
+    """Search that failed, was stopped or has not converged."""
+    best, start = (number(record["objective"].get(key)) for key in ("best", "start"))
+    if best is None:
+        step = Step("Correct the injector or the operating points until the start values can be simulated.")
+        yield _Point(BAD, "No candidate could be simulated.", step)
+        return
+    if record["status"] == "interrupted":
+        step = Step("Run the search to its end.", f"commonrail resume {folder}")
+        yield _Point(BAD, "The search was stopped before its end.", step)
+    elif record.get("convergence", {}).get("converged") is False:
+        sentence = str(record["convergence"]["sentence"]).removeprefix("not converged: ")
+        step = Step("Continue the search.", f"commonrail resume {folder} --generations 50")
+        yield _Point(CARE, f"The search has not converged: {sentence}.", step)
+    if start is not None and not best < start:
+        step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
+        yield _Point(BAD, "The objective did not fall below that of the start values.", step)
+
+
+def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
+    if count := len(record["warnings"]):
+        reason = f"{count} implausible finding{'s' if count > 1 else ''}, named at the top of this page."
+        step = Step(
+            "Check the findings at the top of this page against the test bench, correct the study, calibrate again."
+        )
+        yield _Point(BAD, reason, step._replace(command=f"commonrail calibrate {folder}/study.toml"))
+    if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
+        reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
+        yield _Point(
+            CARE, reason, Step("Replace synthetic data by measured ones before the result is used on an engine.")
+        )
+
+
+def _prediction(record: Record) -> Iterator[_Point]:
+    """Data that the fit has not seen: none, or met worse than a trivial model meets them."""
+    validation, held_out = of_role(record["data"], "validation"), record.get("refits", {}).get("left_out", ())
+    if not validation and not held_out:
+        step = Step('Set role = "validation" for one data set of study.toml, or measure another one.')
+        yield _Point(CARE, "No data were held back: errors on unseen points are not known.", step)
+    if lost := [d["name"] for d in validation if _is_lost(d)]:
+        cure = Step("Correct these operating points, or narrow the bounds until the calibrated model runs there.")
+        yield _Point(CARE, f"The calibrated model does not run at all points of {_some(lost)}.", cure)
+    step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
+    if narrow := [d["name"] for d in record["data"] if "band" in d and too_few_inside(d)]:
+        cure = Step(
+            "State a discrepancy of these data, or free what the model lacks; do not rely on its bands until then."
+        )
+        yield _Point(CARE, f"The bands hold too few measured values of {_some(narrow)}: they are too narrow.", cure)
+    if worse := _beaten(validation):
+        yield _Point(CARE, f"On {_some(worse)} a trivial model is as good or better.", step)
+    if worse := _beaten(held_out):
+        yield _Point(CARE, f"On held out rows of {_some(worse)} a trivial model is as good or better.", step)
+
+
+def _is_lost(data: Record) -> bool:
+    """True if the calibrated model has no number for the data, or for a row that is no dead time."""
+    if "rows" not in data:
+        return "J" in data and number(data["J"].get(JUDGED)) is None
+    return any(number(row.get(JUDGED)) is None for row in data["rows"] if not row.get("dead_time"))
+
+
+def _beaten(records: Iterable[Record]) -> list[str]:
+    """Names of those on which a baseline is as good as the model."""
+    found = [one["name"] for one in records if any(b.get("beaten") is False for b in one.get("baselines", ()))]
+    return list(dict.fromkeys(found))
+
+
+def _parameters(record: Record, folder: str) -> Iterator[_Point]:
+    parameters = record["parameters"]
+    if bounded := [p["name"] for p in parameters if p.get("at_bound")]:
+        step = Step("Widen the bounds of these parameters in study.toml if the parts allow it, and calibrate again.")
+        yield _Point(CARE, f"At a bound: {_some(bounded)}.", step)
+    loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
+    if loose:
+        reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
+        profiled = record.get("certainty", {}).get("starts", 1) > 1
+        yield _Point(CARE, reason, _plan(record, folder) if profiled else _full(folder))
+
+
+def _plan(record: Record, folder: str) -> Step:
+    """Measurements to plan; of data at one operating point `next` needs the range of the bench."""
+    text = "Plan the measurements that would pin them down"
+    points = [p for d in of_role(record["data"], "fit") for p in KINDS[d["kind"]].view.operating_points(d)]
+    if len({(p.get("rail_pressure"), p.get("energising_time")) for p in points}) == 1:
+        return Step(
+            f"{text} with commonrail next. The fitted data are of one operating point: state what the bench can run by "
+            "--rail-pressure and --energising-time."
+        )
+    return Step(f"{text}.", f"commonrail next {folder} --points 3 --out plan.csv")
+
+
+def _praise(record: Record) -> list[str]:
+    lines = ["The search has converged."] if record.get("convergence", {}).get("converged") else []
+    lines.append("No finding is implausible and no parameter is at a bound.")
+    if of_role(record["data"], "validation"):
+        lines.append("Data were held back, and the calibrated model was judged on them.")
+    return lines
+
+
+def _some(names: list[str]) -> str:
+    """Names, the first few of many."""
+    if len(names) <= SHOWN + 1:
+        return listed(names)
+    return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"

@@ -1,0 +1,349 @@
+"""Copies of all files that a study reads, so that its run folder can be moved and is not changed from outside."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import tomllib
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from commonrail.base.errors import CommonrailError, InputError, StudyError
+from commonrail.base.hooks import quiet
+from commonrail.base.input import fingerprint, read_plain, sha256
+from commonrail.base.output import SUMS, listed, replacing, write_text, writing
+from commonrail.calibration.study import Study
+from commonrail.calibration.study_file.file import load_study
+from commonrail.readers.limits import read_text
+from commonrail.readers.toml import LARGEST_TOML
+from commonrail.runs.fingerprint import content_of
+from commonrail.runs.folder import LIKELY, MEMBER, RESULT, STUDY, TRACES
+from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, opened_to_read
+from commonrail.runs.seals import rows_of
+from commonrail.runs.tables import RUN
+
+# Changes of a run's files since it was begun.
+
+MOST = 3  # keys that a sentence names
+
+
+def check_files(journal: Journal, as_begun: bool) -> None:
+    """Refuse to go on with other files than those of the beginning.
+
+    Parameters
+    ----------
+    journal : Journal
+    as_begun : bool
+        Leave out the files that were copied; the copies alone count.
+
+    Raises
+    ------
+    StudyError
+        If a file has changed; the sentence says which, and of the study which keys.
+    """
+    about, inputs = journal.about, journal.inputs
+    _finish_writing(journal.folder, about, inputs)
+    for i, item in enumerate(inputs):
+        path = journal.folder / item.name
+        if (now := fingerprint(path)) != item.copy:
+            what = _what(about.get("study", ""), path) if i == 0 else ""
+            raise StudyError(
+                f"{path} {'is missing' if not now else f'has been changed since the run was begun{what}'}; bring it "
+                "back as it was, or begin a new run."
+            )
+    for i, item in enumerate(inputs if not as_begun else []):
+        path = Path(item.origin)
+        if (now := fingerprint(path)) and now != item.original:
+            what = _what(about.get("given", ""), path) if i == 0 else ""
+            raise StudyError(
+                f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
+                f"or go on with the copy as it was: `commonrail resume {journal.folder} --as-begun`."
+            )
+
+
+def _finish_writing(folder: Path, about: Mapping[str, str], inputs: list[Input]) -> None:
+    """Write the study with more generations, if a crash came between the journal's note of it and the file."""
+    if inputs and about.get("before") and fingerprint(folder / STUDY) == about["before"]:
+        write_text(folder / STUDY, about.get("study", ""))
+
+
+def _what(before: str, path: Path) -> str:
+    """Keys of a study file that have changed, in parentheses."""
+    try:
+        old, new = (dict(_leaves(tomllib.loads(text))) for text in (before, read_text(path, LARGEST_TOML)))
+    except (InputError, ValueError, RecursionError):
+        return ""
+    keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+    if not keys:
+        return " (comments or spaces)"
+    shown = [f"{key}: {_text(old.get(key))} -> {_text(new.get(key))}" for key in keys[:MOST]]
+    return f" ({'; '.join(shown)}{'; ...' if len(keys) > MOST else ''})"
+
+
+def _leaves(value: Any, key: str = "") -> list[tuple[str, Any]]:
+    """Values of nested tables by dotted key."""
+    if isinstance(value, dict):
+        return [leaf for name, item in value.items() for leaf in _leaves(item, f"{key}.{name}" if key else name)]
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        return [leaf for i, item in enumerate(value) for leaf in _leaves(item, f"{key}[{i + 1}]")]
+    return [(key, value)]
+
+
+def _text(value: Any) -> str:
+    text = "absent" if value is None else f"{value!r}".replace("'", '"')
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
+RESERVED = (STUDY, "calibrated.toml", LIKELY, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
+_NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
+
+
+def copies_of(study: Study) -> list[str]:
+    """Names of the files that `copy_study` will write into a run folder."""
+    return [place.as_posix() for place in _places(list(study.files)).values()] if study.files else []
+
+
+def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study, str]:
+    """Copy the files of a study into a run folder, and read the study again from there.
+
+    Returns
+    -------
+    list of Input, Study, str
+        The files; none, and the study itself, if it was made or changed in Python beyond its seed and generations.
+        With the fingerprint of the study.
+
+    Raises
+    ------
+    StudyError
+        If a file has changed since it was read.
+    OutputError
+        If a copy cannot be written.
+    """
+    if not study.files:
+        return [], study, content_of(study)
+    inputs = _copy_files(study.files, folder, _places(list(study.files)))
+    with quiet():
+        own = load_study(folder / STUDY)
+    wanted, text = study.method.evolution.generations, own.text
+    if study.seed != own.seed:
+        text = set_in_study(text, ("seed",), study.seed)
+    if wanted != own.method.evolution.generations:
+        text = set_in_study(text, ("optimiser", "generations"), wanted)
+    if text != own.text:
+        write_text(folder / STUDY, text)
+        inputs[0] = inputs[0]._replace(copy=sha256(text.encode()))
+        own = with_generations(replace(own, seed=study.seed, text=text), wanted)
+    content = content_of(study)
+    if content_of(own) == content:
+        return inputs, own, content
+    for item in inputs:
+        (folder / item.name).unlink()
+    return [], study, content
+
+
+def places_apart(sources: Iterable[Path], main: str) -> dict[Path, Path]:
+    """Relative path of each copy: the first file is `main`, all others come into a folder of their own.
+
+    Parameters
+    ----------
+    sources : iterable of Path
+    main : str
+    """
+    return _places(list(sources), main, apart=True)
+
+
+def copy_apart(sources: Mapping[Path, str], folder: Path, main: str) -> list[Input]:
+    """Copy files into a run folder, to `places_apart`.
+
+    Parameters
+    ----------
+    sources : mapping of Path to str
+        SHA-256 of each file.
+    folder : Path
+    main : str
+
+    Raises
+    ------
+    StudyError
+        If a file has changed since it was read.
+    OutputError
+        If a copy cannot be written.
+    """
+    return _copy_files(sources, folder, places_apart(sources, main))
+
+
+def _copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path]) -> list[Input]:
+    """Copy files; one below the study's folder keeps its relative path, others come into a folder of their own.
+
+    Where a file names another that has a new path, the copy names that one.
+    """
+    kept = []
+    for source, digest in sources.items():
+        content = read_plain(source)
+        if sha256(content) != digest:
+            raise StudyError(f"{source}: the file was changed while the study was read; start again.")
+        if source.suffix == ".toml":
+            content = _relocated(content, source, places)
+        path = folder / places[source]
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path, "wb") as stream:
+            stream.write(content)
+        origin = os.fsencode(source).decode("utf-8", "backslashreplace")
+        kept.append(Input(places[source].as_posix(), origin, digest, sha256(content)))
+    return kept
+
+
+def _is_result(place: Path) -> bool:
+    """True for the name of a file that a run writes itself."""
+    name = place.as_posix().lower()
+    return name in RESERVED or fnmatchcase(name, MEMBER.format("*"))
+
+
+def _places(sources: list[Path], main: str = STUDY, *, apart: bool = False) -> dict[Path, Path]:
+    """Relative path of each copy; the first file is `main`, and if `apart` no other one lies beside it."""
+    base = sources[0].parent
+    places = {sources[0]: Path(main)}
+    for source in sources[1:]:
+        if source.is_relative_to(base):
+            place = source.relative_to(base)
+            place = Path(OUTSIDE, place) if apart or _is_result(place) else place
+        else:
+            place = Path(OUTSIDE, source.name)
+        while place in places.values():
+            place = place.with_name(f"{place.stem}-2{place.suffix}")
+        places[source] = place
+    return places
+
+
+def _relocated(content: bytes, source: Path, places: Mapping[Path, Path]) -> bytes:
+    """A TOML file whose paths lead to the copies; the same bytes if they do so already."""
+    text = content.decode("utf-8-sig")
+    if not _redirect(tomllib.loads(text), source, places):
+        return content
+    import tomlkit  # slow to import
+
+    document = tomlkit.parse(text)
+    _redirect(document, source, places)
+    return tomlkit.dumps(document).encode()
+
+
+def _redirect(table: Any, source: Path, places: Mapping[Path, Path]) -> bool:
+    changed = False
+    for key, value in list(table.items()):
+        if isinstance(value, Mapping):
+            changed |= _redirect(value, source, places)
+        elif isinstance(value, list):
+            changed |= any([_redirect(item, source, places) for item in value if isinstance(item, Mapping)])
+        elif key in _NAMES_A_FILE and isinstance(value, str) and (old := _absolute(source, value)) in places:
+            new = Path(os.path.relpath(places[old], places[source].parent)).as_posix()
+            if new != value:
+                table[key] = new
+                changed = True
+    return changed
+
+
+def _absolute(source: Path, name: str) -> Path:
+    return Path(os.path.abspath(source.parent / name))
+
+
+def with_generations(study: Study, generations: int) -> Study:
+    """The study with another number of generations."""
+    evolution = replace(study.method.evolution, generations=generations)
+    return replace(study, method=replace(study.method, evolution=evolution))
+
+
+def set_in_copy(folder: Path, item: Input, values: Mapping[str, int | str]) -> Input:
+    """Write top-level values into a copied TOML file, and return its entry with the new checksum.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    item : Input
+        Entry of the copy.
+    values : mapping of str to int or str
+        Values by key.
+
+    Raises
+    ------
+    OutputError
+        If the copy cannot be written.
+    """
+    path = folder / item.name
+    text = read_plain(path).decode("utf-8-sig")
+    for key, value in values.items():
+        text = set_in_study(text, (key,), value)
+    write_text(path, text)
+    return item._replace(copy=sha256(text.encode()))
+
+
+def set_in_study(text: str, keys: tuple[str, ...], value: int | str) -> str:
+    """Text of a study file with one value changed or added.
+
+    Parameters
+    ----------
+    text : str
+    keys : tuple of str
+        Keys that lead to the value from the top.
+    value : int or str
+    """
+    import tomlkit  # slow to import
+
+    document = tomlkit.parse(text)
+    table: Any = document
+    for key in keys[:-1]:
+        if key not in table:
+            table.add(key, tomlkit.table())
+        table = table[key]
+    table[keys[-1]] = value
+    return tomlkit.dumps(document)
+
+
+# Files that belong to a run folder, and that no other output may take the place of.
+
+DEEPEST = 4  # folders above a file in which a run is looked for: copies of data files lie below its folder
+
+
+def refuse_file_of_run(path: Path, option: str) -> None:
+    """Refuse to replace a result, the journal or a copied input of a run; other files in its folder may be replaced.
+
+    Parameters
+    ----------
+    path : Path
+    option : str
+        Option of the command line that named it.
+
+    Raises
+    ------
+    InputError
+        If there is such a file at this path.
+    """
+    if not path.exists():
+        return
+    whole = path.absolute()
+    for folder in whole.parents[:DEEPEST]:
+        if _is_own(folder, whole.relative_to(folder).as_posix()):
+            raise InputError(f"{option}: {path} is a file of the run in {folder}; name another file.")
+
+
+def _is_own(folder: Path, name: str) -> bool:
+    """True for the name of a file that the run in a folder has written or copied."""
+    has_sums, has_journal = (folder / SUMS).is_file(), (folder / JOURNAL).is_file()
+    if not (has_sums or has_journal):
+        return False
+    own = set(listed(folder / SUMS)) if has_sums else set()
+    with suppress(CommonrailError, sqlite3.Error):  # a damaged journal is not this command's affair
+        own |= _copied(folder / JOURNAL) if has_journal else set()
+    return name in own or name.lower() in RESERVED
+
+
+def _copied(journal: Path) -> set[str]:
+    """Names of the copies of input files."""
+    with opened_to_read(journal, RUN) as connection:
+        return {str(name) for name, *_ in rows_of(connection, "input")}

@@ -1,0 +1,138 @@
+"""Targets that a run or a fleet was computed on: said where they differ, and whether this one finds the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.input import sha256
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.plausibility.finding import Finding, found
+from commonrail.calibration.search import Searched
+from commonrail.calibration.study import Study
+from commonrail.compiler.target import describe, differences, package_versions
+from commonrail.readers.injector.file import injector_text
+from commonrail.runs.journal import Journal
+
+# Fingerprint of a study: equal fingerprints mean identical searches.
+
+_TOLD = frozenset({"text", "files", "author", "logo"})  # fields of a study that reports tell, and that decide nothing
+
+
+def content_of(study: Study) -> str:
+    """SHA-256 of all that decides over a study's result but the number of generations; file names do not."""
+    space = study.space
+    parts = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in _TOLD}
+    return fingerprint_of(
+        parts
+        | {
+            "injector": injector_text(study.injector, {}, ""),
+            "space": (space.parameters, space.rows.matrix, space.rows.labels, space.products.constraints),
+            "method": replace(study.method, evolution=replace(study.method.evolution, generations=0)),
+        }
+    )
+
+
+def fingerprint_of(*values: Any) -> str:
+    """SHA-256 of values as `content_of` takes them."""
+    pieces: list[bytes] = []
+    _add_pieces(values, pieces)
+    return sha256(b"\0".join(pieces))
+
+
+def _add_pieces(value: Any, pieces: list[bytes]) -> None:
+    """Append a value as bytes that tell it from every other one."""
+    if isinstance(value, np.ndarray):
+        pieces += f"array {value.dtype} {value.shape}".encode(), np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, Enum):
+        pieces.append(f"{type(value).__name__}.{value.name}".encode())
+    elif is_dataclass(value) or isinstance(value, Mapping):
+        pairs = value.items() if isinstance(value, Mapping) else _given(value)
+        pieces.append(type(value).__name__.encode())
+        _add_pieces(tuple(pairs), pieces)
+    elif isinstance(value, tuple | list):
+        pieces.append(f"list {len(value)}".encode())
+        for item in value:
+            _add_pieces(item, pieces)
+    elif isinstance(value, str | int | float | None):
+        pieces.append(repr(value).encode())
+    else:
+        raise TypeError(f"a study holds {type(value).__name__}, which has no place in its content")
+
+
+def _given(value: Any) -> list[tuple[str, Any]]:
+    """Fields of a dataclass that follow from no others."""
+    return [(f.name, getattr(value, f.name)) for f in fields(value) if f.init]
+
+
+TARGET = "target"  # code of the warning
+TRIED = 8  # candidates that are simulated again: one block of the vectorised loop
+
+
+def other_targets(journal: Journal, study: Searched, objective: Objective) -> tuple[Finding, ...]:
+    """Warning that a run need not end as one that was never stopped; none where this target finds the same bits.
+
+    The best candidate so far, and some beside it, are simulated again and compared bit for bit.
+
+    Parameters
+    ----------
+    journal : Journal
+    study : Searched
+    objective : Objective
+        That of the search, on threads of this process.
+    """
+    records = [*journal.targets, describe().record]
+    if study.same_bits:  # whose kernels round alike on all processors
+        records = [{name: text for name, text in record.items() if name in package_versions()} for record in records]
+    text = other_bits(
+        differing(records),
+        "the best candidates",
+        *_best_again(journal, objective),
+    )
+    cure = "the run need not end as one that was never stopped; resume it where it was begun"
+    return (found(TARGET, study.title, f"{text}: {cure}."),) if text else ()
+
+
+def differing(targets: Sequence[Mapping[str, str]]) -> str:
+    """Differences of the last target from each earlier one, as a part of a sentence; "" where there are none."""
+    said: dict[str, str] = {}
+    for number, before in enumerate(targets[:-1], 1):
+        if (text := differences(before, targets[-1])) and text not in said:
+            said[text] = "begun" if number == 1 else f"resumed as session {number}"
+    return "; ".join(f"{how} with {text}" for text, how in said.items())
+
+
+def other_bits(differing: str, candidates: str, kept: float, here: float) -> str:
+    """Description of what is not as it was, by objectives of the same candidates then and here; "" if nothing.
+
+    Parameters
+    ----------
+    differing : str
+        As `differing` returns it.
+    candidates : str
+        Those that were simulated again.
+    kept, here : float
+        Objective of one of them, of the first that differs if one does.
+    """
+    if kept != here:
+        found = f"{candidates}, simulated again, have other bits here, {here!r} in place of {kept!r}"
+        return f"{differing}; {found}" if differing else found
+    if differing:
+        return f"{differing}; {candidates}, simulated again, have the same bits here, but others may not"
+    return ""
+
+
+def _best_again(journal: Journal, objective: Objective) -> tuple[float, float]:
+    """Objective of the best candidate in the journal and here; of the first one beside it if only that differs."""
+    trials, costs = journal.best_step()
+    chosen = np.argsort(costs, kind="stable")[:TRIED]
+    chosen = chosen[np.isfinite(costs[chosen])]
+    if not len(chosen):
+        return 0.0, 0.0
+    again = objective.costs(np.ascontiguousarray(trials[chosen])).costs
+    which = int(np.argmax(again != costs[chosen]))
+    return float(costs[chosen][which]), float(again[which])

@@ -1,0 +1,304 @@
+"""The run folder: what a calibration leaves behind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from commonrail.base.arguments import file_path, instance, mapping
+from commonrail.base.errors import InputError
+from commonrail.base.hooks import note
+from commonrail.base.output import check_sum, summed, write_text, writing
+from commonrail.calibration.result import result_record
+from commonrail.calibration.run import Calibration
+from commonrail.calibration.study import Study
+from commonrail.calibration.study_file.file import load_study
+from commonrail.data.base import DataSet, Score
+from commonrail.data.records import LABELS, MEAN, MEASURED
+from commonrail.physics.meters.meter import is_of_meter
+from commonrail.readers.injector.file import dump_injector
+from commonrail.readers.limits import read_text
+from commonrail.readers.toml import read_toml
+from commonrail.runs.traces import Curve, Traces, read_traces, write_traces
+
+# JSON records of run folders, read without trust in who wrote them.
+
+LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
+
+
+def read_record(path: Path, made_by: str) -> dict[str, Any]:
+    """A record, which is one JSON object.
+
+    Parameters
+    ----------
+    path : Path
+    made_by : str
+        Command that leaves such a file, for the message.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no such object, or is not the one that was written.
+    """
+    if not path.exists():
+        raise _broken(path, made_by, "there is no such file")
+    check_sum(path)
+    try:
+        record = json.loads(read_text(path, LARGEST_RECORD))
+    except (ValueError, RecursionError) as error:
+        raise _broken(path, made_by, str(error)) from error
+    if not isinstance(record, dict):
+        raise _broken(path, made_by, "this is not one object in braces")
+    return record
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record whole or not at all; `OutputError` if it cannot be written."""
+    write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
+
+
+def _broken(path: Path, made_by: str, reason: str) -> InputError:
+    return InputError(f"{path.parent}: not a run folder of {made_by} ({path.name}: {reason}); make it again.")
+
+
+# Runs whose search was stopped before its end: who takes their values is told.
+
+_RESULT = "result.json"
+_told: set[Path] = set()
+
+
+def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
+    """Note, once a process, that the values of a run are those of a search that was stopped.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder.
+    record : mapping, optional
+        Of its result; by default it is read. A folder that has none is not judged.
+    """
+    if record is None:
+        with suppress(InputError):
+            record = read_record(folder / _RESULT, "commonrail calibrate")
+    where = folder.absolute()
+    if record is None or record.get("status") != "interrupted" or where in _told:
+        return
+    _told.add(where)
+    note(
+        f"{folder}: the search was stopped before its end, and these are the best values up to then; "
+        f"`commonrail resume {folder}` runs it to its end."
+    )
+
+
+RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
+LIKELY = "most-likely.toml"  # injector with the most likely values, which `commonrail certainty` leaves
+MEMBER = "member-{}.toml"  # injectors of the other optima whose mean is scored, from number 2 on
+
+_COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # of courses in time, which have no mean
+
+
+def create_run_folder(path: str | Path) -> Path:
+    """Make a new run folder.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no path.
+    InputError
+        If it exists and is not empty.
+    OutputError
+        If it cannot be made.
+    """
+    path = file_path(path, "folder")
+    refuse_used(path)
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".writable"
+        probe.touch()
+        probe.unlink()
+    return path
+
+
+@contextmanager
+def new_run_folder(path: str | Path) -> Iterator[Path]:
+    """A new run folder, which is taken away again if it is left by an error before anything was written.
+
+    Raises
+    ------
+    ConfigurationError, InputError, OutputError
+        As `create_run_folder`.
+    """
+    folder = create_run_folder(path)
+    try:
+        yield folder
+    except BaseException:
+        with suppress(OSError):
+            folder.rmdir()  # only if nothing was written
+        raise
+
+
+def refuse_used(path: Path) -> None:
+    """Refuse a place for a new run folder that is not free.
+
+    Raises
+    ------
+    InputError
+        If it exists and is not empty.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{path}: there already is something; name another folder, nothing was overwritten.")
+
+
+def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write study.toml, calibrated.toml, result.json, traces.csv and their checksums, SHA256SUMS.
+
+    Parameters
+    ----------
+    folder : str or Path
+    calibration : Calibration
+    identified : mapping
+        As `identify(calibration)` returns it.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind.
+    OutputError
+        If a file cannot be written.
+    """
+    folder = file_path(folder, "folder")
+    instance(calibration, Calibration, "calibration")
+    mapping(identified, "identified", "what identify(calibration) returns")
+    write_text(folder / STUDY, calibration.study.text)
+    write_results(folder, calibration, identified)
+
+
+def write_results(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write calibrated.toml, the other members, result.json and traces.csv, and their checksums."""
+    title = calibration.study.title
+    notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
+    others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
+    with summed(folder, RESULT, CALIBRATED, TRACES, *others):
+        dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
+        for name in {LIKELY, *members_of(folder)} - set(others):  # of the run before it was extended
+            with writing(folder / name):
+                (folder / name).unlink(missing_ok=True)
+        for name, injector in others.items():
+            dump_injector(injector, folder / name, notes)
+        write_record(folder / RESULT, result_record(calibration, identified))
+        _write_traces(folder / TRACES, calibration)
+
+
+def write_judgement(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write result.json again, with what was judged since `write_results`; the other files stay.
+
+    Parameters
+    ----------
+    folder : Path
+    calibration : Calibration
+        That was written.
+    identified : mapping
+        As `identify(calibration)` returns it.
+    """
+    with summed(folder, RESULT, CALIBRATED, TRACES, *members_of(folder)):
+        write_record(folder / RESULT, result_record(calibration, identified))
+
+
+def read_result(folder: Path) -> dict[str, Any]:
+    """result.json of a run folder; raises as `read_run`."""
+    return read_record(folder / RESULT, "commonrail calibrate")
+
+
+def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
+    """result.json, and per injection curve the arrays time_s [s] and rates [m³/s] by label.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a run folder, or a file of it is broken or not the one that was written.
+    ConfigurationError
+        If it is no path.
+    """
+    folder = file_path(folder, "folder")
+    record = read_result(folder)
+    refuse_foreign(folder, record)
+    return record, read_traces(folder / TRACES)
+
+
+def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
+    """Study of a run folder, and the best values [SI] of its result.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a run folder, its result is of another study, or a file of it is broken.
+    ConfigurationError
+        If it is no path.
+    """
+    folder = file_path(folder, "folder")
+    record = read_result(folder)
+    note_stopped(folder, record)
+    study = load_study(folder / STUDY)
+    refuse_foreign(folder, record)
+    try:
+        best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{folder}: {RESULT} has no best values ({error}); calibrate again.") from error
+    if set(best) != set(study.space.names):
+        raise InputError(f"{folder}: {RESULT} has other parameters than {STUDY}; calibrate again.")
+    return study, best
+
+
+def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
+    """Refuse a result that is not of the study beside it, such as one copied from another run with its checksums.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder.
+    record : mapping
+        Its result.json.
+
+    Raises
+    ------
+    InputError
+        If title, seed or free parameters are not those of ``study.toml``.
+    """
+    path = folder / STUDY
+    if not path.is_file() or not path.stat().st_size:
+        return  # a study made in Python
+    document = read_toml(path)[0]
+    free = [p.get("name") for p in document.get("parameter", ())]
+    fitted = [p.get("name") for p in record.get("parameters", ())]
+    stated = {key: document[key] for key in ("title", "seed") if key in document}
+    other = [f"{key} {record[key]!r}" for key, value in stated.items() if key in record and record[key] != value]
+    other += [f"no free parameter {name}" for name in free if name not in fitted]
+    if other:
+        raise InputError(
+            f"{folder}: {RESULT} is not the result of {STUDY} beside it, it has {other[0]}; take the files of one run."
+        )
+
+
+def members_of(folder: Path) -> list[str]:
+    """Names of the members' files in a run folder."""
+    return sorted(path.name for path in folder.glob(MEMBER.format("*")))
+
+
+def _write_traces(path: Path, calibration: Calibration) -> None:
+    synthetic = calibration.study.synthetic
+    notes = (
+        f"Injection curves of: {calibration.study.title}",
+        f"SYNTHETIC: {synthetic}" if synthetic else "measured data",
+    )
+    write_traces(path, notes, _COLUMNS, rate_curves(calibration.study.data, calibration.scores))
+
+
+def rate_curves(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> Iterator[Curve]:
+    """The courses in time among the data with the simulated ones of every label."""
+    for i, d in enumerate(data):
+        if d.bounds is not None:
+            simulated = {label: own[i].values for label, own in scores.items()}
+            yield Curve(d.name, d.bounds, {MEASURED: d.measured, **simulated})

@@ -1,0 +1,457 @@
+"""The journal of a run: one SQLite file that takes every step of a search as soon as it is done."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import socket
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError, StudyError
+from commonrail.base.input import check_plain
+from commonrail.base.output import PART, check_target
+from commonrail.calibration.search import Checkpoint, Generation, Stage, Step
+from commonrail.compiler.target import describe
+from commonrail.runs.lock import UNTRUE, Lock, explained, trusted
+from commonrail.runs.seals import Statement, put, rows_of
+from commonrail.runs.tables import RUN, Schema, digest, number_bytes, pack, unpack
+
+# An SQLite file in a folder that one process holds and others read: what all journals have in common.
+
+PATIENCE = 30.0  # with others that have the journal open [s]
+LONGEST_LOG = 4_000_000  # written to the log before the main file takes it [bytes]
+
+# What the fact "log" says: as the main file has it, that its log has more; in the log itself, that this one is there.
+NEEDED, THERE = "needed", "there"
+
+
+class JournalFile:
+    """A journal, held by this process; use it in a `with` block.
+
+    Others may read it at any time. A transaction for each step: whatever happens to the process, every step that was
+    told is kept whole. Each kind of journal adds its tables, one of which is ``about`` (name, text). Every row is
+    sealed, and all are checked before anything is written.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    StudyError
+        If another process holds the folder, or what is there is no journal that this version reads, is damaged, or
+        has lost its log.
+    OutputError
+        If it cannot be written.
+    """
+
+    NAME: ClassVar[str]
+    LOCK: ClassVar[str]
+    SCHEMA: ClassVar[Schema]
+    HOLDER: ClassVar[str]  # {here}: process and host; {since}
+    HELD: ClassVar[str]  # sentence for who comes second: {folder}, {holder}
+    NEW: ClassVar[str]  # the holder, where the journal does not tell
+    # Whether each step waits for the disk; if not, a power cut takes the last ones, which are then done again.
+    DURABLE: ClassVar[bool]
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.path = folder, folder / self.NAME
+        try:
+            self._lock = Lock(folder / self.LOCK)
+        except BlockingIOError:
+            holder = _holder(self.path) or self.NEW
+            raise StudyError(self.HELD.format(folder=folder, holder=holder)) from None
+        try:
+            check_target(self.path)
+            with explained(self.path), trusted(self.path):
+                self._open()
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def _open(self) -> None:
+        with_log = _has_log(self.path)
+        self._connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None)
+        try:
+            if not _check(self._connection, self.path, self.SCHEMA, with_log):
+                self.SCHEMA.create(self._connection)
+            self._connection.execute("PRAGMA journal_mode=WAL")
+            self._connection.execute("PRAGMA wal_autocheckpoint=0")
+            self._wait_for_disk(self.DURABLE)
+            here = f"process {os.getpid()} on {socket.gethostname()}"
+            self._note(holder=self.HOLDER.format(here=here, since=now()))
+            self._shorten_log()
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def is_in_place(self) -> bool:
+        """Return whether the folder's name still leads to the folder that was opened."""
+        return self._lock.is_in_place
+
+    def check_place(self) -> None:
+        """Refuse to write into what has taken the folder's place.
+
+        Raises
+        ------
+        StudyError
+            If the folder was renamed, moved or replaced since it was opened.
+        """
+        if not self.is_in_place:
+            raise StudyError(
+                f"{self.folder}: the folder was renamed, moved or replaced, or its lock removed, while this process "
+                "was at work in it; nothing more is written here. Resume it where it is now: what was done is in it."
+            )
+
+    def close(self) -> None:
+        """Release the lock; SQLite merges the log unless a reader is open."""
+        if self.is_in_place:  # SQLite would remove a log by its name, which may by now be another journal's
+            with suppress(sqlite3.Error):
+                self._note(holder="", log="")
+                self._connection.execute("PRAGMA journal_mode=DELETE")
+        self._connection.close()
+        self._lock.close()
+
+    def _note(self, **pairs: str) -> None:
+        for statement in facts(pairs.items()):
+            self._connection.execute(*statement)
+
+    def _shorten_log(self) -> None:
+        """Take the log into the main file, which keeps that a log belongs to it; a reader may put that off."""
+        with explained(self.path):
+            self._note(log=NEEDED)
+            self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+            self._note(log=THERE)
+            self._logged = 0
+
+    def _wait_for_disk(self, durable: bool) -> None:
+        self._connection.execute(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
+
+    def _write(self, *statements: Statement, durable: bool = False) -> None:
+        """Execute statements as one transaction; a `durable` one waits for the disk in any case."""
+        self.check_place()
+        with explained(self.path):
+            self._wait_for_disk(durable or self.DURABLE)
+            self._connection.execute("BEGIN")
+            try:
+                for text, values in statements:
+                    self._connection.execute(text, values)
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+                raise
+            self._logged += sum(len(v) for _, values in statements for v in values if isinstance(v, str | bytes))
+            if self._logged > LONGEST_LOG:
+                self._shorten_log()
+
+    def _table(self, name: str) -> list[tuple[Any, ...]]:
+        """Rows of a table without their seals, by key or in the order of writing.
+
+        Raises
+        ------
+        StudyError
+            If a row is not the one that was written.
+        """
+        with explained(self.path), trusted(self.path):
+            return rows_of(self._connection, name)
+
+    def _next(self, table: str) -> int:
+        """Number of the next row of a table that counts from 1."""
+        with explained(self.path), trusted(self.path):
+            (last,) = self._connection.execute(f"SELECT COALESCE(MAX(number), 0) FROM {table}").fetchone()
+            return int(last) + 1
+
+
+def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:
+    """Statements that note facts in the table about."""
+    return [put("about", *pair) for pair in pairs]
+
+
+@contextmanager
+def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
+    """A journal for reading, without holding it; in place of an empty file, empty tables in memory.
+
+    Raises
+    ------
+    StudyError
+        If it is no journal that this version reads, is damaged, or has lost its log.
+    """
+    with_log = _has_log(path)
+    with explained(path), trusted(path), closing(_read_only(path)) as connection:
+        if _check(connection, path, schema, with_log or _has_log(path)):
+            yield connection
+            return
+        with closing(sqlite3.connect(":memory:")) as empty:
+            schema.create(empty)
+            yield empty
+
+
+def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> bool:
+    """Whether a file holds a journal of which every row is the one that was written; False if it is empty.
+
+    Parameters
+    ----------
+    connection : Connection
+    path : Path
+    schema : Schema
+    with_log : bool
+        Whether there is a write-ahead log beside it.
+    """
+    (fault,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
+    if fault != "ok":
+        raise ValueError(fault)
+    if not schema.check(connection, path):
+        return False
+    rows = {table: rows_of(connection, table) for table in schema.tables}
+    if dict(rows["about"]).get("log") == NEEDED and not with_log:
+        raise StudyError(
+            f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
+            "journal, or take a copy of both."
+        )
+    return True
+
+
+def _has_log(path: Path) -> bool:
+    """Return whether there is a write-ahead log beside a journal; an empty one says nothing."""
+    with suppress(OSError):
+        return path.with_name(f"{path.name}-wal").stat().st_size > 0
+    return False
+
+
+def _read_only(path: Path) -> sqlite3.Connection:
+    if path.exists():
+        check_plain(path)  # SQLite would wait for the other end of a pipe
+    address = f"{path.absolute().as_uri()}?mode=ro"
+    try:
+        return _connect(address)
+    except sqlite3.OperationalError:  # a write-ahead log in a folder that cannot be written to
+        return _connect(f"{address}&immutable=1")
+
+
+def _connect(address: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(address, uri=True, timeout=5.0)
+    try:
+        connection.execute("SELECT COUNT(*) FROM sqlite_master").fetchone()
+    except sqlite3.Error:
+        connection.close()
+        raise
+    return connection
+
+
+def _holder(path: Path) -> str:
+    """Process at work according to the journal."""
+    with suppress(sqlite3.Error, InputError, *UNTRUE), closing(_read_only(path)) as connection:
+        row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
+        return str(row[0]) if row else ""
+    return ""
+
+
+def now() -> str:
+    """The time [UTC] as journals write it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+JOURNAL, LOCK = "journal.sqlite", "journal.lock"
+
+
+class State:
+    """State of a run."""
+
+    RUNNING = "running"
+    FINISHED = "finished"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+class Input(NamedTuple):
+    """A file that a study reads: name of its copy in the run folder, where it came from, and SHA-256 of both."""
+
+    name: str
+    origin: str
+    original: str
+    copy: str
+
+
+class Journal(JournalFile):
+    """The journal of a run folder, a `JournalFile`; it does not wait for the disk at every step of the search."""
+
+    NAME, LOCK, SCHEMA = JOURNAL, LOCK, RUN
+    HOLDER = "{here} is at work here since {since}"
+    HELD = "{folder}: {holder}; wait for it, or end it first."
+    NEW = "another process has just begun to work here"
+    DURABLE = False
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        _clear_parts(folder)
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Facts of the run by name."""
+        return {str(name): str(text) for name, text in self._table("about")}
+
+    @property
+    def inputs(self) -> list[Input]:
+        """Files that the study reads.
+
+        Raises
+        ------
+        StudyError
+            If one would lie outside the run folder.
+        """
+        found = [Input(*map(str, row)) for row in self._table("input")]
+        for item in found:
+            if Path(item.name).is_absolute() or ".." in Path(item.name).parts:
+                raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; take a copy that is whole.")
+        return found
+
+    @property
+    def generations(self) -> int:
+        """Generations wanted after the initial population."""
+        with trusted(self.path):
+            wanted = int(self.about["generations"])
+            if wanted < 0:
+                raise ValueError("a count is no number")
+            return wanted
+
+    def describe(self, about: Mapping[str, str], inputs: list[Input] | None = None) -> None:
+        """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk.
+
+        They are in the main file then, so that no damage to the log takes them.
+        """
+        statements = facts(about.items())
+        if inputs is not None:
+            statements.append(("DELETE FROM input", ()))
+            statements += [put("input", *item) for item in inputs]
+        self._write(*statements, durable=True)
+        self._shorten_log()
+
+    def start_session(self) -> None:
+        """Note that this process is at work, and the target that it computes on."""
+        row = (now(), None, os.getpid(), socket.gethostname(), json.dumps(describe().record))
+        self._write(put("session", self._next("session"), *row), *facts([("state", State.RUNNING)]))
+
+    def end_session(self, state: str, reason: str) -> None:
+        """Note that this process's work has ended, and how."""
+        number, started, _, *rest = self._table("session")[-1]
+        ended = put("session", number, started, now(), *rest)
+        self._write(ended, *facts([("state", state), ("reason", reason)]))
+
+    @property
+    def targets(self) -> list[dict[str, str]]:
+        """Versions, and the processor that was compiled for, of each session."""
+        with trusted(self.path):
+            found = [json.loads(row[-1]) for row in self._table("session")]
+            return [{str(name): str(text) for name, text in target.items()} for target in found]
+
+    def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
+        """Keep one step of an optimiser; what those after it have done is forgotten.
+
+        Parameters
+        ----------
+        step, reached, after
+            As `Recorder.step`.
+        """
+        stage, last = len(after.stages) - 1, after.stages[-1]
+        packed = pack(last._asdict())
+        told = (number_bytes(step.x), number_bytes(step.costs), step.statuses.astype("i1").tobytes())
+        table, number = ("refinement", self._next("refinement")) if stage else ("generation", reached.generation)
+        row = (number, reached.best, reached.mean, last.simulations, last.seconds, *told)
+        self._write(
+            ("DELETE FROM refinement WHERE ? = 0", (stage,)),
+            ("DELETE FROM state WHERE stage >= ?", (stage,)),
+            put(table, *row),
+            put("state", stage, *packed, digest(*packed, after.history)),
+        )
+
+    def checkpoint(self) -> Checkpoint | None:
+        """State to resume from; None at the very beginning.
+
+        Raises
+        ------
+        StudyError
+            If the journal is not what was written.
+        """
+        with trusted(self.path):
+            history = tuple(Generation(*row[:3]) for row in self._table("generation"))
+            stages: list[Stage] = []
+            for number, text, arrays, written in self._table("state"):
+                if number != len(stages) or written != digest(text, arrays, history):
+                    raise ValueError("a state is not the one that was written")
+                stages.append(Stage(**unpack(text, arrays)))
+            if not stages and history:
+                raise ValueError("the state after the last generation is missing")
+            self._trials()
+            return Checkpoint(tuple(stages), history) if stages else None
+
+    def _trials(self) -> list[tuple[Floats, Floats]]:
+        """Trials (n, d) [SI] and costs (n,) of each generation and refinement."""
+        found, widths = [], set()
+        for table in ("generation", "refinement"):
+            for *_, trials, costs, statuses in self._table(table):
+                if len(costs) != 8 * len(statuses):
+                    raise ValueError("a generation has not as many costs as trials")
+                told = np.frombuffer(costs, "<f8")
+                found.append((np.frombuffer(trials, "<f8").reshape(len(told), -1), told))
+                widths.add(found[-1][0].shape[1])
+        if len(widths) > 1:
+            raise ValueError("a generation has not as many costs as trials")
+        return found
+
+    def best_step(self) -> tuple[Floats, Floats]:
+        """Trials (n, d) [SI] and costs (n,) of the step that found the lowest cost; empty before the first one."""
+        with trusted(self.path):
+            nothing = (np.empty((0, 0)), np.empty(0))
+            return min(self._trials(), key=lambda step: step[1].min(initial=np.inf), default=nothing)
+
+
+def read_about(folder: Path) -> dict[str, Any]:
+    """Facts of the run in a folder, without holding it.
+
+    Those of the table about, and "generations done", "refinements", "best", "seconds", "changed" (UTC).
+
+    Raises
+    ------
+    StudyError
+        If there is no journal, or it cannot be read.
+    """
+    path = folder / JOURNAL
+    if not path.is_file():
+        raise StudyError(f"{path}: there is no journal, or it is no plain file; name the folder of a run.")
+    with opened_to_read(path, RUN) as connection:
+        about: dict[str, Any] = dict(rows_of(connection, "about"))
+        sessions, generations, refinements = (
+            rows_of(connection, table) for table in ("session", "generation", "refinement")
+        )
+        steps = generations + refinements
+        return about | {
+            "generations done": len(generations),
+            "refinements": len(refinements),
+            "best": min((float(row[1]) for row in steps), default=math.inf),
+            "seconds": max((float(row[4]) for row in steps), default=0.0),
+            "changed": max((ended or started for _, started, ended, *_ in sessions), default=None),
+        }
+
+
+def _clear_parts(folder: Path) -> None:
+    """Remove what a process left of files that it was writing when it was killed."""
+    with suppress(OSError):
+        for path in folder.glob(f".*{PART}"):
+            path.unlink()

@@ -1,0 +1,181 @@
+"""One process at a time in a folder: locks of the operating system, which end with the process however that ends.
+
+A lock file can be removed, and its folder renamed, while a process is at work. So the folder itself is locked too,
+where the system can do that, and its handle is kept: it tells whether the folder's name still leads to it.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+from commonrail.base.errors import CommonrailError, OutputError, StudyError
+from commonrail.base.output import check_target
+
+# Errors of SQLite as sentences.
+
+# Primary result codes that mean that the disk, not the file's content, is at fault.
+_DISK = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN)
+
+# What reading numbers of the wrong kind or length raises.
+UNTRUE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+
+
+@contextmanager
+def trusted(path: Path) -> Iterator[None]:
+    """Say so if what a journal holds is not what was written.
+
+    Raises
+    ------
+    StudyError
+        In place of any error that comes of a damaged file.
+    """
+    try:
+        yield
+    except UNTRUE as error:
+        raise StudyError(
+            f"{path}: the journal is damaged ({type(error).__name__}); take a copy of it that is whole."
+        ) from error
+
+
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Turn an error of SQLite on a file into a sentence.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full, or the file cannot be written or made.
+    StudyError
+        If the file is not what it should be.
+    """
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise _sentence(path, error) from error
+
+
+def _sentence(path: Path, error: sqlite3.Error) -> CommonrailError:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        return StudyError(f"{path}: another program has it open; close it there, then go on.")
+    if code in _DISK:
+        return OutputError(
+            f"{path} cannot be written ({error}); what was done before is kept: make room or copy the folder to "
+            "another place, then go on from it."
+        )
+    return StudyError(f"{path}: this cannot be read as a journal ({error}); take a copy of it that is whole.")
+
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # Windows, where a folder in use cannot be renamed
+    fcntl = None
+
+TRIES, PAUSE = 10, 0.05  # to lock a folder [s]: who only looks is quick
+
+
+class Lock:
+    """Lock that this process holds until it is closed.
+
+    SQLite's own locking serves, since it works on every system; the file stays empty.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    BlockingIOError
+        If somebody else holds it.
+    OutputError
+        If the file cannot be made, or is a link or a device.
+    """
+
+    def __init__(self, path: Path) -> None:
+        check_target(path)
+        if path.exists() and not os.access(path, os.W_OK):  # SQLite would only read it, and lock nobody out
+            raise OutputError(f"{path} cannot be written (no permission); copy the folder and go on from the copy.")
+        self._path, self._handle, self._by_handle = path, *_hold(path.parent, TRIES)
+        try:
+            self._lock_file(path)
+        except BaseException:
+            self._release()
+            raise
+
+    def _lock_file(self, path: Path) -> None:
+        with explained(path):
+            self._connection = sqlite3.connect(path, isolation_level=None, timeout=0.5)  # who only looks is quick
+            try:
+                self._connection.execute("BEGIN EXCLUSIVE")
+            except sqlite3.OperationalError as error:
+                self._connection.close()
+                if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY:
+                    raise
+                raise BlockingIOError(str(path)) from None
+
+    @property
+    def is_in_place(self) -> bool:
+        """Return whether the folder's name still leads to the folder that is locked, and nobody else can lock it."""
+        if self._handle is None:
+            return True
+        try:
+            here = os.path.samestat(os.fstat(self._handle), self._path.parent.stat())
+        except OSError:
+            return False
+        return here and (self._by_handle or self._path.is_file())
+
+    def close(self) -> None:
+        """Release it."""
+        self._connection.close()
+        self._release()
+
+    def _release(self) -> None:
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+
+def is_folder_held(folder: Path) -> bool:
+    """Return whether a process holds a folder by its handle."""
+    try:
+        handle, _ = _hold(folder, tries=1)
+    except BlockingIOError:
+        return True
+    if handle is not None:
+        os.close(handle)
+    return False
+
+
+def _hold(folder: Path, tries: int) -> tuple[int | None, bool]:
+    """Handle of a folder, None where a system has no such thing, and whether the folder is locked by it.
+
+    Raises
+    ------
+    BlockingIOError
+        If somebody else holds the folder, be it only to look, at each of so many tries.
+    """
+    if fcntl is None:
+        return None, False
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError:
+        return None, False
+    for left in reversed(range(tries)):
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return handle, True
+        except BlockingIOError:
+            if not left:
+                os.close(handle)
+                raise
+            time.sleep(PAUSE)
+        except OSError:  # a file system without such locks
+            break
+    return handle, False

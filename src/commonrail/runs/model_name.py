@@ -1,0 +1,191 @@
+"""Models as the command line names them: [LABEL=]INJECTOR[@VARIANT,…]."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
+
+from commonrail.base.choices import Actuation, Body, Boundary, Drive
+from commonrail.base.errors import InputError, nearest
+from commonrail.physics.injector import Injector
+from commonrail.physics.meters.meter import Meter
+from commonrail.physics.variants import Variant
+from commonrail.readers.injector.file import injector_catalogue, load_injector, load_meters
+from commonrail.readers.location import Place, located
+
+CALIBRATED = "calibrated.toml"
+
+_FIELDS: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
+_WORDS: dict[str, tuple[str, Enum]] = {
+    str(member.value).replace(" ", "-"): (field, member) for field, kind in _FIELDS.items() for member in kind
+}
+
+
+class NamedModel(NamedTuple):
+    """Injector as the command line names it.
+
+    Attributes
+    ----------
+    label : str
+    injector : Injector
+    text : str
+        Text that named it.
+    stated : bool
+        The label was given in the text.
+    meters : tuple of Meter
+        Those kept beside the injector.
+    run : Path or None
+        Run folder whose calibrated injector it is, without changes.
+    """
+
+    label: str
+    injector: Injector
+    text: str
+    stated: bool
+    meters: tuple[Meter, ...] = ()
+    run: Path | None = None
+
+
+def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
+    """Models with labels that differ: one that was given counts, one that was made up gets a number where it must.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read, or a label is given twice.
+    ConfigurationError
+        If a label cannot be used, or there are too many models.
+    """
+    from commonrail.calibration.compare import check_labels  # imports all of the calibration
+
+    models = [read_model_name(text) for text in texts]
+    taken: set[str] = set()
+    for model in models:
+        if model.stated and model.label in taken:
+            raise InputError(f'{model.text}: there are two models with the label "{model.label}"; rename one.')
+        if model.stated:
+            taken.add(model.label)
+    named = []
+    for model in models:
+        label = model.label if model.stated else _free(model.label, taken)
+        taken.add(label)
+        named.append(model._replace(label=label))
+    check_labels([model.label for model in named])
+    return named
+
+
+def read_model_name(text: str) -> NamedModel:
+    """One model.
+
+    Parameters
+    ----------
+    text : str
+        An injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; before it an
+        optional ``LABEL=``, behind it optional words of a variant, as in ``stiff=runs/a@rigid,regulated``.
+
+    Raises
+    ------
+    InputError
+        If the injector cannot be read, or a word of the variant is unknown or contradicts another.
+    """
+    label, source, words = _split(text)
+    if label is not None and not label.strip():
+        raise InputError(f"{text}: there is no label before the equals sign; write LABEL=INJECTOR.")
+    injector, meters = _injector(source), _meters(source)
+    if words is not None:
+        with located(Place(text)):
+            injector = replace(injector, variant=_varied(injector.variant, words))
+    folder = Path(source) if _is_run(source) else None
+    if folder is not None:
+        from commonrail.runs.folder import note_stopped
+
+        note_stopped(folder)
+    run = folder if words is None else None
+    if label is not None:
+        return NamedModel(label.strip(), injector, text, True, meters, run)
+    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters, run)
+
+
+def _is_run(source: str) -> bool:
+    return source not in injector_catalogue() and Path(source).is_dir()
+
+
+def _split(text: str) -> tuple[str | None, str, str | None]:
+    """Label, injector and words of the variant; a name that exists is never taken apart at its own = or @."""
+    label, equals, rest = text.partition("=")
+    readings: list[tuple[str | None, str]] = [(None, text)]
+    if equals:
+        readings.append((label, rest))
+    for name, body in readings:
+        if _exists(body):
+            return name, body, None
+    for name, body in readings:
+        source, at, words = body.rpartition("@")
+        if at and _exists(source):
+            return name, source, words
+    name, body = readings[-1]
+    source, at, words = body.rpartition("@")
+    return (name, source, words) if at else (name, body, None)
+
+
+def _exists(source: str) -> bool:
+    try:
+        return source in injector_catalogue() or Path(source).exists()
+    except (OSError, ValueError):  # a name too long, or with a null character
+        return False
+
+
+def _injector(source: str) -> Injector:
+    path, known = Path(source), injector_catalogue()
+    if source in known or source.endswith(".toml"):
+        return load_injector(source)
+    if not _exists(source):
+        raise InputError(
+            f"{source}: there is no such file, run folder or injector of the catalogue{nearest(source, known)}; "
+            f"the catalogue has {', '.join(known)}."
+        )
+    if not path.is_dir():
+        return load_injector(path)
+    if not (path / CALIBRATED).is_file():
+        raise InputError(
+            f"{source}: no {CALIBRATED} there; name a run folder of commonrail calibrate, an injector's file or a "
+            "name of the catalogue."
+        )
+    return load_injector(path / CALIBRATED)
+
+
+def _meters(source: str) -> tuple[Meter, ...]:
+    """Meters that a calibration has left in the injector's file."""
+    if source in injector_catalogue():
+        return ()
+    path = Path(source)
+    return load_meters(path / CALIBRATED if path.is_dir() else path)
+
+
+def _varied(variant: Variant, words: str) -> Variant:
+    changes: dict[str, Enum] = {}
+    for word in (part.strip().replace(" ", "-") for part in words.split(",")):
+        if word not in _WORDS:
+            raise InputError(f'"{word}" is no variant{nearest(word, _WORDS)}; choose from {", ".join(_WORDS)}')
+        field, member = _WORDS[word]
+        if changes.setdefault(field, member) is not member:
+            raise InputError(f'"{changes[field].value}" and "{word}" contradict each other; keep one')
+    if variant.actuation is Actuation.DIRECT and changes.get("body") is Body.FLEXIBLE:
+        raise InputError('a direct-acting injector has a rigid body; omit "flexible"')
+    return Variant(**{**variant._asdict(), **changes})
+
+
+def _stem(source: str) -> str:
+    path = Path(source).absolute()
+    return path.parent.name if path.name == CALIBRATED else path.stem if path.suffix == ".toml" else path.name
+
+
+def _free(label: str, taken: set[str]) -> str:
+    number = 2
+    free = label
+    while free in taken:
+        free, number = f"{label} ({number})", number + 1
+    return free

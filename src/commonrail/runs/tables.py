@@ -1,0 +1,190 @@
+"""States of optimisers, which nobody looks into, as JSON and the bytes of their arrays."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sqlite3
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.errors import StudyError
+from commonrail.base.input import sha256
+
+# Tables of a journal: how a new one gets them, and whether a file has them.
+
+VERSION = 1  # of the tables of all journals, which SQLite keeps in the file as user_version
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Tables of one kind of journal.
+
+    Attributes
+    ----------
+    text : str
+        SQL that makes them; the last column of each is the row's seal.
+    foreign : str
+        Sentence for a file with other tables: {path}.
+    """
+
+    text: str
+    foreign: str
+
+    @cached_property
+    def tables(self) -> dict[str, str]:
+        """SQL of each table by name, without comments and spaces."""
+        with closing(sqlite3.connect(":memory:")) as connection:
+            connection.executescript(self.text)
+            return _tables(connection)
+
+    def create(self, connection: sqlite3.Connection) -> None:
+        """Make the tables in an empty file."""
+        connection.executescript(f"BEGIN; {self.text} PRAGMA user_version = {VERSION}; COMMIT;")
+
+    def check(self, connection: sqlite3.Connection, path: Path) -> bool:
+        """Whether a file holds the tables; False if it is empty.
+
+        Raises
+        ------
+        StudyError
+            If another version of commonrail wrote it, or it is another kind of file.
+        """
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
+        if version not in (0, VERSION):
+            raise StudyError(f"{path} was left by another version of commonrail; calibrate again.")
+        if (tables := _tables(connection)) != (self.tables if version else {}):
+            raise StudyError(self.foreign.format(path=path))
+        return bool(tables)
+
+
+def _tables(connection: sqlite3.Connection) -> dict[str, str]:
+    found = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL")
+    return {str(name): re.sub(r"--.*|\s+", "", str(text)) for name, text in found}
+
+
+# Tables of a run's journal. Arrays are the bytes of little-endian numbers: 64-bit floats, statuses 8-bit integers.
+
+_STEPS = """
+    number INTEGER PRIMARY KEY,
+    best REAL NOT NULL,           -- objective so far
+    mean REAL NOT NULL,           -- of the finite ones of the population
+    simulations INTEGER NOT NULL, -- injections so far
+    seconds REAL NOT NULL,        -- so far
+    trials BLOB NOT NULL,         -- (members, parameters), SI
+    costs BLOB NOT NULL,          -- (members,)
+    statuses BLOB NOT NULL,       -- (members,), see engine/status.py; -1: not simulated
+    seal TEXT NOT NULL            -- in every table: see seals.py
+"""
+RUN = Schema(
+    f"""
+CREATE TABLE about (
+    name TEXT PRIMARY KEY,        -- created, title, study (as given, TOML), content, state, reason, holder
+    text TEXT NOT NULL,
+    seal TEXT NOT NULL
+);
+CREATE TABLE input (
+    name TEXT PRIMARY KEY,        -- of the copy, relative to the run folder
+    origin TEXT NOT NULL,         -- path of the file that was copied
+    original TEXT NOT NULL,       -- SHA-256 of that file
+    copy TEXT NOT NULL,           -- SHA-256 of the copy, whose paths may be others
+    seal TEXT NOT NULL
+);
+CREATE TABLE session (
+    number INTEGER PRIMARY KEY,
+    started TEXT NOT NULL,        -- UTC
+    ended TEXT,                   -- NULL: still at work, or killed
+    process INTEGER NOT NULL,
+    host TEXT NOT NULL,
+    software TEXT NOT NULL,       -- JSON: versions, processor
+    seal TEXT NOT NULL
+);
+CREATE TABLE generation ({_STEPS});  -- of the first optimiser; 0 is the initial population
+CREATE TABLE refinement ({_STEPS});  -- from 1
+CREATE TABLE state (
+    stage INTEGER PRIMARY KEY,    -- 0: the first optimiser; then: refinement
+    search TEXT NOT NULL,         -- JSON: calibration/search.py, Stage after its latest step, but for the arrays
+    arrays BLOB NOT NULL,
+    sha256 TEXT NOT NULL,         -- of both, and of numbers and objectives of all generations
+    seal TEXT NOT NULL
+);""",
+    "{path} is not the journal of a run: it holds other tables; name the run's own folder.",
+)
+
+
+_ARRAY = "array"  # key of what stands for an array in the JSON: its type, and its shape
+
+
+def pack(state: Mapping[str, Any]) -> tuple[str, bytes]:
+    """JSON of a mapping, and its arrays as the bytes of little-endian numbers, in the order in which it has them.
+
+    Raises
+    ------
+    TypeError
+        If it holds anything but texts, numbers, arrays, None, and mappings and lists of these.
+    """
+    arrays: list[bytes] = []
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            little = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+            arrays.append(little.tobytes())
+            return {_ARRAY: [little.dtype.str, list(value.shape)]}
+        if isinstance(value, np.generic):
+            return value.item()
+        raise TypeError(f"{type(value).__name__} cannot be kept")
+
+    return json.dumps(dict(state), default=plain), b"".join(arrays)
+
+
+def unpack(text: str, content: bytes) -> dict[str, Any]:
+    """A state from what `pack` made of it.
+
+    Raises
+    ------
+    ValueError, TypeError, KeyError
+        If it is not whole.
+    """
+    left = memoryview(content)
+
+    def whole(table: dict[str, Any]) -> Any:
+        nonlocal left
+        if set(table) != {_ARRAY}:
+            return table
+        kind, shape = table[_ARRAY]
+        dtype = np.dtype(kind)
+        size = math.prod(shape) * dtype.itemsize
+        array: NDArray[Any] = np.frombuffer(left[:size], dtype).reshape(shape)
+        left = left[size:]
+        return array.astype(dtype.newbyteorder("="))
+
+    state = json.loads(text, object_hook=whole)
+    if not isinstance(state, dict) or len(left):
+        raise ValueError("a state is not whole")
+    return state
+
+
+def digest(text: str, arrays: bytes, history: Sequence[tuple[int, float, float]]) -> str:
+    """SHA-256 of what a search goes on from; SQLite does not notice a bit that has flipped on the disk.
+
+    Parameters
+    ----------
+    text, arrays : str, bytes
+        A state, as `pack` returns it.
+    history : sequence of tuple
+        Number, best and mean of each generation.
+    """
+    return sha256(b"".join((text.encode(), arrays, number_bytes(history))))
+
+
+def number_bytes(numbers: Any) -> bytes:
+    """Numbers as journals keep them: 64 bits, little-endian."""
+    return np.ascontiguousarray(numbers, "<f8").tobytes()

@@ -1,0 +1,127 @@
+"""traces.csv of a run folder: injection curves of the data and of every model, sample by sample."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError
+from commonrail.base.output import check_sum, write_csv
+from commonrail.data.records import MEASURED, MM3_PER_MS
+from commonrail.readers.columns import Column
+from commonrail.readers.csv import CsvFile
+
+Trace = dict[str, Floats]
+Traces = dict[str, Trace]
+
+TIME = "time_s"
+MOST_COLUMNS = 20  # eight models, the data and what names them
+MOST_SETS = 1000  # curves
+
+_KEYS = ("data", "time [us]")
+_UNIT = " [mm3/ms]"
+
+
+class Curve(NamedTuple):
+    """A data set: its name, bounds of the samples (n + 1,) [s], and rates (n,) [m³/s] by label, the data's included.
+
+    `before` holds the texts of the columns that stand before the name.
+    """
+
+    data: str
+    bounds: Floats
+    rates: Mapping[str, Floats]
+    before: Sequence[str] = ()
+
+
+def write_traces(
+    path: Path, notes: Iterable[str], labels: Sequence[str], curves: Iterable[Curve], before: Sequence[str] = ()
+) -> None:
+    """Write curves under comment lines; what a curve does not have, or is not finite, stays empty.
+
+    The digits are those of the numbers themselves: J can be computed again from the file.
+
+    Parameters
+    ----------
+    path : Path
+    notes : iterable of str
+        Comment lines.
+    labels : sequence of str
+        Columns of rates.
+    curves : iterable of Curve
+    before : sequence of str
+        Columns before the name of the data set.
+    """
+    header = [*before, *_KEYS, *(label + _UNIT for label in labels)]
+    rows = (row for curve in curves for row in _rows(curve, labels))
+    write_csv(path, (" ".join(note.split()) for note in notes), header, rows)
+
+
+def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
+    middles = 0.5e6 * (curve.bounds[1:] + curve.bounds[:-1])
+    for i, moment in enumerate(middles):
+        rates = (float(curve.rates[label][i]) if label in curve.rates else math.nan for label in labels)
+        texts = (repr(rate * MM3_PER_MS) if math.isfinite(rate) else "" for rate in rates)
+        yield [*curve.before, curve.data, repr(round(float(moment), 6)), *texts]  # 1e-6 us: below any clock
+
+
+def read_traces(path: Path) -> Traces:
+    """By data set the arrays "time_s" [s] and rates [m³/s] by label; NaN where a simulation has no number.
+
+    A label without any number for a data set is left out there.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a row in it is not one of such a file; the message has the line.
+    """
+    return {name: _present(trace) for (name,), trace in read_curves(path, MEASURED).items()}
+
+
+def _present(trace: Trace) -> Trace:
+    return {label: values for label, values in trace.items() if label == TIME or np.isfinite(values).any()}
+
+
+def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[tuple[str, ...], Trace]:
+    """Read curves by the texts in the columns `before` and the name of the data set.
+
+    Parameters
+    ----------
+    path : Path
+    measured : str
+        Column of the data, in which no number may be missing.
+    before : sequence of str
+        Columns before the name of the data set.
+
+    Raises
+    ------
+    InputError
+        As `read_traces`.
+    """
+    check_sum(path)
+    sheet = CsvFile(path, plain=True)
+    head, rest = (*before, *_KEYS), sheet.names[len(before) + len(_KEYS) :]
+    labels = [cell.removesuffix(_UNIT) for cell in rest]
+    whole = all(cell.endswith(_UNIT) for cell in rest) and len({*labels}) == len(labels)
+    if (*sheet.names[: len(head)],) != head or measured not in labels or not whole:
+        raise InputError(f'{path}: the header is not that of curves, "{",".join(head)},{measured}{_UNIT},…".')
+    if len(sheet.names) > MOST_COLUMNS:
+        raise InputError(f"{path}: the header has {len(sheet.names)} columns, and at most {MOST_COLUMNS} are read.")
+    texts, moment = head[:-1], head[-1]
+    needed = (moment, measured + _UNIT)
+    table = sheet.take([*map(Column, texts), *(Column(name, "1", required=name in needed) for name in (moment, *rest))])
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for i, key in enumerate(zip(*(table.texts[name] for name in texts), strict=True)):
+        groups.setdefault(key, []).append(i)
+        if len(groups) > MOST_SETS:
+            raise InputError(
+                f"{path}, line {table.rows[i]}: the file has more than the {MOST_SETS} data sets that are read."
+            )
+    rates = {label: table.columns[label + _UNIT] / MM3_PER_MS for label in labels}
+    columns = {TIME: 1e-6 * table.columns[moment], **rates}
+    return {key: {name: column[rows] for name, column in columns.items()} for key, rows in groups.items()}

@@ -1,1 +1,0 @@
-"""Features of rates of injection: delays, instants, ramps, rates and quantities, measured or simulated alike."""

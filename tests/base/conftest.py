@@ -1,0 +1,3 @@
+"""Fixtures of other packages that the tests of this folder use."""
+
+from tests.readers.conftest import injector_file, study_file  # noqa: F401

@@ -1,0 +1,73 @@
+"""Tables hold nothing that a spreadsheet computes, and are read back to the same texts."""
+
+from __future__ import annotations
+
+import ast
+import csv
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from commonrail.base.output import neutralised, neutralised_note, restored, restored_note, write_csv
+from commonrail.readers.columns import Column
+from commonrail.readers.csv import CsvFile
+
+SRC = Path(__file__).resolve().parents[2] / "src" / "commonrail"
+LINK = '=HYPERLINK("http://example.org","open")'
+COMPUTED = [LINK, "+1+1", "-2+3", "@SUM(A1)", "=", " =1", "\t=1", "\r=1", "＝1", '"=1', "'=1", "+cmd|' /C calc'!A0"]
+HARMLESS = ["", "160 MPa", "a=b", "'quoted'", "-1.5e-3", "+2", "-.5", "0", "nan", "x@y", "'-1"]
+
+texts = st.text(alphabet="=+-@' \"\t,;.e1a＝\u00a0", max_size=8)
+
+
+@pytest.mark.parametrize("text", COMPUTED)
+def test_a_text_that_would_be_computed_begins_as_a_text(text: str) -> None:
+    assert neutralised(text) == "'" + text
+
+
+@pytest.mark.parametrize("text", HARMLESS)
+def test_numbers_and_plain_texts_stay_as_they_are(text: str) -> None:
+    assert neutralised(text) == text == restored(text)
+
+
+@given(texts)
+def test_the_same_text_comes_back(text: str) -> None:
+    assert restored(neutralised(text)) == text
+    assert restored_note(neutralised_note(text)) == text
+
+
+@given(texts)
+def test_no_cell_begins_as_a_formula(text: str) -> None:
+    cell = neutralised(text).strip()
+    assert cell[:1] not in "=@＝" or not cell
+    assert cell[:1] not in "+-" or not cell or float(cell) == float(cell)
+
+
+@pytest.mark.parametrize("sign", [",", ";", "\t"])
+def test_a_note_has_no_formula_behind_a_separator(sign: str) -> None:
+    assert neutralised_note(f"title{sign} =1+1{sign}-5") == f"title{sign}' =1+1{sign}-5"
+
+
+def test_a_table_is_written_and_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    write_csv(path, [f"curves of a,{LINK}"], ["name", LINK], [[text, "-1.5"] for text in COMPUTED if "\r" not in text])
+    with path.open(encoding="utf-8", newline="") as stream:
+        for row in csv.reader(stream):
+            assert not any(cell.lstrip()[:1] in ("=", "@") for cell in row), row
+    table = CsvFile(path, plain=True).take([Column("name"), Column(LINK, "1")])
+    assert table.texts["name"] == [text for text in COMPUTED if "\r" not in text]
+    assert set(table.columns[LINK]) == {-1.5}
+    assert table.comments == (f"curves of a,{LINK}",)
+
+
+def test_tables_are_written_in_one_place() -> None:
+    """All but the rows that a fleet copies from the user's table into a file of an injector."""
+    found = {
+        path.relative_to(SRC).as_posix()
+        for path in SRC.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr in ("writer", "DictWriter", "to_csv", "savetxt")
+    }
+    assert found == {"base/output.py", "plugins/fleet/study.py"}

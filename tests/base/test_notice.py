@@ -1,0 +1,54 @@
+"""A kernel that is in no cache is told of, once; one from the cache is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from commonrail.base import hooks
+from commonrail.base.hooks import note, quiet, tell_notes, tell_of_compiling
+from commonrail.compiler.cache import cache_folder
+from commonrail.compiler.numba import kernel
+
+
+def double(x: float) -> float:
+    return 2.0 * x
+
+
+def test_the_first_use_alone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[object] = []
+
+    @contextmanager
+    def told() -> Iterator[None]:
+        said.append("begin")
+        yield
+        said.append("end")
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cache_folder.cache_clear()
+    before = tell_of_compiling(told)
+    try:
+        for _ in range(2):  # as two processes: kernels of their own, and one folder
+            run = kernel(double, "a kernel of a test")
+            said += [run(1.0), run(2.0)]
+    finally:
+        tell_of_compiling(before)
+        cache_folder.cache_clear()
+    assert said == ["begin", "end", 2.0, 4.0, 2.0, 4.0]
+
+
+def test_notes_inside_a_quiet_block_are_not_told() -> None:
+    told: list[str] = []
+    before = hooks._note
+    tell_notes(told.append)
+    try:
+        note("first")
+        with quiet():
+            note("second")
+        note("third")
+    finally:
+        tell_notes(before)
+    assert told == ["first", "third"]

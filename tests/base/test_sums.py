@@ -1,0 +1,113 @@
+"""Checksums beside result files: a file that is not the one that was written is refused by whatever reads it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.base.errors import InputError, OutputError
+from commonrail.base.output import SUMS, check_sum, summed
+from commonrail.readers.injector.file import dump_injector, load_injector
+from commonrail.runs.folder import read_record, read_run, write_record
+from commonrail.runs.model_name import read_model_name
+from commonrail.runs.traces import write_traces
+
+FILES = ("result.json", "calibrated.toml", "traces.csv")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """Result files with their checksums."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with summed(folder, *FILES):
+        write_record(folder / "result.json", {"best": 0.000257})
+        dump_injector(load_injector("virtual-lino-2016"), folder / "calibrated.toml")
+        write_traces(folder / "traces.csv", [], ("measured",), [])
+    return folder
+
+
+def test_files_as_they_were_written_are_read(run: Path) -> None:
+    assert read_run(run)[0] == {"best": 0.000257}
+    assert read_model_name(str(run)).label == "run"
+    assert [line.split()[1] for line in (run / SUMS).read_text(encoding="utf-8").splitlines()] == [*FILES]
+
+
+@pytest.mark.skipif(shutil.which("sha256sum") is None, reason="the system has no sha256sum")
+def test_sha256sum_reads_them(run: Path) -> None:
+    done = subprocess.run(["sha256sum", "-c", SUMS], cwd=run, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.count("OK")) == (0, len(FILES))
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("result.json", read_run),
+        ("traces.csv", read_run),
+        ("calibrated.toml", lambda run: load_injector(run / "calibrated.toml")),
+        ("calibrated.toml", lambda run: read_model_name(str(run))),
+    ],
+)
+def test_a_digit_that_has_changed_is_refused(run: Path, name: str, read: Callable[[Path], Any]) -> None:
+    path = run / name
+    text = path.read_text(encoding="utf-8")
+    digit = max(text.rfind(c) for c in "0123456789") if name != "traces.csv" else len(text) - 1
+    path.write_text(text[:digit] + chr(ord(text[digit]) ^ 1) + text[digit + 1 :], encoding="utf-8")
+    with pytest.raises(InputError, match=rf"{name}: this is not the file that was written: its SHA-256 is another"):
+        read(run)
+
+
+def test_a_file_changed_on_purpose_is_read_from_another_folder(run: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copy(run / "calibrated.toml", tmp_path / "mine.toml"))
+    copy.write_text(copy.read_text(encoding="utf-8") + "# mine\n", encoding="utf-8")
+    assert load_injector(copy).values == load_injector(run / "calibrated.toml").values
+
+
+def test_folders_of_earlier_versions_have_none_and_are_read(run: Path) -> None:
+    (run / SUMS).unlink()
+    path = run / "result.json"
+    write_record(path, {"best": 0.000258})
+    assert read_record(path, "commonrail calibrate") == {"best": 0.000258}
+
+
+def test_damaged_checksums_never_pass_a_damaged_file(run: Path) -> None:
+    sums = run / SUMS
+    whole = sums.read_bytes()
+    for bit in range(8 * len(whole)):  # a name or a digest: what is not listed any more was not damaged
+        spoilt = bytearray(whole)
+        spoilt[bit // 8] ^= 1 << bit % 8
+        sums.write_bytes(spoilt)
+        for name in FILES:
+            try:
+                check_sum(run / name)
+            except InputError as error:
+                words = "this is not the file that was written", "the checksums are damaged"
+                assert any(word in str(error) for word in words)  # noqa: PT017 - only some bits are refused
+
+
+def test_checksums_that_were_cut_are_refused(run: Path) -> None:
+    """A file that is not listed any more may have been changed too."""
+    sums = run / SUMS
+    sums.write_bytes(sums.read_bytes()[:60])
+    with pytest.raises(InputError, match="line 1: expected the SHA-256"):
+        check_sum(run / FILES[0])
+
+
+def test_a_process_killed_while_files_are_replaced_leaves_none_that_are_called_damaged(run: Path) -> None:
+    writing = summed(run, *FILES)
+    writing.__enter__()
+    write_record(run / "result.json", {"best": 0.1})  # and nothing after it
+    assert not (run / SUMS).exists()
+    assert read_run(run)[0] == {"best": 0.1}
+
+
+def test_a_link_in_place_of_the_checksums_is_not_followed(run: Path, tmp_path: Path) -> None:
+    (run / SUMS).unlink()
+    (run / SUMS).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match="symbolic link"), summed(run, *FILES):
+        raise AssertionError

@@ -1,0 +1,51 @@
+"""The folder to start from: complete, loadable, labelled synthetic, never written over anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.base.errors import InputError, OutputError
+from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file.from_data import write_new
+
+
+def test_files_are_written_and_load(tmp_path: Path) -> None:
+    written = write_new(tmp_path / "a" / "new")
+    names = [path.relative_to(tmp_path / "a" / "new").as_posix() for path in written]
+    assert names == ["README.md", "injector.toml", "study.toml", "data/evi.csv"]
+    study = load_study(written[2])
+    assert study.space.names[0] == "control_chamber.z_hole_diameter"
+
+
+def test_an_empty_folder_will_do(tmp_path: Path) -> None:
+    assert len(write_new(tmp_path)) == 4
+
+
+def test_everything_synthetic_says_so(tmp_path: Path) -> None:
+    readme, _, study, curve = write_new(tmp_path)
+    assert "**synthetic**" in readme.read_text(encoding="utf-8")
+    assert curve.read_text(encoding="utf-8").startswith("# SYNTHETIC")
+    assert load_study(study).data[0].synthetic
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    kept = tmp_path / "study.toml"
+    kept.write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match="there already is something; name a new or empty folder"):
+        write_new(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
+    assert kept.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_file_in_the_place_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "new").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="there already is something"):
+        write_new(tmp_path / "new")
+
+
+def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"file/new cannot be written \(Not a directory\)"):
+        write_new(tmp_path / "file" / "new")

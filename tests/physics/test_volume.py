@@ -1,0 +1,60 @@
+"""Lumped volume: its step against the exact exponential, for slow and for stiff volumes."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from commonrail.physics.flow.volume import mean_departure, relaxation
+
+STIFFNESS, VOLUME, DT, NET = 2.5e6, 18e-9, 1e-6, 0.02
+
+
+def exact_mean(y: float) -> float:
+    """Mean of p − p_n over a step of dp/dt = (K/ρV)(net − S (p − p_n)); y = dt S K/(ρ V)."""
+    rate = DT * STIFFNESS / VOLUME * NET
+    return rate * 0.5 if y == 0.0 else rate * (y - 1.0 + math.exp(-y)) / y**2
+
+
+def departure(y: float) -> float:
+    return mean_departure(NET, y * VOLUME / (DT * STIFFNESS), STIFFNESS, VOLUME, 0.0, DT)
+
+
+@pytest.mark.parametrize("y", [0.0, 0.01, 0.03, 0.1])
+def test_small_steps_are_second_order(y: float) -> None:
+    # the rational form departs from φ2 by y²/72 of 1/2
+    assert departure(y) == pytest.approx(exact_mean(y), rel=y**2 / 30 + 1e-12)
+
+
+@pytest.mark.parametrize("y", [1e3, 1e5, 1e8])
+def test_stiff_volumes_come_to_their_balance(y: float) -> None:
+    balance = NET / (y * VOLUME / (DT * STIFFNESS))
+    # exact: balance (1 − 1/y); the rational form agrees to the next order
+    assert departure(y) == pytest.approx(balance * (1 - 1 / y), rel=10 / y**2 + 1e-14)
+
+
+@pytest.mark.parametrize("y", [0.3, 1.0, 3.0, 10.0])
+def test_in_between_it_stays_near_the_exponential(y: float) -> None:
+    # the greatest departure over all y is 3.5 %, near y = 5: it limits accuracy, not stability
+    assert departure(y) == pytest.approx(exact_mean(y), rel=0.04)
+
+
+def test_a_growing_volume_swallows_flow() -> None:
+    grown = mean_departure(NET, 1e-9, STIFFNESS, VOLUME, NET, DT)
+    assert grown == 0.0
+
+
+@pytest.mark.parametrize("y", [0.0, 0.2, 2.0, 50.0, 1e6])
+def test_relaxation_is_the_end_of_the_step_whose_mean_is_the_departure(y: float) -> None:
+    # p(dt) − p_n = rate − S mean, exactly, or mass and pressure would part
+    rate = DT * STIFFNESS / VOLUME * NET
+    # two nearly equal terms at large y: their rounding is 1e-16 of the rate
+    assert rate * relaxation(y) == pytest.approx(rate - y * departure(y), rel=1e-12, abs=1e-14 * rate)
+
+
+def test_relaxation_never_overshoots() -> None:
+    assert all(0.0 < y * relaxation(y) < 1.2 for y in (0.1, 1.0, 4.0, 30.0, 1e9))
+    assert relaxation(0.0) == 1.0
+    # L-stable: a stiff state ends on its balance
+    assert 1e9 * relaxation(1e9) == pytest.approx(1.0, rel=1e-8)

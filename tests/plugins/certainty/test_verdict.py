@@ -1,0 +1,166 @@
+"""Verdicts in words, and the tests for lack of fit that withdraw them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from commonrail.calibration.identifiability import ParameterVerdict
+from commonrail.data.noise import Correlation, Law, Noise
+from commonrail.plugins.certainty.estimate import Estimate
+from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
+from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.noise import Block
+from commonrail.plugins.certainty.nuisance import Nuisance
+from commonrail.plugins.certainty.verdict import Judged, verdicts_of, withdrawal
+from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, space
+
+# Everything stated, so that nothing is assumed.
+STATED = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, discrepancy=1e-9, length=0.1)
+KNOWN = [Nuisance(key, key, 1e-9, "1", lambda point: np.zeros(N)) for key in ("delay", "gain")]
+
+
+def curve(seed: int, more: Floats | float = 0.0) -> Floats:
+    return np.asarray(design() @ TRUTH + more + 0.2 * np.random.default_rng(seed).standard_normal(N))
+
+
+def judged(found: Estimate, limit: float = 0.1) -> list[Judged]:
+    low, high = found.interval()
+    return verdicts_of(found, low, high, withdrawal(found, lack_of_fit(found)), limit=limit)
+
+
+def test_a_narrow_interval_pins_and_a_stricter_limit_does_not() -> None:
+    found = fitted(likelihood([curve(1)], [design()], [STATED], KNOWN))
+    assert [one.verdict for one in judged(found)] == [ParameterVerdict.PINNED] * 3
+    assert "pinned to ± " in judged(found)[0].sentence
+    assert all(one.verdict is ParameterVerdict.UNSEEN for one in judged(found, 1e-4))
+    assert all(one.cure for one in judged(found, 1e-4))
+
+
+def test_parameters_that_imitate_each_other_are_named() -> None:
+    x = design()
+    x[:, 1] = x[:, 0] + 0.01 * x[:, 1]
+    y = x @ TRUTH + 0.2 * np.random.default_rng(2).standard_normal(N)
+    first, second, third = judged(fitted(likelihood([y], [x], [STATED], KNOWN)))
+    assert (first.verdict, second.verdict, third.verdict) == (
+        ParameterVerdict.COMBINED,
+        ParameterVerdict.COMBINED,
+        ParameterVerdict.PINNED,
+    )
+    assert "with b" in first.sentence
+    assert "with a" in second.sentence
+
+
+def test_an_uncertain_quantity_that_decides_is_blamed() -> None:
+    shift = 1.0 * design()[:, 0]
+    nuisances = [KNOWN[0], Nuisance("gain of bench", "gain", 0.01, "1", lambda point: shift)]
+    first = judged(fitted(likelihood([curve(3)], [design()], [STATED], nuisances)))[0]
+    assert first.verdict is ParameterVerdict.COMBINED
+    assert "with the gain of bench" in first.sentence
+
+
+def test_what_is_not_stated_is_assumed_and_widens_the_verdict_alone() -> None:
+    found = fitted(likelihood([curve(4)], [design()], [replace(STATED, discrepancy=0.0)]))
+    stated = fitted(likelihood([curve(4)], [design()], [STATED], KNOWN))
+    np.testing.assert_allclose(found.half_widths(), stated.half_widths(), rtol=1e-3)
+    first = judged(found)[0]
+    assert "1 % of gain and 1 % of discrepancy assumed" in first.sentence
+    assert "by noise alone" in first.sentence
+    assert not any("assumed" in one.sentence for one in judged(stated))
+    assert first.half > 1.1 * judged(stated)[0].half
+
+
+def test_bounds_and_constraints_are_said() -> None:
+    y = design() @ [2.0, 2.3, 5.0] + 0.2 * np.random.default_rng(5).standard_normal(N)
+    first = judged(fitted(likelihood([y], [design()], [STATED], KNOWN, space(constraints=["b < a"]))))[0]
+    assert first.verdict is ParameterVerdict.CONSTRAINED
+    assert '"b < a"' in first.sentence
+    y = design() @ [2.0, 3.0, 11.0] + 0.2 * np.random.default_rng(5).standard_normal(N)
+    assert judged(fitted(likelihood([y], [design()], [STATED], KNOWN)))[2].verdict is ParameterVerdict.AT_BOUND
+
+
+def bump(t: Floats) -> Floats:
+    return np.asarray(10.0 * np.exp(-(((t - 0.5) / 0.05) ** 2)))
+
+
+def of_bump(y: Floats, noise: Noise) -> Likelihood:
+    """Likelihood of a bump whose height alone is free: a delay is seen."""
+    t = np.linspace(0.0, 1.0, N)
+    places = np.column_stack([t, np.zeros(N)])
+    block = Block("curve", slice(0, N), noise, "1", True, -y, np.ones(N), places)
+    return Likelihood(space(1), [block], lambda points: np.asarray(points * bump(t) / 10.0 - y))
+
+
+@pytest.mark.parametrize("correlation", [Correlation.WHITE, Correlation.AUTO])
+def test_a_delay_is_found_and_withdraws_the_verdict(correlation: Correlation) -> None:
+    t, rng = np.linspace(0.0, 1.0, N), np.random.default_rng(6)
+    noise = replace(STATED, correlation=correlation)
+    late = 0.5 * bump(t - 0.004) + 0.2 * rng.standard_normal(N)
+    found = fitted(of_bump(late, noise))
+    (test,) = lack_of_fit(found)
+    assert test.found
+    assert test.suspect == "delay"
+    low, high = found.interval()
+    reason = withdrawal(found, [test])
+    assert "no noise" in reason
+    assert verdicts_of(found, low, high, reason, limit=0.9)[0].verdict is ParameterVerdict.WITHDRAWN
+
+
+def test_the_score_test_is_seldom_alarmed_by_noise() -> None:
+    """One false alarm in a hundred is meant; more than 6 of 150 have a probability of 0.3 %."""
+    t = np.linspace(0.0, 1.0, N)
+    alarms = 0
+    for seed in range(150):
+        rng = np.random.default_rng(100 + seed)
+        (test,) = lack_of_fit(fitted(of_bump(0.5 * bump(t) + 0.2 * rng.standard_normal(N), STATED)))
+        alarms += test.found
+    assert alarms <= 6
+
+
+def test_residuals_beyond_a_stated_sigma_are_found() -> None:
+    noise = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.1)
+    (test,) = lack_of_fit(fitted(likelihood([curve(7)], [design()], [noise])))
+    assert test.found
+    assert "times as large as the noise is stated to be" in test.sentence
+
+
+def test_zeros_of_a_quiet_meter_raise_no_alarm() -> None:
+    """Three of four values exactly zero in data and model; as samples they made four times as much of any chance."""
+    x, alarms = np.vstack([design(), np.zeros((900, 3))]), 0
+    for seed in range(15):
+        (test,) = lack_of_fit(fitted(likelihood([np.append(curve(300 + seed), np.zeros(900))], [x], [STATED])))
+        alarms += test.found
+    assert alarms <= 1  # at a level of 1 %; half of them with zeros for samples
+
+
+@pytest.mark.parametrize(("stated", "found"), [(1.0, 0), (0.6, 4)])
+def test_the_size_of_residuals_with_tails_is_judged_by_their_law(stated: float, found: int) -> None:
+    """Student's t with four degrees of freedom; by a sum of squares each of its outliers was a finding."""
+    n, alarms = 300, 0
+    for seed in range(4):
+        y = design(n) @ TRUTH + 0.2 * np.random.default_rng(40 + seed).standard_t(4.0, n)
+        sigma = stated * 0.2 * np.sqrt(2.0)
+        noise = Noise(law=Law.STUDENT, correlation=Correlation.WHITE, sigma=sigma)
+        size = lack_of_fit(fitted(likelihood([y], [design(n)], [noise])))[0].size
+        assert size is not None
+        alarms += size < 0.01
+    assert alarms == found
+
+
+def test_a_search_that_has_not_settled_withdraws() -> None:
+    found = fitted(likelihood([curve(8)], [design()], [STATED], KNOWN), starts=4)
+    moving = replace(found, agreeing=2)
+    assert withdrawal(found, []) == ""
+    assert "2 of 4 starts agree" in withdrawal(moving, [])
+    assert judged(moving)[0].verdict is ParameterVerdict.WITHDRAWN
+
+
+def test_an_interval_that_is_no_figure_is_given_in_words() -> None:
+    x = design()
+    x[:, 1] *= 1e-9  # a direction that the data hardly hold
+    found = fitted(likelihood([curve(9)], [x], [STATED], KNOWN))
+    low, high = found.interval()
+    assert 0.5 * (high - low)[1] > 1e6 * found.point[1]
+    assert "more than ± 1000 %" in judged(found)[1].sentence

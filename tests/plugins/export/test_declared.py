@@ -1,0 +1,73 @@
+"""Inputs that an FMU, a library and the stepper of each variant declare or refuse: none is taken and ignored."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import commonrail as cr
+from commonrail.base.choices import Actuation, Boundary, Drive
+from commonrail.engine.status import check_inputs
+from commonrail.engine.stepper.stepper import Stepper
+from commonrail.physics.reads import DRIVE, RAIL, RETURN, unread_inputs, unread_parameters
+from commonrail.physics.variants import Variant
+from commonrail.plugins.export.description import AT_REST, terminals, variables
+from commonrail.plugins.export.sources import reads_of
+
+SERVO = [Variant("flexible", rail, drive) for rail in Boundary for drive in Drive]
+DIRECT = [Variant(drive=drive, actuation=Actuation.DIRECT) for drive in Drive]
+VARIANTS = pytest.mark.parametrize("variant", [*SERVO, *DIRECT], ids=lambda v: v.label)
+
+
+def injector_of(variant: Variant) -> cr.Injector:
+    name = "direct-acting-kr" if variant.actuation is Actuation.DIRECT else "cri2-16"
+    return replace(cr.load_injector(name), variant=variant)
+
+
+@VARIANTS
+def test_an_fmu_declares_what_its_variant_reads_and_nothing_else(variant: Variant) -> None:
+    listed = variables(injector_of(variant))
+    inputs = {v.name.removeprefix("boundary.") for v in listed if v.kind.causality == "input"} - {"command"}
+    unread = unread_inputs(variant)
+    assert inputs == {RAIL, "cylinder_pressure", RETURN, DRIVE}.difference(unread)
+    names = {v.name for v in listed}
+    assert (AT_REST in names) == (RAIL in unread)  # a rail's volume has a pressure at rest
+    assert not names & unread_parameters(variant)
+    assert ("boundary.drive" in terminals(listed)) == (DRIVE not in unread)
+
+
+@VARIANTS
+def test_the_header_of_a_library_says_what_is_read(variant: Variant) -> None:
+    unread = {name for name, read, _ in reads_of(variant) if not read}
+    assert unread == {f"READS_{name.upper()}" for name in unread_inputs(variant)}
+
+
+@VARIANTS
+def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None:
+    injector, course = injector_of(variant), cr.Trace((0.0, 1e-3), (1e5, 2e5))
+    for name, point in (
+        (DRIVE, cr.OperatingPoint("20 MPa", "400 us", 0.1e6, 0.1e6, drive=course)),
+        (RETURN, cr.OperatingPoint("20 MPa", "400 us", 0.1e6, course)),
+    ):
+        if name in unread_inputs(variant):
+            with pytest.raises(cr.ConfigurationError, match="does not read the measured"):
+                check_inputs(injector, point)
+        else:
+            check_inputs(injector, point)
+
+
+@pytest.mark.parametrize(
+    ("variant", "given", "words"),
+    [
+        (Variant("rigid", "volume", "pwm"), "rail_pressure", "fed from a rail volume"),
+        (Variant("rigid", "volume", "pwm"), "current", "pwm drive, which takes no current"),
+        (Variant("rigid", "ideal", "current trace"), "command", "does not read a command; give current"),
+        (Variant(drive="regulated", actuation="direct"), "return_pressure", "without a return"),
+    ],
+)
+def test_the_stepper_refuses_what_its_injector_does_not_read(variant: Variant, given: str, words: str) -> None:
+    stepper = Stepper.__new__(Stepper)  # no kernel is needed to refuse an input
+    stepper.injector, stepper._variant = injector_of(variant), variant
+    with pytest.raises(cr.ConfigurationError, match=words):
+        stepper._refuse_foreign(given)

@@ -1,0 +1,96 @@
+"""A part's model from its type and reference quantities: known parts are found again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.plugins.family.adapt import FLOW
+from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, injected, small_type
+
+FOUR = (80.0, 400.0), (80.0, 1000.0), (160.0, 400.0), (160.0, 1000.0)
+
+
+def with_flow(factor: float) -> cr.Injector:
+    return INJECTOR.with_values({FLOW: INJECTOR.values[FLOW] * factor**0.5})
+
+
+@pytest.mark.parametrize("factor", [0.93, 1.08])
+def test_one_exact_quantity_returns_the_flow_factor(factor: float) -> None:
+    adapted = cr.adapt(small_type(), injected(with_flow(factor), (120.0, 700.0)))
+    # the descent meets one quantity to rounding; the quantity has about one significant digit less than the factor
+    assert adapted.flow_factor == pytest.approx(factor, rel=1e-9)
+    assert adapted.after == pytest.approx(adapted.points.quantity, rel=1e-9)
+    assert abs(adapted.before[0] - adapted.points.quantity[0]) > 0.02 * adapted.points.quantity[0]
+    assert set(adapted.calibration.best) == {FLOW}
+
+
+def test_three_quantities_move_the_flow_alone_and_four_the_type() -> None:
+    truth = with_flow(1.05).with_values({PRELOAD: 1.06 * INJECTOR.values[PRELOAD]})
+    three = cr.adapt(small_type(), injected(truth, *FOUR[:3]))
+    assert set(three.calibration.best) == {FLOW}
+    four = cr.adapt(small_type(), injected(truth, *FOUR))
+    assert set(four.calibration.best) == {FLOW, PRELOAD, MASS}
+    error = np.abs(four.after - four.points.quantity)
+    assert np.max(error) < 0.25 * np.max(np.abs(four.before - four.points.quantity))
+    assert four.flow_factor == pytest.approx(1.05, abs=0.01)  # the preload is found within a third of what it moved
+    assert four.injector.values[PRELOAD] > INJECTOR.values[PRELOAD]
+
+
+def test_a_type_without_spread_holds_its_values() -> None:
+    truth = with_flow(1.05).with_values({PRELOAD: 1.06 * INJECTOR.values[PRELOAD]})
+    held = cr.adapt(small_type(spread=1e-7), injected(truth, *FOUR))
+    # a pull of 0.05 mm3/1.5 % residuals, some ten in size, against spreads of 1e-7
+    for name in (PRELOAD, MASS):
+        assert held.injector.values[name] == pytest.approx(INJECTOR.values[name], rel=1e-5)
+
+
+def test_values_that_were_measured_on_the_part_stay_and_the_others_are_the_types() -> None:
+    own = replace(
+        INJECTOR.with_values({PRELOAD: 61.0, MASS: 0.0042}),
+        sources={**INJECTOR.sources, PRELOAD: cr.Source("M", "spring tester"), MASS: cr.Source("E", "guess")},
+    )
+    adapted = cr.adapt(small_type(), injected(with_flow(1.02), (120.0, 700.0)), injector=own)
+    assert adapted.injector.values[PRELOAD] == 61.0
+    assert adapted.injector.values[MASS] == INJECTOR.values[MASS]
+    assert adapted.injector.sources[MASS] == ("F", "made up")
+    assert adapted.injector.sources[FLOW].mark == "F"
+    assert "flow factor" in adapted.injector.sources[FLOW].text
+
+
+def test_what_is_synthetic_of_injector_and_type_is_stated_once() -> None:
+    of_run = f"{INJECTOR.synthetic} The curves are simulated."  # as a type from runs states it
+    adapted = cr.adapt(replace(small_type(), synthetic=of_run), injected(INJECTOR, (120.0, 700.0)))
+    assert adapted.injector.synthetic == of_run
+
+
+def test_quantities_that_no_nozzle_injects_are_refused() -> None:
+    far = injected(INJECTOR, (120.0, 700.0))
+    with pytest.raises(cr.InputError, match="flow factor at the end of"):
+        cr.adapt(small_type(), replace(far, quantity=3.0 * far.quantity))
+
+
+def test_a_reference_at_which_the_type_stays_shut_is_refused() -> None:
+    points = injected(INJECTOR, (80.0, 400.0))
+    shut = replace(points, points=(replace(points.points[0], energisings=60e-6),))
+    with pytest.raises(cr.InputError, match=r"measured at 80 MPa and 60 us, and the adapted type injects 0\.000 mm3"):
+        cr.adapt(small_type(), shut)
+
+
+def test_a_type_without_an_injector_needs_the_parts(tmp_path: Path) -> None:
+    unknown = replace(small_type(), injector=None)
+    with pytest.raises(cr.InputError, match="names no injector; give the part's own"):
+        cr.adapt(unknown, injected(INJECTOR, (120.0, 700.0)))
+
+
+def test_points_are_read_with_their_units(tmp_path: Path) -> None:
+    data = injected(with_flow(1.04), (120.0, 700.0))
+    path = tmp_path / "points.csv"
+    head = "rail_pressure [bar],energising_time [ms],quantity [mm3]\n"
+    path.write_text(f"{head}1200,0.7,{data.quantity[0] * 1e9!r}\n".replace("np.float64(", "").replace(")", ""))
+    adapted = cr.adapt(small_type(), path, cylinder_pressure="50 bar", return_pressure=0.5e6)
+    assert adapted.flow_factor == pytest.approx(1.04, rel=1e-6)  # twelve digits of the file, and its units

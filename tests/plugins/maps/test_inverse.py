@@ -1,0 +1,125 @@
+"""Inverse of a map, against quantities whose inverse is known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from commonrail.plugins.maps.inverse import NARROWEST, TOLERANCE, Beyond, CellState, Inverse, Rules, Several, invert
+from commonrail.plugins.maps.response import Line, Response, knots_of
+
+Floats = NDArray[np.float64]
+Law = Callable[[Floats, Floats], Floats]
+
+MM3, US = 1e-9, 1e-6
+LONGEST = 1e-3
+
+
+def found(
+    law: Law, quantity: list[float], rules: Rules = Rules(), rail: float = 100e6
+) -> tuple[Inverse, list[Line], int]:
+    """Inverse of a law of rail pressure [Pa] and time [s] at quantities [mm³], its samples, and how many it took."""
+    count = 0
+
+    def simulate(rows: NDArray[np.intp], times: Floats) -> Response:
+        nonlocal count
+        count += times.size
+        return Response(law(np.full(len(rows), rail), times), np.zeros(times.shape))
+
+    times = knots_of(np.array([LONGEST]))
+    rails = np.full(len(times), rail)
+    lines = [Line(rail, times, law(rails, times), np.zeros(len(times)))]
+    result, lines = invert(simulate, lines, np.array(quantity) * MM3, rules)
+    return result, lines, count
+
+
+def smooth(rail: Floats, time: Floats) -> Floats:
+    """Zero up to 200 us, then a parabola: 100 (t − 0.2 ms)² mm³ at 100 MPa."""
+    return np.asarray(rail / 100e6 * 100.0 * MM3 * (np.maximum(time - 200 * US, 0.0) * 1e3) ** 2)
+
+
+def test_the_inverse_of_a_smooth_law_is_that_of_the_closed_form() -> None:
+    quantity = [0.5, 1.0, 5.0, 20.0, 60.0]
+    result, _, count = found(smooth, quantity)
+    exact = 200 * US + np.sqrt(np.array(quantity) / 100.0) * 1e-3
+    slope = 2.0 * 100.0 * MM3 * (exact - 200 * US) * 1e6
+    assert np.all(np.abs(result.energising_time[0] - exact) <= TOLERANCE / slope * 1.001)
+    assert set(result.state[0].tolist()) == {CellState.REACHED}
+    assert np.all(np.abs(result.delivered[0] / MM3 - quantity) <= TOLERANCE / MM3)
+    assert count <= 3 * len(quantity)  # a chord and the parabola through three points
+
+
+def test_no_quantity_needs_no_time() -> None:
+    result, _, count = found(smooth, [0.0])
+    assert (result.energising_time[0, 0], result.state[0, 0], count) == (0.0, CellState.ZERO, 0)
+
+
+def test_an_unreachable_quantity_follows_the_stated_rule() -> None:
+    """The law is a straight line behind its end: extrapolation is exact there."""
+
+    def line(_: Floats, time: Floats) -> Floats:
+        return np.asarray(50.0 * MM3 * np.maximum(time - 200 * US, 0.0) * 1e3)  # 40 mm³ at 1 ms
+
+    times = {}
+    for rule in Beyond:
+        result, _, count = found(line, [80.0], Rules(beyond=rule))
+        assert (result.state[0, 0], count) == (CellState.BEYOND, 0)
+        times[rule] = result.energising_time[0, 0]
+    assert times[Beyond.EXTRAPOLATE] == pytest.approx(1.8e-3)
+    assert times[Beyond.HOLD] == LONGEST
+    assert np.isnan(times[Beyond.EMPTY])
+
+
+def folded(_: Floats, time: Floats) -> Floats:
+    """Rises to 4 mm³ at 300 us, falls to 2 mm³ at 350 us, rises again, all in straight lines."""
+    knots = np.array([0.0, 200.0, 300.0, 350.0, 1000.0]) * US
+    return np.interp(time, knots, np.array([0.0, 0.0, 4.0, 2.0, 28.0]) * MM3)
+
+
+@pytest.mark.parametrize(("rule", "time"), [(Several.SHORTEST, 275.0), (Several.LONGEST, 375.0)])
+def test_of_several_times_the_rule_takes_one_and_the_cell_is_named(rule: Several, time: float) -> None:
+    result, _, _ = found(folded, [1.0, 3.0, 10.0], Rules(several=rule))
+    assert result.energising_time[0, 1] == pytest.approx(time * US, abs=0.26 * US)  # 0.01 mm³ over 0.04 mm³/us
+    assert result.state[0].tolist() == [CellState.REACHED, CellState.SEVERAL, CellState.REACHED]
+
+
+def test_a_quantity_that_is_jumped_past_is_named_and_its_time_is_behind_the_jump() -> None:
+    def jumping(_: Floats, time: Floats) -> Floats:
+        return np.where(time < 233.3 * US, 0.0, 2.0 * MM3 + (time - 233.3 * US) * 1e-5)
+
+    result, _, _ = found(jumping, [1.0, 2.5])
+    assert result.state[0].tolist() == [CellState.JUMP, CellState.REACHED]
+    assert 0.0 <= result.energising_time[0, 0] - 233.3 * US <= NARROWEST
+    assert result.delivered[0, 0] == pytest.approx(2.0 * MM3, rel=1e-3)
+
+
+def test_a_row_without_a_sound_simulation_has_no_numbers() -> None:
+    result, _, _ = found(lambda _, time: np.full(time.shape, np.nan), [0.0, 1.0])
+    assert result.state[0].tolist() == [CellState.ZERO, CellState.FAILED]
+    assert np.isnan(result.energising_time[0, 1])
+
+
+def test_a_simulation_that_fails_during_the_search_ends_its_cell_alone() -> None:
+    def torn(rail: Floats, time: Floats) -> Floats:
+        on_grid = np.isin(time, knots_of(np.array([LONGEST])))
+        failing = (time > 290 * US) & (time < 310 * US) & ~on_grid
+        return np.where(failing, np.nan, smooth(rail, time))
+
+    result, _, _ = found(torn, [1.05, 5.0])
+    assert result.state[0].tolist() == [CellState.FAILED, CellState.REACHED]
+
+
+def test_energising_times_rise_with_the_quantity_even_across_a_fold() -> None:
+    quantity = np.linspace(0.1, 35.0, 60).tolist()
+    for rule in Several:
+        result, _, _ = found(folded, quantity, Rules(several=rule))
+        assert np.all(np.diff(result.energising_time[0]) > 0.0)
+
+
+def test_samples_of_the_search_join_those_of_the_grid() -> None:
+    _, lines, count = found(smooth, [5.0])
+    assert len(lines[0].time) == len(knots_of(np.array([LONGEST]))) + count
+    assert np.all(np.diff(lines[0].time) >= 0.0)

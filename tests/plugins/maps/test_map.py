@@ -1,0 +1,129 @@
+"""The verb map: axes from the command line and from files, tables, JSON, files and the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.base.errors import InputError
+from commonrail.cli.options import read_axis, read_quantities
+from commonrail.plugins.maps.dcm import read_dcm
+from tests.cli.conftest import Command
+
+SMALL = ("--rail-pressure", "80,160MPa", "--quantity", "0,2,400mm3", "--energising-time", "200,400us", "--threads", "1")
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("20,40,80MPa", [20e6, 40e6, 80e6]),
+        ("200bar, 40 MPa", [20e6, 40e6]),
+        ("20:60:20MPa", [20e6, 40e6, 60e6]),
+        ("0.1:0.3:0.1MPa", [0.1e6, 0.2e6, 0.3e6]),
+    ],
+)
+def test_an_axis_is_a_list_or_a_range(text: str, values: list[float]) -> None:
+    assert read_axis(text, "Pa", "--rail-pressure").tolist() == pytest.approx(values, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("20,40", "has no unit"),
+        ("20:40MPa", "FIRST:LAST:STEP"),
+        ("40:20:5MPa", "step of a range"),
+        ("20:40:0MPa", "step of a range"),
+        ("0:100:0.001MPa", "at most 200"),
+        ("a,b", "is not a number"),
+        ("20,40mm", "length"),
+    ],
+)
+def test_an_axis_that_cannot_be_read_is_refused(text: str, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        read_axis(text, "Pa", "--rail-pressure")
+
+
+@pytest.mark.parametrize("text", ["20:80:20degC", "20degC:80degC:20K", "293.15:353.15:20K", "20:80degC:20K"])
+def test_the_step_of_temperatures_is_a_difference(text: str) -> None:
+    """A step of 20 degC read as 293 K would leave the first value alone."""
+    assert read_axis(text, "K", "--vary temperature").tolist() == pytest.approx([293.15, 313.15, 333.15, 353.15])
+
+
+def test_quantities_by_mass_are_divided_by_the_density() -> None:
+    assert read_quantities("1,2mg", 800.0, "--quantity").tolist() == pytest.approx([1e-6 / 800.0, 2e-6 / 800.0])
+    assert read_quantities("1,2mm3", 800.0, "--quantity").tolist() == pytest.approx([1e-9, 2e-9])
+
+
+def test_the_map_is_printed_and_written(command: Command, tmp_path: Path) -> None:
+    dcm, csv, report = tmp_path / "et.dcm", tmp_path / "q.csv", tmp_path / "map.html"
+    files = ("--out", dcm, "--quantity-out", csv, "--report", report, "--label", "InjVlv_tiET")
+    done = command("map", "virtual-lino-2016", *SMALL, *files)
+    assert done.status == 0, done.err
+    assert "2 rail pressures × 3 quantities" in done.out
+    assert "2 hold a quantity that the longest energising time does not deliver" in done.out
+    (found,) = read_dcm(dcm)
+    assert (found.label, found.values.shape, found.x.unit) == ("InjVlv_tiET", (3, 2), "hPa")
+    assert "rail_pressure [MPa],energising_time [us],quantity [mm3],state" in csv.read_text(encoding="utf-8")
+    page = report.read_text(encoding="utf-8")
+    assert "Synthetic, not measured" in page
+    assert page.count('class="drawing') == 5
+
+
+def test_json_is_one_object_and_axes_come_from_a_file(command: Command, tmp_path: Path) -> None:
+    dcm = tmp_path / "et.dcm"
+    assert command("map", "virtual-lino-2016", *SMALL, "--out", dcm).status == 0
+    done = command("map", "virtual-lino-2016", "--axes", dcm, "--energising-time", "300us", "--threads", "1", "--json")
+    (found,) = done.record["maps"]
+    assert found["rail_pressure"] == pytest.approx([80e6, 160e6])
+    assert found["quantity"] == pytest.approx([0.0, 2e-9, 400e-9])
+    assert found["inverse"]["state"][0][0] == "ZERO"
+
+
+def test_two_models_are_compared_cell_by_cell(command: Command, tmp_path: Path) -> None:
+    report = tmp_path / "two.html"
+    done = command(
+        "map", "virtual-lino-2016", "again=virtual-lino-2016", *SMALL, "--report", report, "--unreachable", "hold"
+    )
+    assert done.status == 0, done.err
+    page = report.read_text(encoding="utf-8")
+    assert "Difference of the energising times, again less virtual-lino-2016" in page
+
+
+def test_a_measured_map_is_set_beside_the_model(command: Command, tmp_path: Path) -> None:
+    data = tmp_path / "measured.csv"
+    data.write_text("rail_pressure [MPa],energising_time [us],quantity [mm3]\n160,400,10\n80,300,1\n", encoding="utf-8")
+    done = command("map", "virtual-lino-2016", *SMALL, "--measured", data, "--json")
+    found = done.record["measured"]
+    assert found["measured"] == pytest.approx([10e-9, 1e-9])
+    assert found["rms_large"] == pytest.approx(abs(found["simulated"][0] / 10e-9 - 1.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--out", "map.txt"), "maps are written as .csv"),
+        (("--label", "a b", "--out", "et.dcm"), "no name of a label"),
+        (("--pressure-unit", "mm", "--out", "et.dcm"), "cannot become"),
+        (("--unreachable", "empty", "--out", "et.dcm"), "holds a number in every cell"),
+        (("--axes", "nothing.dcm"), "there is no such file"),
+        (("--rail-pressure", "1MPa"), "pressure"),
+        (
+            ("--rail-pressure", "400,800,600bar"),
+            "--rail-pressure: the values must increase strictly, but 600 bar follows 800 bar",
+        ),
+        (("--quantity", "2,1mg"), "--quantity: the values must increase strictly, but 1 mg follows 2 mg"),
+        (
+            ("--energising-time", "0.3,0.3ms"),
+            "--energising-time: the values must increase strictly, but 0.3 ms follows",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_one_sentence(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], word: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command("map", "virtual-lino-2016", *SMALL, *options)
+    assert done.status == 2, done.err
+    assert word in done.sentence
+    assert list(tmp_path.iterdir()) == []

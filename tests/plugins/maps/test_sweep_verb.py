@@ -1,0 +1,107 @@
+"""The verb sweep: variables, files, JSON, report, and the second injection held."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from commonrail.plugins.maps.dcm import read_dcm
+from tests.cli.conftest import Command
+
+TWO = ("--first-energising-time", "300us", "--energising-time", "400us", "--rail-pressure", "160MPa", "--threads", "1")
+
+
+def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> None:
+    csv, report = tmp_path / "dwell.csv", tmp_path / "dwell.html"
+    done = command("sweep", "virtual-lino-2016", "--vary", "dwell=0,2000us", *TWO, "--out", csv, "--report", report)
+    assert done.status == 0, done.err
+    assert "1 are fused" in done.out
+    assert "rail pressure, MPa   dwell, µs" in done.out
+    lines = [line for line in csv.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    assert lines[0] == "dwell [us],quantity [mm3],second_quantity [mm3],fused"
+    assert lines[1].endswith(",,yes")
+    assert lines[2].endswith(",no")
+    page = report.read_text(encoding="utf-8")
+    assert page.count('class="drawing') == 2
+    assert "Synthetic, not measured" in page
+    facts = dict(re.findall(r"<dt>(.*)</dt><dd>(.*)</dd>", page))
+    assert facts["Rail pressure"] == "160 MPa"
+    assert facts["First energising time"] == "300 µs"
+    assert facts["Fuel temperature"].endswith("°C")
+    assert "Dwell" not in facts  # it is varied
+
+
+def test_a_sweep_of_parameters_and_temperature_as_json(command: Command) -> None:
+    done = command(
+        "sweep",
+        "virtual-lino-2016",
+        *("--vary", "temperature=20,40degC", "--vary", "nozzle.holes=6,7", "--vary", "rail_pressure=100,160MPa"),
+        *("--threads", "1", "--json"),
+    )
+    record = done.record
+    assert [v["name"] for v in record["variables"]] == ["fuel.temperature", "nozzle.holes", "rail_pressure"]
+    assert record["variables"][0]["values"] == pytest.approx([293.15, 313.15])
+    volumes = record["injected_volume"]
+    assert volumes[0][0][0] < volumes[0][0][1]  # more at a higher pressure
+    assert volumes[0][0][1] < volumes[0][1][1]  # and through more holes
+    assert record["second_volume"] is None
+
+
+def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -> None:
+    dcm, csv, report = tmp_path / "second.dcm", tmp_path / "second.csv", tmp_path / "second.html"
+    done = command(
+        "sweep",
+        "virtual-lino-2016",
+        *("--vary", "dwell=1000,2000us", "--vary", "rail_pressure=100,160MPa", "--hold", "2,5mm3", *TWO),
+        *("--longest", "600us", "--out", dcm, "--out", csv, "--report", report),
+    )
+    assert done.status == 0, done.err
+    found = read_dcm(dcm)
+    assert [m.label for m in found] == ["tiSecond_1000us", "tiSecond_2000us"]
+    assert found[0].values.shape == (2, 2)
+    assert len([line for line in csv.read_text(encoding="utf-8").splitlines() if line[0].isdigit()]) == 8
+    assert "Correction of the energising time at 160 MPa" in report.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--vary", "dwell"), "expected NAME=VALUES"),
+        (("--vary", "dwel=1ms"), "There is no variable"),
+        (("--vary", "dwell=1,2ms"), "give the energising time of the first one too"),
+        (("--vary", "energising_time=1ms", "--out", "a.dcm"), "a sweep is written as .csv"),
+        (
+            ("--vary", "rail_pressure=80MPa", "--first-energising-time", "-5us"),
+            "greater than zero, or zero for a single",
+        ),
+        (("--vary", "temperature=20,392.85degC"), "is defined from"),
+        (("--vary", "energising_time=1ms", "--out", "-"), "name a file or folder"),
+        (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),
+    ],
+)
+def test_a_sweep_that_cannot_be_done_is_refused_with_one_sentence(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], word: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command("sweep", "virtual-lino-2016", *options)
+    assert done.status == 2, done.err
+    assert word in done.sentence
+
+
+def test_no_output_takes_the_place_of_a_file_of_a_run(command: Command, study: Path, tmp_path: Path) -> None:
+    """Results, the journal and copied data stay; an output of before beside them may be replaced."""
+    run = tmp_path / "run"
+    assert command("calibrate", study, "--out", run, "--threads", "1").status == 0
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    line = ("sweep", "virtual-lino-2016", "--vary", "rail_pressure=80,160MPa", "--threads", "1")
+    for path in (run / "traces.csv", run / "data" / "evi.csv"):
+        done = command(*line, "--out", path)
+        assert done.status == 2, done.err
+        assert done.sentence == f"--out: {path} is a file of the run in {run}; name another file."
+    done = command(*line, "--out", tmp_path / "s.csv", "--report", run / "report.html")
+    assert (done.status, done.sentence[:8]) == (2, "--report")
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+    (run / "mine.csv").write_text("of before", encoding="utf-8")
+    assert command(*line, "--out", run / "mine.csv").status == 0

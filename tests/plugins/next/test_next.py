@@ -1,0 +1,164 @@
+"""Plans for a real model: a map with one free parameter, and what the fit says once the plan has been measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.base.errors import ConfigurationError
+from commonrail.data.noise import Law
+from commonrail.data.simulator import Simulator
+from commonrail.plugins.certainty.estimate import estimate
+from commonrail.plugins.certainty.noise import Block
+from commonrail.plugins.next.file import plan_record, write_plan
+from commonrail.plugins.next.problem import common_loads, posterior_draws
+from commonrail.plugins.next.study import grid, place_of, usual_axes
+from tests.map_study import map_study
+
+BEST = {"control_chamber.a_hole_diameter": 0.2127e-3}
+SETTINGS = cr.DesignSettings(2, draws=2)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> cr.Study:
+    """Three points, whose quantities are the model's own, with a stated noise of one tolerance."""
+    folder = tmp_path_factory.mktemp("map")
+    (folder / "map.csv").write_text(
+        "rail_pressure [MPa],energising_time [us],quantity [mm3]\n40,400,1\n80,400,1\n120,400,1\n"
+    )
+    (folder / "study.toml").write_text(map_study())
+    read = cr.load_study(folder / "study.toml")
+    return replace(read, data=(own_values(read, read.data[0].points, cr.Noise(sigma=1.0, law=Law.GAUSSIAN)),))
+
+
+def own_values(study: cr.Study, points: tuple[cr.OperatingPoint, ...], noise: cr.Noise) -> cr.QuantityData:
+    """Map of what the model gives at the best values."""
+    model = study.data[0]
+    assert isinstance(model, cr.QuantityData)
+    zeros = np.zeros(len(points))
+    data = replace(model, points=points, quantity=zeros, dead_time=zeros > 0.0, noise=noise)
+    simulator = Simulator(study.injector, study.space.names, study.time_step, 1)
+    return replace(data, quantity=data.simulated(simulator, np.array([list(BEST.values())]))[0])
+
+
+def candidates(study: cr.Study) -> list[cr.Candidate]:
+    points = grid(study.data[0].points[0], [40e6, 80e6, 160e6], [400e-6, 800e-6])
+    return [cr.Candidate("quantities", point) for point in points]
+
+
+@pytest.fixture(scope="module")
+def plan(study: cr.Study) -> cr.Plan:
+    return cr.next_measurements(study, BEST, candidates(study), SETTINGS, threads=1)
+
+
+def test_the_standard_error_that_a_plan_promises_is_that_of_a_fit_with_its_points(
+    study: cr.Study, plan: cr.Plan
+) -> None:
+    points = (*study.data[0].points, *(one.candidate.point for one in plan.measurements))
+    more = replace(study, data=(own_values(study, points, study.data[0].noise),))
+    own = cr.Likelihood.of(more, 1)
+    found = estimate(own, own.space.to_unit(np.array(list(BEST.values())))[None])
+    error = math.sqrt(found.covariance.noise[0, 0]) * own.scaled(found.unit)[0]
+    # the bounds, which the plan counts as knowledge, are 100 times wider than the error
+    assert plan.after["control_chamber.a_hole_diameter"] == pytest.approx(error, rel=0.01)
+    assert plan.after["control_chamber.a_hole_diameter"] < plan.before["control_chamber.a_hole_diameter"]
+
+
+def test_draws_of_a_posterior_are_taken_as_they_are_and_none_twice(study: cr.Study) -> None:
+    own = cr.Likelihood.of(study, 1)
+    found = estimate(own, own.space.to_unit(np.array(list(BEST.values())))[None])
+    drawn = np.linspace(0.2e-3, 0.22e-3, 5)[:, None]
+    for many, taken in ((4, 3), (20, 5)):
+        unit = posterior_draws(found, drawn, many, 0)
+        np.testing.assert_array_equal(unit[0], found.unit)
+        assert len(set(unit[1:, 0].tolist())) == len(unit) - 1 == taken
+        assert set(unit[1:, 0].tolist()) <= set(own.space.to_unit(drawn)[:, 0].tolist())
+
+
+def test_a_plan_is_apart_from_what_was_measured_and_gains_with_each_point(study: cr.Study, plan: cr.Plan) -> None:
+    made = {place_of(point) for point in study.data[0].points}
+    assert not made & {place_of(one.candidate.point) for one in plan.measurements}
+    factors = [1.0, *(one.factor for one in plan.measurements)]
+    assert np.all(np.diff(factors) < 0.0)
+
+
+def test_a_shared_error_of_the_bench_makes_more_points_of_the_same_kind_worth_less(
+    study: cr.Study, plan: cr.Plan
+) -> None:
+    noise = cr.Noise(sigma=1.0, law=Law.GAUSSIAN, uncertain={"gain": 0.05})
+    shared = replace(study, data=(study.data[0].with_noise(noise),))
+    found = cr.next_measurements(shared, BEST, candidates(study), SETTINGS, threads=1)
+    name = "control_chamber.a_hole_diameter"
+    assert found.after[name] > 1.5 * plan.after[name]
+    # 5 % of gain is 1.7 to 3.3 tolerances: averaged by no number of points
+    assert found.after[name] / found.before[name] > plan.after[name] / plan.before[name]
+
+
+def test_a_discrepancy_that_all_points_share_is_averaged_by_no_number_of_them(study: cr.Study, plan: cr.Plan) -> None:
+    noise = cr.Noise(sigma=1.0, law=Law.GAUSSIAN, discrepancy=5.0, length=1.0, pressure_length=1e12)
+    shared = replace(study, data=(study.data[0].with_noise(noise),))
+    found = cr.next_measurements(shared, BEST, candidates(study), SETTINGS, threads=1)
+    assert found.after["control_chamber.a_hole_diameter"] > 1.2 * plan.after["control_chamber.a_hole_diameter"]
+
+
+def test_a_discrepancy_of_each_point_acts_on_planned_points_as_on_those_that_there_are(
+    study: cr.Study, plan: cr.Plan
+) -> None:
+    """Uncorrelated from point to point, it is noise on all of them: errors grow by √(1 + 5²), their ratio stays."""
+    noise = cr.Noise(sigma=1.0, law=Law.GAUSSIAN, discrepancy=5.0, length=1e-6, pressure_length=1e3)
+    shared = replace(study, data=(study.data[0].with_noise(noise),))
+    chosen = [one.candidate for one in plan.measurements]
+    found = cr.next_measurements(shared, BEST, chosen, replace(SETTINGS, criterion=cr.Criterion.D), threads=1)
+    name = "control_chamber.a_hole_diameter"
+    bounds = 12.0 / (50e-6) ** 2  # information of a uniform distribution, which the discrepancy does not act on
+    for larger, smaller in ((found.before[name], plan.before[name]), (found.after[name], plan.after[name])):
+        assert larger**-2 - bounds == pytest.approx((smaller**-2 - bounds) / 26.0, rel=0.01)
+
+
+def test_the_loads_of_a_discrepancy_add_up_to_its_covariance() -> None:
+    made, planned = np.array([[3e-4, 40e6], [5e-4, 80e6]]), np.array([[3.5e-4, 40e6], [9e-4, 160e6]])
+    noise = cr.Noise(discrepancy=2.0, length=1e-4, pressure_length=50e6)
+    loads = common_loads(Block("map", slice(7, 9), noise, places=made), planned)
+    both = np.concatenate([made, planned])
+    apart = (both[:, None] - both[None]) / np.array([1e-4, 50e6])
+    expected = 4.0 * np.exp(-0.5 * np.sum(apart**2, axis=-1))
+    np.testing.assert_allclose(loads.T @ loads, expected, atol=0.001 * 4.0 * 4)  # 0.1 % of the trace is left out
+
+
+def test_a_plan_is_written_as_a_table_and_as_a_record(plan: cr.Plan, tmp_path: Path) -> None:
+    write_plan(tmp_path / "plan.csv", plan)
+    lines = [line for line in (tmp_path / "plan.csv").read_text().splitlines() if not line.startswith("#")]
+    assert len(lines) == 1 + len(plan.measurements)
+    rail, time = place_of(plan.measurements[0].candidate.point)[:2]
+    assert lines[1].split(",")[:3] == ["1", "quantities", f"{rail * 1e-6:g}"]
+    assert lines[1].split(",")[5] == f"{time * 1e6:g}"
+    assert plan_record(plan)["cost"] == 2.0
+
+
+def test_candidates_that_are_too_close_to_all_data_leave_no_plan(study: cr.Study) -> None:
+    points = [cr.Candidate("quantities", point) for point in study.data[0].points]
+    with pytest.raises(ConfigurationError, match="No candidate may be measured"):
+        cr.next_measurements(study, BEST, points, SETTINGS, threads=1)
+
+
+def test_a_kind_without_data_is_refused_with_what_there_is(study: cr.Study) -> None:
+    with pytest.raises(ConfigurationError, match="plan for quantities"):
+        cr.next_measurements(study, BEST, [cr.Candidate("rate", study.data[0].points[0])], SETTINGS, threads=1)
+
+
+def test_a_criterion_may_be_a_word() -> None:
+    assert cr.DesignSettings(criterion="d").criterion is cr.Criterion.D  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="criterion"):
+        cr.DesignSettings(criterion="w")  # type: ignore[arg-type]
+
+
+def test_the_usual_axes_stay_within_the_data(study: cr.Study) -> None:
+    pressures, times = usual_axes(study.data)
+    assert pressures.min() == 40e6
+    assert pressures.max() == 120e6
+    assert times.tolist() == pytest.approx([400e-6])

@@ -1,0 +1,27 @@
+"""A run folder of the paper's study, as a calibration would leave it: its study, its data, and the best values."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import commonrail as cr
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Start values of the study but for two stiffnesses, which differ from them."""
+    folder = tmp_path_factory.mktemp("runs") / "paper"
+    shutil.copytree(ROOT / "cases" / "paper", folder)
+    space = cr.load_study(folder / "study.toml").space
+    best = dict(zip(space.names, space.reference.tolist(), strict=True))
+    best["plunger_needle.k1"] *= 1.1
+    best["plunger_needle.k6"] *= 1.2
+    parameters = [{"name": name, "best": value} for name, value in best.items()]
+    (folder / "result.json").write_text(json.dumps({"parameters": parameters}), encoding="utf-8")
+    return folder

@@ -1,0 +1,127 @@
+"""The demo: two cases, the paper's study, and a folder that it may replace."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.cli.fit import Outcome
+from commonrail.plugins.paper import demo as module
+from tests.cli.conftest import Done, invoke
+from tests.report.samples import map_record, rate_record
+
+
+def run(*arguments: object) -> Done:
+    """Run the demo with arguments."""
+    return invoke(module.demo, *arguments)
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Cases whose calibration takes no time; returns the folder of the cases."""
+    for name in module.CASES:
+        (tmp_path / "cases" / name / "data").mkdir(parents=True)
+        (tmp_path / "cases" / name / "study.toml").touch()
+    records = {"paper": rate_record(), "cri2-16": map_record()}
+
+    def run_study(study: str, folder: Path, _threads: object) -> Outcome:
+        folder.mkdir()
+        (folder / "result.json").touch()
+        return Outcome(folder, folder / "report.html", records[study])
+
+    def run_reproduction(_truth: str, count: int, folder: Path, _threads: object, quick: bool) -> Outcome:
+        assert quick
+        folder.mkdir()
+        claims = [{"verdict": "holds"}, {"verdict": "holds"}, {"verdict": "does not hold"}]
+        seeds = list(range(1, count + 1))
+        return Outcome(folder, folder / "report.html", {"status": "finished", "seeds": seeds, "claims": claims})
+
+    def write_bench(case: Path, seed: int) -> list[Path]:
+        (case / "data" / f"seed-{seed}.csv").touch()
+        return []
+
+    monkeypatch.setattr(module, "_cases_folder", lambda: tmp_path / "cases")
+    monkeypatch.setattr(module, "run_study", run_study)
+    monkeypatch.setattr(module, "run_reproduction", run_reproduction)
+    monkeypatch.setattr("commonrail.calibration.study_file.file.load_study", lambda path: path.parent.name)
+    monkeypatch.setattr("commonrail.plugins.paper.bench_file.write_bench_data", write_bench)
+    return tmp_path / "cases"
+
+
+@pytest.mark.usefixtures("fake")
+def test_both_cases_are_summed_up(tmp_path: Path) -> None:
+    done = run("--out", tmp_path / "demo")
+    assert done.status == 0, done.err
+    for words in (
+        "931.4",
+        "402.2",
+        "171.5",
+        "148.31",
+        "SYNTHETIC: Curves",
+        "2 hold and 1 do not hold here",
+        "all took",
+    ):
+        assert words in done.out
+    for name in (*module.CASES, module.STUDY):
+        assert f"  {tmp_path / 'demo' / name / 'report.html'}" in done.out
+
+
+def test_missing_bench_data_are_made_once(fake: Path, tmp_path: Path) -> None:
+    data = fake / "paper" / "data" / "seed-1.csv"
+    assert "virtual test bench" in run("--out", tmp_path / "demo").err
+    assert data.is_file()
+    assert "virtual test bench" not in run("--out", tmp_path / "demo").err
+
+
+@pytest.mark.usefixtures("fake")
+def test_a_former_demo_is_replaced_and_other_files_stay(tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    run("--out", out)
+    (out / "paper" / "old.txt").touch()
+    (out / "notes.txt").touch()
+    assert run("--out", out).status == 0
+    assert not (out / "paper" / "old.txt").exists()
+    assert (out / "notes.txt").exists()
+
+
+@pytest.mark.usefixtures("fake")
+def test_a_folder_that_is_no_demo_is_left_alone(tmp_path: Path) -> None:
+    out = tmp_path / "mine"
+    (out / "paper").mkdir(parents=True)
+    (out / "paper" / "work.txt").touch()
+    done = run("--out", out)
+    assert done.status == 2
+    assert "not a folder of the demo" in done.sentence
+    assert (out / "paper" / "work.txt").exists()
+
+
+@pytest.mark.usefixtures("fake")
+def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert "not a folder of the demo" in run("--out", tmp_path / "file").sentence
+
+
+@pytest.mark.usefixtures("fake")
+def test_an_interrupted_case_ends_the_demo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    calls: list[Any] = []
+
+    def interrupted(_study: object, folder: Path, _threads: object) -> Outcome:
+        calls.append(folder)
+        return Outcome(folder, folder, rate_record() | {"status": "interrupted"})
+
+    monkeypatch.setattr(module, "run_study", interrupted)
+    assert run("--out", tmp_path / "demo").status == 130
+    assert len(calls) == 1
+
+
+def test_the_cases_are_in_the_source_tree() -> None:
+    folder = module._cases_folder()
+    assert all((folder / name / "study.toml").is_file() for name in module.CASES)
+
+
+def test_outside_a_source_tree_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    fake_file = tmp_path / "a" / "b" / "c" / "demo.py"
+    monkeypatch.setattr(module, "__file__", str(fake_file))
+    assert "run the demo from a source tree" in run("--out", tmp_path / "demo").sentence

@@ -1,0 +1,169 @@
+"""The page of a reproduction: everything said is in the record, everything in it is escaped."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from scipy.stats import binomtest
+
+from commonrail.base.errors import InputError
+from commonrail.base.text import MISSING
+from commonrail.plugins.paper import figures
+from commonrail.plugins.paper import page as tables
+from commonrail.plugins.paper.page import FEWEST, RESULT, reproduction_html, verdicts
+from tests.report.reproduction_sample import record, traces
+
+
+def rows(table: tables.Table) -> list[list[str]]:
+    return [[cell.plain for cell in row] for row in table.rows]
+
+
+def test_the_verdicts_are_counted() -> None:
+    enough = record() | {"seeds": list(range(6))}
+    assert verdicts(enough) == "Of 4 claims of the paper 2 hold, 1 do not hold and 1 cannot be told here."
+
+
+def test_with_too_few_seeds_it_is_said_what_they_show() -> None:
+    few = record()
+    few["claims"][1]["true_in"], few["claims"][2]["true_in"] = 0, 1
+    assert verdicts(few) == (
+        "Of 4 claims of the paper 2 are true in every seed, 1 in none, 1 in some. "
+        "Fewer than 6 seeds cannot tell a claim from chance."
+    )
+
+
+def test_six_seeds_are_the_fewest_that_can_tell_a_claim_from_chance() -> None:
+    lows = {n: float(binomtest(n, n).proportion_ci(0.95).low) for n in (FEWEST - 1, FEWEST)}
+    assert lows[FEWEST - 1] < 0.5 < lows[FEWEST]
+
+
+def test_the_page_says_what_the_record_says() -> None:
+    page = reproduction_html(record(), traces(), "runs/my study")
+    text = re.sub(r"<script.*?</script>|</?span[^>]*>", "", page, flags=re.S)
+    for words in (
+        "All of it is made up for a test.",
+        "The claim one &amp; &lt;more&gt;.",
+        "✗ does not hold",
+        "2 of 2 seeds",
+        "16–100 %",
+        "A comment.",
+        "A random feasible stiffness satisfies it with probability 91 %.",
+        "The rigid body that is fitted",
+        "noise",
+        "figures/fig6.pdf",
+        "--truth &#39;runs/my study&#39;/truth.toml",
+        "123,456 injections in 12.5 s",
+        "With so few seeds",
+        "reproduce --seeds 2 --truth",
+    ):
+        assert words in text, words
+    assert "<more>" not in page
+
+
+def test_an_interrupted_run_says_how_far_it_came() -> None:
+    page = reproduction_html(record() | {"status": "interrupted", "asked": 20}, traces())
+    assert "2 of 20 repetitions were complete" in page
+
+
+def test_what_the_meter_changes_stands_beside_the_fit_without_it() -> None:
+    table = tables.meter_table(record())
+    found = rows(table)
+    assert [row[0] for row in found] == ["no meter", "a known meter", "a fitted delay"]
+    assert found[0][1:4] == ["200 (180–220)", "201 (180.9–221.1)", "202 (181.8–222.2)"]
+    assert [row[5:] for row in found[1:]] == [["60.5 (54.4–66.6)", ""], ["60.5 (54.4–66.6)", "5.3 (4.77–5.83)"]]
+
+
+def test_table_1_is_in_newtons_per_micrometre() -> None:
+    found = rows(tables.table1(record()))
+    assert found[0] == ["k1", "100", "150", "123 (111–136)", "120", "2 of 2", "+50", "−25", "5.5", "pinned: 2"]
+    assert found[6][4:6] == ["840", "0 of 2"]
+    assert found[6][9] == "only in combination: 1; withdrawn: 1"
+    assert found[6][8] == MISSING  # no standard error
+
+
+def test_table_3_marks_the_least_of_a_column() -> None:
+    found = rows(tables.table3(record()))
+    assert found[1][:3] == ["(50, 70)", "★ 148.0 (148–148)".replace("★ ", "★\N{NO-BREAK SPACE}"), "166.25"]
+    assert not any("★" in cell for cell in (*found[0], *found[2]))
+    assert "(70, 50): the paper's choice" in tables.table3(record()).note
+
+
+def test_a_search_without_success_has_no_number() -> None:
+    assert rows(tables.treatments_table(record()))[1] == ["treatment literal", "3,550", "0.13 (0.117–0.143)", MISSING]
+
+
+def test_edges_are_microseconds_with_their_sign() -> None:
+    assert rows(tables.edges_table(record()))[0] == ["160 MPa", "rigid body", "−93.5 (−84.2 to −102.9)", MISSING]
+
+
+def test_the_fitted_rigid_body_is_in_the_drawings_units() -> None:
+    table = tables.rigid_table(record())
+    assert rows(table) == [
+        ["lift of the stop, µm", "100", "10 to 1000", "212 (191–233)"],
+        ["volume of the control chamber, mm³", "18", "1.8 to 180", "50 (45–55)"],
+    ]
+
+
+def test_the_tables_have_as_many_cells_as_columns() -> None:
+    found = record()
+    for make in (
+        tables.table1,
+        tables.table3,
+        tables.j_table,
+        tables.phases_table,
+        tables.edges_table,
+        tables.treatments_table,
+        tables.overfitting_table,
+    ):
+        table = make(found)
+        assert {len(row) for row in table.rows} == {len(table.columns)}
+
+
+def test_figure_4_has_medians_and_quartiles() -> None:
+    (panel,) = figures.convergence(record()).panels
+    assert panel.series[1].y == (300.0, 200.0, 156.0)
+    assert {(band.look, band.low[0], band.high[0]) for band in panel.bands} == {
+        ("mean", 1900.0, 2100.0),
+        ("best", 280.0, 320.0),
+    }
+    assert panel.series[2].y == (830.0, 830.0)
+
+
+def test_figure_5_is_relative_to_theory() -> None:
+    (panel,) = figures.search_boxes(record()).panels
+    assert panel.categories == tuple(f"k{i}" for i in range(1, 8))
+    assert panel.boxes[0].boxes[0] == (0.5, 0.8, 1.0, 1.2, 1.9)
+    assert panel.boxes[0].label == "seed 4"
+
+
+def test_figure_6_shows_one_seed_with_gaps_where_a_simulation_failed() -> None:
+    found = figures.rates(record(), traces())
+    assert [f.title for f in found] == [
+        "Rate of injection at 160 MPa (fit) (Fig. 6)",
+        "Rate of injection at 120 MPa (validation) (Fig. 6)",
+        "Rate of injection at 80 MPa (validation) (Fig. 6)",
+    ]
+    curves, errors = found[2].panels
+    assert [s.label for s in curves.series] == [
+        "synthetic experiment",
+        "rigid body",
+        "rigid body, fitted",
+        "theoretical",
+        "optimised",
+    ]
+    assert curves.series[1].y == (None, None, None, None)
+    assert curves.series[0].y[1] == pytest.approx(20.0)
+    # the fourth of the sample's models, optimised, is 1.4 times the experiment
+    assert errors.series[3].y[1] == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(
+    "broken", [{}, {"kind": "calibration", "schema": 1}, {"kind": "reproduction", "schema": 9}, []]
+)
+def test_another_record_is_refused(tmp_path: Path, broken: object) -> None:
+    (tmp_path / "reproduce.json").write_text(json.dumps(broken), encoding="utf-8")
+    with pytest.raises(InputError, match=r"reproduce\.json"):
+        RESULT.read(tmp_path)

@@ -1,0 +1,189 @@
+"""Bands of a map whose truth is known, at points that the fit has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.calibration.study_file.file import load_study
+from commonrail.data.noise import Law, Noise
+from commonrail.data.simulator import Simulator
+from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.prediction import run as module
+from commonrail.plugins.prediction.scatter import floored
+from tests.cli.conftest import run_command
+from tests.map_study import map_study
+from tools.coverage import BEDS, Benches
+
+A_HOLE = 0.213e-3
+PLACES = [(p, t) for p in (60.0, 100.0, 140.0) for t in (400.0, 600.0, 900.0)]  # [MPa], [us]
+KEYS = 'absolute = "0.02 mm3"\nrelative = 0.02\nhold_out = { rail_pressure = ["100 MPa"] }'
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Study of a virtual map with noise of its tolerance, one rail pressure of which is held out."""
+    folder = tmp_path_factory.mktemp("map")
+    (folder / "study.toml").write_text(map_study(KEYS), encoding="utf-8")
+    _write(folder, np.ones(len(PLACES)))
+    empty = load_study(folder / "study.toml")
+    simulator = Simulator(empty.injector, empty.space.names, empty.time_step, 1)
+    fitted, held = (data.simulated(simulator, np.array([[A_HOLE]]))[0] for data in empty.data)
+    quantities = 1e9 * np.concatenate([fitted[:3], held, fitted[3:]])
+    noise = np.random.default_rng(2).standard_normal(len(PLACES))
+    _write(folder, quantities + (0.02 + 0.02 * quantities) * noise)
+    return folder / "study.toml"
+
+
+def _write(folder: Path, quantities: np.ndarray) -> None:
+    lines = ["rail_pressure [MPa],energising_time [us],quantity [mm3]"]
+    lines += [f"{p:g},{t:g},{q:.6f}" for (p, t), q in zip(PLACES, quantities, strict=True)]
+    (folder / "map.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def test_points_have_the_bands_of_data_at_the_same_points(file: Path) -> None:
+    study = load_study(file)
+    best = {study.space.names[0]: A_HOLE}
+    of_data = cr.predict(study, best, threads=1)
+    held = next(band for band in of_data.bands if band.data.role is cr.Role.VALIDATION)
+    asked = cr.predict(study, best, held.data.points, threads=1).bands[0]
+    np.testing.assert_array_equal(asked.values, held.values)
+    for level in of_data.levels:
+        np.testing.assert_allclose(asked.edges[level], held.edges[level], rtol=1e-12)
+    # the tolerance alone is exceeded, by what one parameter does of six noisy values: by less than half of it
+    half = 0.5 * (held.edges[0.9][1] - held.edges[0.9][0])
+    tolerance = 1.645 * (0.02e-9 + 0.02 * held.values)
+    level = of_data.scatter["quantities"].factor
+    assert (half > level * tolerance).all()
+    assert (half < 1.5 * level * tolerance * 2.02 / 1.645).all()  # t of five degrees of freedom
+    inside = np.abs(held.data.measured - held.values) <= half  # noise of -2.4, 1.8 and 1.1 deviations
+    assert held.covered(0.9) == np.count_nonzero(inside) == 1
+
+
+def test_bands_beyond_the_fitted_times_are_wider_and_said_to_be(file: Path) -> None:
+    study = load_study(file)
+    best = {study.space.names[0]: A_HOLE}
+    points = [cr.OperatingPoint(*place) for place in ((80e6, 500e-6), (80e6, 250e-6), (180e6, 500e-6))]
+    assert "beyond the fitted" not in cr.predict(study, best, points[:1], threads=1).estimator
+    found = cr.predict(study, best, points, threads=1)
+    assert "beyond the fitted energising times" in found.estimator
+    band = found.bands[0]
+    upper = (band.edges[0.9][1] - band.values) / (0.02e-9 + 0.02 * band.values)
+    inner = cr.predict(study, best, [*points[:1], points[2]], threads=1).bands[0]
+    same = (inner.edges[0.9][1] - inner.values) / (0.02e-9 + 0.02 * inner.values)
+    np.testing.assert_allclose(upper[[0, 2]], same, rtol=1e-9)
+    # twice the width of the scatter, which is in proportion to the tolerance; the parameter adds a little
+    assert 1.8 < upper[1] / upper[0] < 2.6
+    assert (band.edges[0.9][0] >= 0.0).all()
+
+
+def test_draws_without_spread_leave_the_scatter_alone(file: Path) -> None:
+    study = load_study(file)
+    best = {study.space.names[0]: A_HOLE}
+    found = cr.predict(study, best, draws=np.full((200, 1), A_HOLE), levels=[0.9], threads=1)
+    band, scatter = found.bands[0], found.scatter["quantities"]
+    half = 0.5 * (band.edges[0.9][1] - band.edges[0.9][0])
+    quantile = 1.645 if np.isinf(scatter.freedom) else 2.02
+    # quantiles of 1600 draws scatter by 4 %
+    np.testing.assert_allclose(half, quantile * scatter.factor * (0.02e-9 + 0.02 * band.values), rtol=0.12)
+
+
+def test_the_verb_predicts_points_and_counts_what_the_bands_hold(file: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert run_command("calibrate", file, "--out", run, "--threads", 1).status == 0
+    counted = run_command("predict", run, "--threads", 1, "--json")
+    assert counted.status == 0, counted.err
+    assert [data["role"] for data in counted.record["data"]] == ["fit", "validation"]
+    out = tmp_path / "bands.csv"
+    asked = "--rail-pressure", "80MPa,120MPa", "--energising-time", "500us"
+    done = run_command("predict", run, *asked, "--out", out, "--threads", 1)
+    assert done.status == 0, done.err
+    assert "Predicted quantities" in done.out
+    lines = [line for line in out.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    assert len(lines) == 3
+    assert lines[1].startswith("prediction,80,500,,,mm3,")
+    half = run_command("predict", run, "--rail-pressure", "80MPa")
+    assert (half.status, "both --rail-pressure" in half.sentence) == (2, True)
+    none = run_command("predict", run, "--bands", "posterior")
+    assert (none.status, "there are no draws" in none.sentence) == (2, True)
+    plan = "next", run, "--posterior", "--points", 1, "--draws", 3, "--rail-pressure", "80MPa,120MPa", "--threads", 1
+    none = run_command(*plan, "--energising-time", "500us")
+    assert (none.status, "there are no draws" in none.sentence) == (2, True)
+    assert run_command("certainty", run, "--local", "--posterior", "--threads", 1).status == 0
+    drawn = run_command("predict", run, *asked, "--bands", "posterior", "--threads", 1, "--json")
+    assert drawn.status == 0, drawn.err
+    linear = run_command("predict", run, *asked, "--threads", 1, "--json")
+    planned = run_command(*plan, "--energising-time", "500us,800us")
+    assert planned.status == 0, planned.err
+    # widths alone: the search of two generations ended beside the most likely value, which draws are about; the scatter
+    # of 400 draws and their replicates is some 5 % of a half width
+    for own, other in zip(drawn.record["data"][0]["bands"], linear.record["data"][0]["bands"], strict=True):
+        widths = [np.subtract(one["upper"], one["lower"]) for one in (own, other)]
+        np.testing.assert_allclose(widths[0], widths[1], rtol=0.25)
+
+
+def test_quantities_of_a_study_without_a_map_are_refused(tmp_path: Path) -> None:
+    from commonrail.calibration.study_file.from_data import write_new
+
+    write_new(tmp_path / "own")
+    study = cr.load_study(tmp_path / "own" / "study.toml")
+    best = {parameter.name: parameter.reference for parameter in study.space.parameters}
+    with pytest.raises(ConfigurationError, match="no quantity map is fitted"):
+        cr.predict(study, best, [cr.OperatingPoint("100 MPa", "500 us")], threads=1)
+
+
+def test_a_band_that_is_linear_below_zero_is_made_of_draws() -> None:
+    benches = Benches(BEDS["white"])
+    study, truth = benches.bench(1)
+    best = dict(zip(study.space.names, truth.tolist(), strict=True))
+    lows, labels = [], []
+    # [m³/s]: the parameters are known as well as the noise allows
+    for sigma, drawn in ((0.3e-6, False), (30e-6, True)):
+        noisy = replace(study, data=(study.data[0].with_noise(Noise(law=Law.GAUSSIAN, sigma=sigma)),))
+        found = cr.predict(noisy, best, levels=[0.9], threads=1)
+        (band,) = found.bands
+        assert band.drawn is drawn
+        low, high = band.alone[0.9]
+        assert (low <= high).all()
+        lows.append(float(low.min()))
+        labels.append(found.estimator)
+    assert lows[1] > -5e-7  # the fuel that flows back as the needle closes; a linear band reaches -7.8e-6
+    assert "simulated draws because a linear band falls below zero" in labels[1]
+    assert "draws" not in labels[0]
+
+
+def test_a_fit_without_any_interval_has_no_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where outliers decide everything: bands over the whole bounds would say nothing."""
+    benches = Benches(BEDS["white"])
+    study, truth = benches.bench(1)
+    best = dict(zip(study.space.names, truth.tolist(), strict=True))
+
+    within = certify(study, best, threads=1).within
+    assert len(module.judged_bands(study, within, truth[None], 1)) == 1
+
+    def nothing_known(*arguments: Any) -> Any:
+        found = floored(*arguments)
+        return replace(found, covariance=found.covariance._replace(noise=np.diag(np.full(len(truth), np.inf))))
+
+    monkeypatch.setattr(module, "floored", nothing_known)
+    with pytest.raises(SimulationError, match="has no band: no parameter of the fit has an interval"):
+        cr.predict(study, best, threads=1)
+    assert module.judged_bands(study, within, truth[None], 1) == {}
+
+
+def test_bands_hold_what_an_interval_holds_beside_the_noise(file: Path) -> None:
+    """As the errors of time step and drift, which no block of the likelihood knows, and a wider error by noise."""
+    study = load_study(file)
+    found = certify(study, {study.space.names[0]: A_HOLE}, threads=1).within.found
+    known = found.covariance
+    more = known._replace(noise=2.0 * known.noise, discrepancy=known.discrepancy + 3.0 * known.noise)
+    kept = floored(replace(found, covariance=more), [study.data[0]]).covariance
+    # stated tolerances may raise the noise, and lower nothing
+    assert (np.diag(kept.noise) >= np.diag(more.noise) * (1.0 - 1e-12)).all()
+    np.testing.assert_array_equal(kept.discrepancy, more.discrepancy)

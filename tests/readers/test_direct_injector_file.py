@@ -1,0 +1,106 @@
+"""Files of a direct-acting injector: parts that it has, round trip, and a measured current with an offset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonrail.base.choices import Actuation, Body
+from commonrail.base.errors import InputError
+from commonrail.calibration.study_file.file import load_study
+from commonrail.data.curves.data import RateData
+from commonrail.physics.injector import parameter_quantities
+from commonrail.readers.catalogue import Catalogue
+from commonrail.readers.injector.file import dump_injector, load_injector
+
+TEXT = Catalogue("commonrail.physics", "catalogue/injectors", "{}").text("direct-acting-kr", "")
+
+STUDY = """
+format = "commonrail-study/1"
+title = "Measured current"
+injector = "own.toml"
+time_step = "2 us"
+
+[[data]]
+kind = "rate"
+name = "20 MPa"
+role = "fit"
+file = "own.csv"
+rail_pressure = "20 MPa"
+cylinder_pressure = "0.1 MPa"
+return_pressure = "0.1 MPa"
+energising_time = "50 us"
+drive = { column = "current", zero_at_rest = true }
+
+[[parameter]]
+name = "armature.mass"
+below = "10 %"
+above = "10 %"
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Callable[..., Path]:
+    """Write injector, data and a study with some parts replaced; the current is 0.95 A off, from −30 us on."""
+
+    def write(*replacements: tuple[str, str], first: int = -30) -> Path:
+        (tmp_path / "own.toml").write_text(TEXT, encoding="utf-8")
+        rows = [f"{t},{max(t, 0) / 100.0},{-0.95 + (t > 0) * 10.0}\n" for t in range(first, 100, 10)]
+        (tmp_path / "own.csv").write_text("time [us],rate [mm3/ms],current [A]\n" + "".join(rows), encoding="utf-8")
+        text = STUDY
+        for old, new in replacements:
+            assert text.count(old) == 1
+            text = text.replace(old, new)
+        (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+        return tmp_path / "study.toml"
+
+    return write
+
+
+def test_an_injector_that_is_written_is_the_same_when_it_is_read(tmp_path: Path) -> None:
+    injector = load_injector("direct-acting-kr")
+    dump_injector(injector, tmp_path / "again.toml")
+    again = load_injector(tmp_path / "again.toml")
+    assert (again.values, again.variant) == (injector.values, injector.variant)
+    assert (again.variant.actuation, again.variant.body) == (Actuation.DIRECT, Body.RIGID)
+    assert set(again.values) == set(parameter_quantities(Actuation.DIRECT))
+
+
+@pytest.mark.parametrize("room", ["valve", "control_chamber", "rail"])
+def test_a_part_that_it_does_not_have_is_refused(tmp_path: Path, room: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f"{TEXT}\n[{room}]\n", encoding="utf-8")
+    with pytest.raises(InputError, match=rf'{room}: an injector with actuation = "direct" has no such part'):
+        load_injector(path)
+
+
+def test_a_servo_injector_has_no_armature_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(TEXT.replace('actuation = "direct"\n', ""), encoding="utf-8")
+    with pytest.raises(InputError, match=r'actuation = "servo" has no such part|there is no value for'):
+        load_injector(path)
+
+
+def test_a_parameter_of_the_other_kind_of_injector_is_refused(study: Callable[..., Path]) -> None:
+    with pytest.raises(InputError, match=r"parameter\[1\]\.name: direct-acting-kr is a direct injector and has no"):
+        load_study(study(('name = "armature.mass"', 'name = "valve.mass"')))
+
+
+def test_a_current_may_take_its_zero_from_before_energising(study: Callable[..., Path]) -> None:
+    (data,) = load_study(study()).data
+    (raw,) = load_study(study((", zero_at_rest = true", ""))).data
+    assert isinstance(data, RateData)
+    assert data.point.drive is not None
+    assert raw.points[0].drive is not None
+    value = np.array(data.point.drive.value)
+    assert value[:4] == pytest.approx([0.0] * 4, abs=1e-12)
+    assert value[4:] == pytest.approx([10.0] * len(value[4:]))
+    assert np.array(raw.points[0].drive.value) == pytest.approx(value - 0.95)
+
+
+def test_a_current_without_samples_before_energising_has_no_zero(study: Callable[..., Path]) -> None:
+    with pytest.raises(InputError, match=r"zero_at_rest: the drive has no sample before the first energising"):
+        load_study(study(first=0))

@@ -1,0 +1,69 @@
+"""Types of a file's tables: units, marks and sources, forms, and one sentence with the dotted key for each fault."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import pytest
+from pydantic import Field
+
+from commonrail.base.choices import Body
+from commonrail.base.errors import InputError
+from commonrail.physics.injector import Source
+from commonrail.physics.parameters import Domain, Q
+from commonrail.readers.fields import FileModel, Number, OneOf, Quantities, Room, Stated, Unit, choice
+from commonrail.readers.location import Place
+from commonrail.readers.toml import read_model
+
+MASS = Q("kg", "mass of the part", Domain.POSITIVE)
+
+
+class Round(FileModel):
+    form: str
+    diameter: Annotated[float, Unit("m")]
+
+
+class Square(FileModel):
+    form: str
+    side: Annotated[float, Unit("m")]
+
+
+class Part(FileModel):
+    pressure: Annotated[float, Unit("Pa")] = 1e5
+    mass: Annotated[Number, Stated(MASS)] | None = None
+    room: Annotated[Room, Quantities({"mass": MASS})] = Room()
+    body: Annotated[Body, choice(Body)] = Body.FLEXIBLE
+    holes: list[Annotated[Any, OneOf("form", {"round": Round, "square": Square})]] = Field(default=[])
+
+
+def read(**tables: Any) -> Part:
+    return read_model(Part, tables, Place("part.toml"))
+
+
+def test_numbers_become_si_with_their_sources() -> None:
+    table = {"mass": {"value": "5 g", "mark": "M"}, "source": "data sheet"}
+    part = read(pressure="1600 bar", room=table, body="rigid", holes=[{"form": "square", "side": "2 mm"}])
+    assert (part.pressure, part.body, part.holes[0].side) == (160e6, Body.RIGID, 2e-3)
+    assert part.room.values() == {"mass": (5e-3, Source("M", "data sheet"))}
+    assert read(mass="5 g").mass.given(Source("E", "estimate")) == (5e-3, Source("E", "estimate"))  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"pressure": 5}, 'part.toml, pressure: "5.0" has no unit; a pressure is expected'),
+        ({"pressure": ["1 Pa"]}, "part.toml, pressure: .* is not a number with a unit"),
+        ({"presure": "1 Pa"}, r'part.toml: there is no key "presure" \(did you mean "pressure"\?\)'),
+        ({"mass": "-5 g"}, "part.toml, mass: the mass of the part must be greater than zero, not -5 g"),
+        ({"mass": {"mark": "M"}}, "part.toml, mass: the inline table has no value"),
+        ({"room": {"mass": {"value": "5 g", "mark": "X"}}}, 'part.toml, room.mass.mark: "X" is no mark'),
+        ({"room": {"mark": "M", "mas": "5 g"}}, 'part.toml, room: there is no key "mas"'),
+        ({"room": 3}, r"part.toml, room: this must be a table, written \[room\]"),
+        ({"body": ["rigid"]}, "part.toml, body: .* is not known.*; write one of flexible, rigid"),
+        ({"holes": [{"form": "oval"}]}, r'part.toml, holes\[1\]: form must be "round" or "square"'),
+        ({"holes": [{"form": "round"}]}, r"part.toml, holes\[1\].diameter: this key is missing; add it"),
+    ],
+)
+def test_a_fault_is_one_sentence_with_its_key(tables: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read(**tables)

@@ -1,0 +1,195 @@
+"""Files that would take memory or time without end are refused with a sentence, and honest ones are read."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonrail.base.errors import InputError
+from commonrail.readers import grid, lvm
+from commonrail.readers.child import parent, xlsx
+from commonrail.readers.child.parent import read_apart
+from commonrail.readers.columns import Column
+from commonrail.readers.grid import read_grid
+from commonrail.readers.lvm import LvmFile
+from commonrail.readers.mat import MatFile
+from commonrail.readers.mdf import MdfFile
+from commonrail.readers.tables import read_columns
+from tests.child_in_process import read_in_process
+from tests.fuzz import bombs
+
+START = "import sys; sys.path.insert(0, sys.argv[1]); from commonrail.readers.child import program as child; "
+LIMIT = START + "child._limit(int(sys.argv[-2]), int(sys.argv[-1])); "
+
+
+def written(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+def test_a_child_beyond_its_time_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parent, "TIME", 0.1)
+    monkeypatch.setattr(parent, "_PROGRAM", LIMIT + "exec('while True: pass')")
+    with pytest.raises(
+        InputError, match=r"^a/b\.mf4: to read it takes more than the 1 s of processor time that a file"
+    ):
+        read_apart("mdf", Path("a/b.mf4"), b"no end")
+
+
+def test_a_child_that_waits_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parent, "WAIT", 0.01)
+    monkeypatch.setattr(parent, "_PROGRAM", "import time; time.sleep(1e4)")
+    with pytest.raises(InputError, match="to read it takes more than the 5 s of processor time"):
+        read_apart("mdf", Path("a.mf4"), b"waits")
+
+
+def test_a_child_that_a_fault_ends_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parent, "_PROGRAM", "import os; os.kill(os.getpid(), 11)")
+    with pytest.raises(InputError, match=r"a\.mf4: the process that reads it ended with status -11; the file is"):
+        read_apart("mdf", Path("a.mf4"), b"a fault")
+
+
+def test_the_child_is_of_the_same_package_from_every_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "commonrail").mkdir()
+    (tmp_path / "commonrail" / "__init__.py").write_text("raise ImportError", encoding="utf-8")
+    (tmp_path / "numpy.py").write_text("raise ImportError", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "commonrail"))
+    with pytest.raises(InputError, match="this is no MAT file of version 5 or later"):
+        read_apart("mat", Path("a.mat"), b"from another folder")
+
+
+def test_a_limit_of_the_process_holds_for_its_child(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever limits the program limits the child too, which may only take less."""
+    resource = pytest.importorskip("resource", reason="no limits of POSIX")
+    kind, wanted = resource.RLIMIT_DATA, parent.MEMORY // 2
+    script = f"import resource; resource.setrlimit({kind}, ({wanted}, {wanted})); " + START.replace(
+        "sys.argv[1]", repr(parent._ROOT)
+    )
+    script += f"child._limit({2 * wanted}, 5); print(resource.getrlimit({kind})[0])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert int(done.stdout) == wanted
+
+
+def test_one_text_of_a_workbook_beyond_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+    monkeypatch.setattr(parent, "MEMORY", 200_000_000)
+    path = written(tmp_path / "a.xlsx", bombs.text_cell(150_000_000))
+    with pytest.raises(InputError, match=r"a\.xlsx: to read it takes more than the 201 MB of memory that a file of 14"):
+        read_grid(path)
+
+
+def test_names_of_a_structure_beyond_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parent, "MEMORY", 250_000_000)
+    path = written(tmp_path / "a.mat", bombs.mat5_names(10_000_000))
+    with pytest.raises(InputError, match=r"a\.mat: to read it takes more than the 250 MB of memory"):
+        MatFile(path)
+
+
+def test_a_chunk_of_a_number_that_holds_many_is_not_unpacked(tmp_path: Path) -> None:
+    pytest.importorskip("h5py", reason="the extra mat is not installed")
+    path = written(tmp_path / "a.mat", bombs.mat73_chunk(20_000_000))
+    with pytest.raises(InputError, match='"x" is stored in chunks of 160 MB, and at most 100 MB are read'):
+        MatFile(path)
+
+
+def test_a_record_of_huge_samples_beyond_the_memory(tmp_path: Path) -> None:
+    pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+    path = written(tmp_path / "a.mf4", bombs.mdf_record())
+    with pytest.raises(InputError, match=r"a\.mf4: to read it takes more than the 1000 MB of memory that a file of"):
+        MdfFile(path)
+
+
+@pytest.mark.slow
+def test_a_list_of_groups_without_end(tmp_path: Path) -> None:
+    pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+    path = written(tmp_path / "a.mf4", bombs.mdf_loop())
+    with pytest.raises(InputError, match=r"a\.mf4: to read it takes more than the 5 s of processor time"):
+        MdfFile(path)
+
+
+def test_a_workbook_with_a_format_in_its_last_column_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+    read_in_process(monkeypatch)
+    seen = 0
+    convert = xlsx._cell
+
+    def count(value: object) -> str | float:
+        nonlocal seen
+        seen += 1
+        return convert(value)
+
+    monkeypatch.setattr(xlsx, "_cell", count)
+    path = written(tmp_path / "a.xlsx", bombs.sheet(20))
+    found = read_columns(path, [Column("time", "s", increasing=True), Column("rate", "m3/s")])
+    np.testing.assert_allclose(found.columns["time"], 1e-6 * np.arange(2, 22))
+    assert seen <= 21 * 1010  # of the 21 rows of 16,384 cells those that may hold a value
+
+
+def test_cells_far_to_the_right_that_hold_a_value_are_not_omitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+    read_in_process(monkeypatch)
+    path = written(
+        tmp_path / "a.xlsx", bombs.xlsx([b'<row r="1"><c r="A1"><v>1</v></c><c r="XFD1"><v>1</v></c></row>'])
+    )
+    with pytest.raises(InputError, match="row 1: there are 16384 columns, and at most 1000 are read"):
+        read_grid(path)
+
+
+def test_a_long_row_of_a_text_is_refused_by_its_columns(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", bombs.thousands(1001, 3))
+    with pytest.raises(InputError, match=r"a\.csv, line 1: there are 1001 columns, and at most 1000 are read"):
+        read_grid(path)
+
+
+def test_a_rectangle_that_short_rows_would_fill_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", bombs.thousands(900, 25_000))
+    with pytest.raises(InputError, match="more than 20000000 if all rows were as long as the longest"):
+        read_grid(path)
+
+
+def test_points_of_thousands_are_sought_cell_by_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One long row above short ones: what is compared grows with the cells, not with rows times columns."""
+
+    class Counting:
+        seen = 0
+
+        def fullmatch(self, cell: str) -> re.Match[str] | None:
+            Counting.seen += 1
+            return re.fullmatch(r"[1-9]\d\d", cell)
+
+    monkeypatch.setattr(grid, "_HUNDREDS", Counting())
+    read_grid(written(tmp_path / "a.csv", bombs.thousands(500, 500)))
+    assert Counting.seen <= 2 * (500 + 2 * 500)
+
+
+def test_too_many_channels_of_a_text_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there are 1001 columns, and at most 1000 are read"):
+        LvmFile(written(tmp_path / "a.lvm", bombs.lvm(1001)))
+
+
+def test_tags_that_nobody_reads_are_not_kept_for_each_channel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = []
+    raster = lvm._raster
+
+    def note(own: dict[str, str], decimal: str, at: object) -> tuple[float, float]:
+        kept.append(len(own))
+        return raster(own, decimal, at)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(lvm, "_raster", note)
+    file = LvmFile(written(tmp_path / "a.lvm", bombs.lvm(3, tags=100, blank=50)))
+    assert file.names == ["c0", "c1", "c2"]
+    assert max(kept) < 10
+
+
+def test_cells_of_a_record_as_text_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lvm, "MOST_VALUES", 100)
+    with pytest.raises(InputError, match="the file has more than the 100 cells that are read; cut the record"):
+        LvmFile(written(tmp_path / "a.lvm", bombs.lvm(3, blank=200)))

@@ -1,0 +1,288 @@
+"""Injectors from TOML: what is read, and one sentence with file and key for each fault."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from commonrail.base.choices import Body, Boundary, Drive
+from commonrail.base.errors import InputError
+from commonrail.physics.injector import Source, parameter_quantities
+from commonrail.physics.variants import Variant
+from commonrail.readers.injector.file import dump_injector, injector_catalogue, load_injector
+
+from .conftest import TEMPLATES
+
+Edit = Callable[..., Path]
+
+
+def test_catalogue_lists_what_can_be_loaded() -> None:
+    assert injector_catalogue() == ["cri2-16", "crin", "direct-acting-kr", "virtual-lino-2016"]
+
+
+@pytest.mark.parametrize("name", injector_catalogue())
+def test_catalogue_states_mark_and_source_of_every_value(name: str) -> None:
+    injector = load_injector(name)
+    assert injector.name == name
+    assert set(injector.sources) == set(injector.quantities)
+    assert {source.mark for source in injector.sources.values()} <= {"M", "C", "F", "E"}
+    assert all(source.text and source.text != "no source stated" for source in injector.sources.values())
+
+
+def test_virtual_injector_has_the_papers_theoretical_stiffness() -> None:
+    injector = load_injector("virtual-lino-2016")
+    # Table 1 of the paper, row "theoretical" [N/m]
+    table = [1.22e8, 8.08e7, 8.21e7, 9.44e7, 9.43e7, 1.86e8, 5.82e7]
+    assert [injector.values[f"plunger_needle.k{i}"] for i in range(1, 8)] == table
+    assert injector.sources["plunger_needle.k1"].mark == "F"
+    assert injector.synthetic
+
+
+def test_virtual_injectors_masses_follow_from_its_stiffness() -> None:
+    injector = load_injector("virtual-lino-2016")
+    lengths = [14e-3] * 5 + [15e-3, 20e-3]
+    for i, length in enumerate(lengths, start=1):
+        section = injector.values[f"plunger_needle.k{i}"] * length / 210e9
+        # 5e-3 g: the masses are rounded to the milligram, the lengths of the drawing are round numbers
+        assert injector.values[f"plunger_needle.m{i}"] == pytest.approx(7850.0 * section * length, abs=5e-6)
+
+
+def test_real_injector_marks_what_is_measured() -> None:
+    injector = load_injector("cri2-16")
+    measured = {name for name, source in injector.sources.items() if source.mark == "M"}
+    assert measured == {
+        "fuel.temperature",
+        "rail.volume",
+        "rail.throttle_diameter",
+        "feed_pipe.length",
+        "feed_pipe.diameter",
+        "valve.lift",
+        "solenoid.resistance",
+        "drive.hold_current",
+        "plunger_needle.stop_lift",
+        "nozzle.holes",
+        "nozzle.hole_diameter",
+    }
+    assert injector.variant == Variant(Body.FLEXIBLE, Boundary.VOLUME, Drive.REGULATED)
+
+
+def test_real_injectors_discharge_follows_from_the_catalogue_flow() -> None:
+    values = load_injector("cri2-16").values
+    section = values["nozzle.holes"] * math.pi / 4 * values["nozzle.hole_diameter"] ** 2
+    ideal = section * math.sqrt(2 * 10e6 / 825.0)  # oil of 825 kg/m3 (ISO 4113 at 15 °C), Eq. (4)
+    # 0.005: stated to two digits
+    assert values["nozzle.discharge_maximum"] == pytest.approx(440e-6 / 30 / ideal, abs=0.005)
+
+
+def test_heavy_duty_injectors_discharge_follows_from_the_catalogue_flow() -> None:
+    values = load_injector("crin").values
+    section = values["nozzle.holes"] * math.pi / 4 * values["nozzle.hole_diameter"] ** 2
+    ideal = section * math.sqrt(2 * 10e6 / 825.0)
+    assert values["nozzle.discharge_maximum"] == pytest.approx(900e-6 / 30 / ideal, abs=0.005)
+
+
+def test_values_become_si(injector_file: Edit) -> None:
+    injector = load_injector(injector_file())
+    expected = {
+        "control_chamber.z_hole_diameter": 0.215e-3,
+        "control_chamber.volume": 18e-9,
+        "plunger_needle.spring_stiffness": 35e3,
+        "needle_seat.cone_angle": math.pi / 3,
+        "nozzle.lift_maximum_slope": 0.25e-12,
+        "nozzle.holes": 7.0,
+        "fuel.temperature": 353.15,
+    }
+    # 1e-15: one rounding of the scale, for the degree
+    assert {name: injector.values[name] for name in expected} == pytest.approx(expected, rel=1e-15)
+
+
+def test_mark_and_source_of_key_of_room_and_of_neither(injector_file: Edit) -> None:
+    path = injector_file(
+        ('volume = "18 mm3"', 'volume = { value = "18 mm3", mark = "M", source = "drawing 4711" }'),
+        ('boost_voltage = "65 V"', 'boost_voltage = { value = "65 V", source = "data sheet" }'),
+        ('[feed_pipe] # from the inlet to the accumulation volume\nmark = "E"\nsource = "example"', "[feed_pipe]"),
+    )
+    sources = load_injector(path).sources
+    assert sources["control_chamber.volume"] == Source("M", "drawing 4711")
+    assert sources["control_chamber.z_hole_diameter"] == Source("E", "example")
+    assert sources["drive.boost_voltage"] == Source("E", "data sheet")
+    assert sources["feed_pipe.length"] == Source("E", "no source stated")
+    assert sources["rail.volume"] == Source("E", "default of commonrail")
+
+
+def test_what_is_left_out_takes_its_default(injector_file: Edit) -> None:
+    values = load_injector(injector_file()).values
+    for name, quantity in parameter_quantities().items():
+        if name.startswith("rail."):
+            assert values[name] == quantity.default
+
+
+def test_drawing_gives_stiffness_and_mass(injector_file: Edit) -> None:
+    values = load_injector(injector_file()).values
+    # Eq. (8) by hand, with (radius)² instead of the area of the flow room
+    assert values["plunger_needle.k1"] == pytest.approx(210e9 * math.pi * 1.61e-3**2 / 14e-3, rel=1e-14)
+    assert values["plunger_needle.k7"] == pytest.approx(210e9 * math.pi * 1.33e-3**2 / 20e-3, rel=1e-14)
+    assert values["plunger_needle.m6"] == pytest.approx(7850 * math.pi * 2.055e-3**2 * 15e-3, rel=1e-14)
+
+
+def test_drawing_is_derived_unless_it_says_otherwise(injector_file: Edit) -> None:
+    path = injector_file(('mark = "E"\nsource = "Eq. (8) from the example\'s cylinders"\n', ""))
+    assert load_injector(path).sources["plunger_needle.k3"] == Source("F", "Eq. (8) from the drawing")
+
+
+def test_explicit_stiffness_goes_before_the_drawing(injector_file: Edit) -> None:
+    path = injector_file(('plunger_diameter = "4.3 mm"', 'plunger_diameter = "4.3 mm"\nk2 = "9e7 N/m"'))
+    injector = load_injector(path)
+    assert injector.values["plunger_needle.k2"] == 9e7
+    assert injector.sources["plunger_needle.k2"] == Source("E", "example")
+
+
+def test_variant_is_read(injector_file: Edit) -> None:
+    path = injector_file(
+        ('variant = "flexible"', 'variant = "rigid"'),
+        ('rail_boundary = "ideal"', 'rail_boundary = "volume"'),
+        ('drive_kind = "regulated"', 'drive_kind = "current trace"'),
+    )
+    assert load_injector(path).variant == Variant(Body.RIGID, Boundary.VOLUME, Drive.CURRENT)
+
+
+def test_name_is_that_of_the_file_if_not_given(injector_file: Edit) -> None:
+    path = injector_file(('name = "my-injector"\ntitle = "My injector"\n', ""))
+    assert (load_injector(path).name, load_injector(path).title) == ("mine", "mine")
+
+
+def test_fuel_from_a_file_beside_the_injector(injector_file: Edit, tmp_path: Path) -> None:
+    catalogue = Path(str(TEMPLATES)).parents[2] / "physics" / "catalogue" / "fuels" / "n-dodecane.toml"
+    (tmp_path / "own.toml").write_text(catalogue.read_text(encoding="utf-8"), encoding="utf-8")
+    fuel = load_injector(injector_file(('name = "iso4113"', 'file = "own.toml"'))).fuel
+    assert (fuel.name, fuel.title.startswith("n-dodecane")) == ("own", True)
+
+
+def test_unknown_catalogue_name() -> None:
+    with pytest.raises(
+        InputError, match=r'no injector "cri216" .*\(did you mean "cri2-16"\?\): choose one of cri2-16, '
+    ):
+        load_injector("cri216")
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent\.toml: there is no such file"):
+        load_injector(str(tmp_path / "absent.toml"))
+
+
+CYLINDER = '    { diameter = "2.66 mm", length = "20 mm" },\n'
+GRAMS = 'mass = "5 g"'
+FAULTS = {
+    "not TOML": ('temperature = "80 degC"', "temperature = 80 degC", r"line \d+: this is not TOML"),
+    "no format": ('format = "commonrail-injector/1"', "", "format is missing"),
+    "other format": (
+        "commonrail-injector/1",
+        "commonrail-injector/9",
+        "format is 'commonrail-injector/9'; an injector",
+    ),
+    "unknown table": ("[sac]", "[sack]", r'there is no key "sack" \(did you mean "sac"\?\)'),
+    "unknown key": (
+        "seat_diameter",
+        "seat_diametre",
+        r'valve: there is no key "seat_diametre" \(did you mean "seat_diameter"',
+    ),
+    "missing key": (
+        'seat_diameter = "0.50 mm"',
+        "",
+        "valve: there is no value for seat_diameter, the diameter of the valve seat; add it",
+    ),
+    "missing keys": (
+        'mass = "5 g"\nlift = "55 um"',
+        "",
+        r"valve: there is no value for mass, the mass of armature and shutter, nor for lift; add it",
+    ),
+    "no unit": (GRAMS, "mass = 5", r'valve\.mass: "5.0" has no unit; a mass is expected'),
+    "wrong unit": (GRAMS, 'mass = "5 mm"', r'valve\.mass: "5 mm" is a length; a mass is expected'),
+    "unknown unit": (GRAMS, 'mass = "5 gx"', r'valve\.mass: "gx" is not a known unit'),
+    "no number": (GRAMS, "mass = [5]", r'valve\.mass: "\[5\]" is not a number'),
+    "domain": (GRAMS, 'mass = "-5 g"', r"valve\.mass: the mass of armature and shutter must be greater than zero"),
+    "room no table": (
+        '[sac]\nvolume = { value = "0.8 mm3", mark = "E", source = "example" }',
+        "[[sac]]",
+        r"sac: this must be a table, written \[sac\]",
+    ),
+    "inline without value": (GRAMS, 'mass = { mark = "M" }', r"valve\.mass: the inline table has no value"),
+    "inline unknown key": (GRAMS, 'mass = { val = "5 g" }', r'valve\.mass: there is no key "val"'),
+    "knots do not rise": (
+        "holes = 7",
+        'holes = 7\nknot_2 = "30 um"',
+        r"nozzle\.knot_2: the knots must rise, and knot_1 is at 40 um, knot_2 at 30 um; correct them",
+    ),
+    "first knot beyond the default of the second": (
+        "holes = 7",
+        'holes = 7\nknot_1 = "95 um"',
+        r"nozzle\.knot_1: the knots must rise, and knot_1 is at 95 um, knot_2 at 90 um",
+    ),
+    "half a hole": ("holes = 7", "holes = 7.5", r"nozzle\.holes counts pieces and must be a whole number, not 7\.5"),
+    "no such mark": (GRAMS, 'mass = { value = "5 g", mark = "X" }', r'valve\.mass\.mark: "X" is no mark; write one of'),
+    "source no text": (GRAMS, 'mass = { value = "5 g", source = 3 }', r"valve\.mass\.source: this must be a text"),
+    "variant": (
+        'variant = "flexible"',
+        'variant = "flex"',
+        'variant: "flex" is not known .*; write one of flexible, rigid',
+    ),
+    "drive": ('"regulated"', '"regulatd"', r'drive_kind: "regulatd" is not known \(did you mean "regulated"\?\)'),
+    "title": ('title = "My injector"', "title = 3", "title: this must be a text in quotes"),
+    "fuel unknown": ('"iso4113"', '"iso4114"', r'fuel\.name: There is no fuel "iso4114" \(did you mean "iso4113"'),
+    "fuel not given": ('name = "iso4113"', "", "fuel: give either name"),
+    "fuel given twice": ('name = "iso4113"', 'name = "iso4113"\nfile = "a.toml"', "fuel: give either name"),
+    "fuel key": ('name = "iso4113"', 'nam = "iso4113"', r'fuel: there is no key "nam" \(did you mean "name"'),
+    "fuel file": ('name = "iso4113"', 'file = "a.toml"', r"a\.toml: there is no such file"),
+    "no temperature": ('temperature = "80 degC"', "", r"fuel\.temperature: this key is missing; add temperature = "),
+    "temperature": ('"80 degC"', '"180 degC"', r"fuel\.temperature: 453\.15 K lies outside the range of iso4113"),
+    "temperature below": ('"80 degC"', '"10 degC"', r"fuel\.temperature: 283\.15 K lies outside the range of iso4113"),
+    "drawing no table": (
+        "[plunger_needle.drawing]",
+        "[[plunger_needle.drawing]]",
+        r"plunger_needle\.drawing: this must be a table",
+    ),
+    "drawing unknown key": ('density = "7850', 'densty = "7850', r'plunger_needle\.drawing: there is no key "densty"'),
+    "drawing no modulus": ('elastic_modulus = "210 GPa"', "", r"drawing\.elastic_modulus: this key is missing; add it"),
+    "six cylinders": (CYLINDER, "", r"plunger_needle\.drawing\.cylinders: give 7 cylinders"),
+    "cylinder no table": (CYLINDER, "    3,\n", r"plunger_needle\.drawing\.cylinders\[7\]: write the cylinder as"),
+    "cylinder no length": (CYLINDER, '    { diameter = "2.66 mm" },\n', r"cylinders\[7\]\.length: this key is missing"),
+    "cylinder key": (CYLINDER, '    { radius = "1 mm" },\n', r'cylinders\[7\]: there is no key "radius"'),
+    "cylinder size": ('"4.11 mm"', '"0 mm"', r"cylinders\[6\]\.diameter: the length must be greater than zero"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_named(injector_file: Edit, fault: str) -> None:
+    old, new, message = FAULTS[fault]
+    with pytest.raises(InputError, match=message) as caught:
+        load_injector(injector_file((old, new)))
+    text = str(caught.value)
+    assert ".toml" in text
+    assert text.endswith(".")
+    assert "\n" not in text
+
+
+BOUNDARY = (
+    'rail_boundary = "ideal" # ideal: the rail pressure at the inlet is given; volume: a rail behind a throttle, [rail]'
+)
+RAIL = '\n[rail]\nvolume = { value = "20 cm3", mark = "E", source = "drawing" }\n'
+
+
+def test_a_table_that_the_default_variant_does_not_read_is_refused(injector_file: Callable[..., Path]) -> None:
+    """The file has to say whether its rail is a volume: a table of the rail without that word was ignored."""
+    with_rail = ("[feed_pipe]", f"{RAIL.lstrip()}\n[feed_pipe]")
+    with pytest.raises(InputError, match=r"rail\.volume: .*rail_boundary.*does not state rail_boundary; add it"):
+        load_injector(injector_file(with_rail, (BOUNDARY, "")))
+    assert load_injector(injector_file(with_rail)).values["rail.volume"] == pytest.approx(20e-6)  # stated: "ideal"
+
+
+def test_a_flexible_direct_acting_injector_is_refused(tmp_path: Path) -> None:
+    dumped = tmp_path / "direct.toml"
+    dump_injector(load_injector("direct-acting-kr"), dumped)
+    text = dumped.read_text(encoding="utf-8")
+    dumped.write_text(text.replace('variant = "rigid"', 'variant = "flexible"'), encoding="utf-8")
+    with pytest.raises(InputError, match="a direct-acting injector has a rigid body"):
+        load_injector(dumped)

@@ -1,0 +1,150 @@
+"""MAT files of version 5 and of version 7.3, and quantity maps in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from commonrail.base.errors import InputError
+from commonrail.plugins.maps.file import write_map_file
+from commonrail.readers.child import mat
+from commonrail.readers.columns import Column
+from commonrail.readers.mat import MatFile, find_mat_map
+from commonrail.readers.quantity_matrix import GivenUnits
+from commonrail.readers.tables import read_columns
+from tests.child_in_process import read_in_process
+from tests.plugins.maps.tables import table
+
+TIME = np.arange(0.0, 500.0, 5.0)
+RATE = 0.1 * TIME
+UNITS = {"time": "us", "rate": "mm3/ms"}
+
+
+def mat5(path: Path, **more: Any) -> Path:
+    savemat(path, {"run": {"time": TIME, "rate": np.column_stack([RATE, 2.0 * RATE]), "units": UNITS}} | more)
+    return path
+
+
+def mat73(path: Path) -> Path:
+    """As MATLAB writes it: a block of 512 bytes in front, columns together, texts as numbers."""
+    h5py = pytest.importorskip("h5py", reason="the extra mat is not installed")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        run = file.create_group("run")
+        run["time"], run["rate"] = TIME[None, :], np.stack([RATE, 2.0 * RATE])
+        for name, text in UNITS.items():
+            letters = run.create_dataset(f"{name}_unit", data=np.array([[ord(c)] for c in text], np.uint16))
+            letters.attrs["MATLAB_class"] = np.bytes_("char")
+        file["elsewhere"] = h5py.ExternalLink("/etc/passwd", "/")
+    return path
+
+
+@pytest.mark.parametrize("write", [mat5, mat73])
+def test_fields_and_columns_are_read_with_the_units_beside_them(tmp_path: Path, write: Any) -> None:
+    path = write(tmp_path / "a.mat")
+    wanted = [Column("run.time", "s", increasing=True), Column("run.rate(:,2)", "m3/s")]
+    found = read_columns(path, wanted)
+    np.testing.assert_allclose(found.columns["run.time"], TIME * 1e-6)
+    np.testing.assert_allclose(found.columns["run.rate(:,2)"], 2e-6 * RATE)
+    assert sorted(MatFile(path).names) == ["run.rate(:,1)", "run.rate(:,2)", "run.time"]
+
+
+def test_variables_of_unlike_length_and_bad_numbers_are_named(tmp_path: Path) -> None:
+    path = mat5(tmp_path / "a.mat", short=np.arange(3.0), gap=np.where(TIME == 10.0, np.nan, TIME))
+    with pytest.raises(InputError, match=r'different numbers of values: "run\.time" 100, "short" 3'):
+        read_columns(path, [Column("run.time", "s"), Column("short", "m", "m")])
+    with pytest.raises(InputError, match='value 3, column "gap": this is not a finite number'):
+        read_columns(path, [Column("gap", "m", "m")])
+    with pytest.raises(InputError, match='column "gap": there is no unit'):
+        read_columns(path, [Column("gap", "m", required=False)])
+
+
+def test_damaged_and_huge_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "b.mat").write_bytes(b"nothing of that kind" * 20)
+    with pytest.raises(InputError, match="this is no MAT file of version 5 or later"):
+        MatFile(tmp_path / "b.mat")
+    (tmp_path / "b.mat").write_bytes(mat5(tmp_path / "a.mat").read_bytes()[:900])
+    with pytest.raises(InputError, match="this is no MAT file that can be read"):
+        MatFile(tmp_path / "b.mat")
+    savemat(tmp_path / "c.mat", {"zeros": np.zeros(200_000)}, do_compression=True)
+    read_in_process(monkeypatch)
+    monkeypatch.setattr(mat, "MOST_VALUES", 1000)
+    with pytest.raises(InputError, match='"zeros" has 200000 numbers, and at most 1000 are read'):
+        MatFile(tmp_path / "c.mat")
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_map_is_found_by_names_or_units_either_way_round(tmp_path: Path, turned: bool) -> None:
+    cells = np.arange(6.0).reshape(2, 3)
+    savemat(tmp_path / "m.mat", {"p": [80.0, 120.0], "et": [300.0, 500.0, 700.0], "q": cells.T if turned else cells})
+    found = find_mat_map(MatFile(tmp_path / "m.mat"), GivenUnits("MPa", "us", "mm3"))
+    assert found.rail_pressure.tolist() == [80.0] * 3 + [120.0] * 3
+    assert found.quantity.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert ("across" if turned else "down") in found.form.partition("energising")[0]
+    with pytest.raises(InputError, match=r'no unit of the rail pressure \("p"\) and the energising time'):
+        find_mat_map(MatFile(tmp_path / "m.mat"), GivenUnits(quantity="mm3"))
+
+
+def test_two_variables_that_fit_are_named(tmp_path: Path) -> None:
+    savemat(tmp_path / "m.mat", {"a": [8.0, 12.0], "b": [3.0, 5.0], "q": np.ones((2, 2))})
+    with pytest.raises(InputError, match='it is open which variable holds the rail pressure; of the vectors "a", "b"'):
+        find_mat_map(MatFile(tmp_path / "m.mat"))
+
+
+def test_a_map_that_commonrail_wrote_is_read_back(tmp_path: Path) -> None:
+    written = table()
+    write_map_file(tmp_path / "own.mat", [written])
+    file = MatFile(tmp_path / "own.mat")
+    values = next(array for name, array in file.arrays.items() if name.endswith(".values"))
+    np.testing.assert_array_equal(values, written.values)
+    assert file.unit(next(name for name in file.arrays if name.endswith(".values"))) == written.unit
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_what_is_read_of_a_file_and_what_is_omitted(tmp_path: Path, compressed: bool) -> None:
+    content = {
+        "double": np.linspace(-1.0, 1.0, 7),
+        "matrix": np.arange(6.0).reshape(2, 3),
+        "small": np.arange(3, dtype=np.int8),
+        "single": np.float32([1.5, 2.5]),
+        "large": np.array([2**40], np.int64),
+        "double_unit": "µs",
+        "s": {"a": np.arange(4.0), "inner": {"b": np.array([3.0, 4.0]), "b_unit": "mm3"}},
+        "runs": np.array([([1.0, 2.0],), ([5.0, 6.0],)], [("x", object)]),
+        "z": np.array([1.0 + 2.0j]),
+        "cell": np.array(["a", np.arange(3)], object),
+    }
+    savemat(tmp_path / "a.mat", content, do_compression=compressed)
+    file = MatFile(tmp_path / "a.mat")
+    assert set(file.arrays) == {
+        "double",
+        "matrix",
+        "small",
+        "single",
+        "large",
+        "s.a",
+        "s.inner.b",
+        "runs(1).x",
+        "runs(2).x",
+    }
+    for name in ("double", "matrix", "small", "single", "large"):
+        np.testing.assert_array_equal(file.arrays[name], content[name])
+    assert file.unit("double") == "µs"
+    assert file.unit("s.inner.b") == "mm3"
+    np.testing.assert_array_equal(file.arrays["s.inner.b"], [3.0, 4.0])
+    np.testing.assert_array_equal(file.arrays["runs(2).x"], [5.0, 6.0])
+
+
+def test_links_in_circles_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    h5py = pytest.importorskip("h5py", reason="the extra mat is not installed")
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        for i in range(20):
+            file[f"to_{i}"] = file["/"]
+        file["rate"] = [1.0, 2.0]
+    read_in_process(monkeypatch)
+    monkeypatch.setattr(mat, "MOST_VARIABLES", 1000)
+    with pytest.raises(InputError, match="there are more than the 1000 variables that are read"):
+        MatFile(tmp_path / "a.mat")

@@ -1,0 +1,148 @@
+"""MDF records: channels with their own times, records of two libraries, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from commonrail.base.errors import InputError
+from commonrail.readers.columns import Column, Table
+from commonrail.readers.mdf import MdfFile
+from commonrail.readers.tables import read_columns
+from tests.child_in_process import read_in_process
+
+asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    read_in_process(monkeypatch)
+
+
+TIME = np.arange(0.0, 1e-3, 1e-5)
+RATE = 20.0 * np.sin(3000.0 * TIME)
+
+
+def signal(values: Any, name: str = "ROI", unit: str = "mm3/ms", time: Any = TIME, **more: Any) -> Any:
+    """A channel as asammdf writes it."""
+    return asammdf.Signal(np.asarray(values, float), time, unit, name, **more)
+
+
+def written(path: Path, *groups: tuple[str, list[Any]], compression: int = 0) -> Path:
+    """A record with groups of channels."""
+    record = asammdf.MDF()
+    for name, signals in groups:
+        record.append(signals, acq_name=name)
+    record.save(path, overwrite=True, compression=compression)
+    record.close()
+    return path
+
+
+def read(path: Path, rate: str = "ROI", time: str = "time") -> Table:
+    return read_columns(path, [Column(time, "s", increasing=True), Column(rate, "m3/s")])
+
+
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize("compression", [0, 1, 2])
+def test_a_channel_comes_with_the_times_of_its_own_group(tmp_path: Path, compression: int) -> None:
+    slow = signal([800.0, 1200.0], "p", "bar", np.array([0.0, 5e-4]))
+    path = written(tmp_path / "a.mf4", ("fast", [signal(RATE)]), ("slow", [slow]), compression=compression)
+    table = read(path)
+    np.testing.assert_allclose(table.columns["ROI"], RATE * 1e-6, rtol=1e-12)
+    np.testing.assert_allclose(table.columns["time"], TIME, atol=1e-15)
+    pressure = read_columns(path, [Column("time", "s", increasing=True), Column("p", "Pa")], least=2)
+    assert pressure.columns["p"].tolist() == [800e5, 1200e5]
+    assert MdfFile(path).names == ["ROI", "p"]
+
+
+@pytest.mark.usefixtures("in_process")
+def test_two_libraries_write_records_that_are_read_alike(tmp_path: Path) -> None:
+    mdfreader = pytest.importorskip("mdfreader", reason="mdfreader is not installed")
+    other = mdfreader.Mdf()
+    other.MDFVersionNumber = 410
+    other.add_channel("t", TIME, "t", master_type=1, unit="s")
+    other.add_channel("ROI", RATE, "t", unit="mm3/ms")
+    other.write(file_name=str(tmp_path / "other.mf4"))
+    own, foreign = read(written(tmp_path / "own.mf4", ("g", [signal(RATE)]))), read(tmp_path / "other.mf4")
+    for name in ("time", "ROI"):
+        np.testing.assert_array_equal(own.columns[name], foreign.columns[name])
+    assert own.given == foreign.given == {"time": "s", "ROI": "mm3/ms"}
+    assert read(tmp_path / "other.mf4", time="t").columns["t"].tolist() == foreign.columns["time"].tolist()
+
+
+@pytest.mark.usefixtures("in_process")
+def test_channels_of_one_name_are_told_apart_by_their_groups(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mf4", ("800bar 300us", [signal(RATE)]), ("800bar 700us", [signal(2.0 * RATE)]))
+    assert MdfFile(path).names == ["800bar 300us/ROI", "800bar 700us/ROI"]
+    np.testing.assert_allclose(read(path, "800bar 700us/ROI").columns["800bar 700us/ROI"], 2e-6 * RATE)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_linear_rules_are_applied_and_formulas_are_not_evaluated(tmp_path: Path) -> None:
+    raw = np.arange(100, dtype=float)
+    linear = written(tmp_path / "a.mf4", ("g", [signal(raw, conversion={"a": 0.5, "b": 1.0})]))
+    np.testing.assert_allclose(read(linear).columns["ROI"], (0.5 * raw + 1.0) * 1e-6, rtol=1e-12)
+    formula = written(tmp_path / "b.mf4", ("g", [signal(raw, conversion={"formula": "X1*2"})]))
+    with pytest.raises(InputError, match='channel "ROI": its values are converted by a formula or to texts'):
+        read(formula)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mf4", ("g", [signal(RATE), signal(RATE, "TRIG", "V")]))
+    with pytest.raises(InputError, match=r'there is no column "RIO" \(did you mean "ROI"\?\); the header has'):
+        read(path, "RIO")
+    with pytest.raises(InputError, match='the times of "ROI" are called "time", not "t"'):
+        read(path, time="t")
+    with pytest.raises(InputError, match="each channel of this record has its own times"):
+        read_columns(path, [Column("ROI", "m3/s"), Column("TRIG", "V")])
+    with pytest.raises(InputError, match="a unit like mm3/ms is expected, not"):
+        read(path, "TRIG")
+
+
+def test_a_damaged_record_is_one_sentence(tmp_path: Path) -> None:
+    """In a process of its own: what is left of asammdf's objects complains when it is collected."""
+    path = written(tmp_path / "a.mf4", ("g", [signal(RATE), signal(RATE, "TRIG", "V")]))
+    (tmp_path / "b.mf4").write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(InputError, match=r"b\.mf4"):
+        read(tmp_path / "b.mf4")
+    (tmp_path / "c.mf4").write_bytes(b"no record at all")
+    with pytest.raises(InputError, match=r"c\.mf4: this is no MDF record that can be read \(\w"):
+        read(tmp_path / "c.mf4")
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_channel_beyond_the_limit_is_refused_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    long, short = signal(RATE), signal(RATE[:5], "p", "bar", TIME[:5])
+    path = written(tmp_path / "a.mf4", ("fast", [long]), ("slow", [short]))
+    monkeypatch.setattr("commonrail.readers.child.mdf.MOST_SAMPLES", 50)
+    with pytest.raises(InputError, match='channel "ROI": there are 100 samples, and at most 50 are read; cut the'):
+        read(path)
+    pressure = read_columns(path, [Column("time", "s", increasing=True), Column("p", "Pa")])
+    assert len(pressure.columns["p"]) == 5
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_sample_that_is_no_number_has_its_place(tmp_path: Path) -> None:
+    values = RATE.copy()
+    values[7] = np.nan
+    with pytest.raises(InputError, match='sample 8, column "ROI": the value is not a finite number'):
+        read(written(tmp_path / "a.mf4", ("g", [signal(values)])))
+
+
+@pytest.mark.usefixtures("in_process")
+def test_channels_of_version_3_without_a_rule_are_read(tmp_path: Path) -> None:
+    record = asammdf.MDF(version="3.30")
+    record.append([signal(RATE)])
+    record.save(tmp_path / "a.mdf")
+    record.close()
+    np.testing.assert_allclose(read(tmp_path / "a.mdf").columns["ROI"], RATE * 1e-6, rtol=1e-12)
+
+
+def test_the_reason_of_a_damaged_record_names_no_object(tmp_path: Path) -> None:
+    (tmp_path / "a.mf4").write_bytes(b"")
+    with pytest.raises(InputError, match=r"no MDF record that can be read \(\w+\)\.$"):
+        MdfFile(tmp_path / "a.mf4")

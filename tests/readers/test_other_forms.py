@@ -1,0 +1,167 @@
+"""Columns of workbooks, Parquet and texts in other forms than UTF-8 with decimal points."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+
+from commonrail.base.errors import InputError
+from commonrail.data.quantities.reading import found_table
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table
+from commonrail.readers.grid import read_grid
+from commonrail.readers.quantity_matrix import GivenUnits, find_map
+from commonrail.readers.survey import survey
+from commonrail.readers.tables import read_columns
+
+WANTED = [Column("time", "s", increasing=True), Column("rate", ("m3/s", "kg/s"))]
+GERMAN = "time [µs];rate [mm³/ms]\r\n" + "".join(f"{3 * i};{i},5\r\n" for i in range(5))
+
+
+def check(found: Table) -> None:
+    np.testing.assert_allclose(found.columns["time"], 3e-6 * np.arange(5))
+    np.testing.assert_allclose(found.columns["rate"], 1e-6 * (np.arange(5) + 0.5))
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-8"])
+def test_stated_encoding_and_decimal_comma(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(GERMAN.encode(encoding))
+    check(read_columns(path, WANTED, form=FileForm(encoding, ",")))
+
+
+def test_an_unstated_form_names_its_cure(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(GERMAN.encode("utf-16"))
+    with pytest.raises(InputError, match='this is UTF-16 text; state encoding = "utf-16"'):
+        read_columns(path, WANTED)
+    path.write_bytes(GERMAN.encode("cp1252"))
+    with pytest.raises(InputError, match="line 1: byte 0xb5 is not UTF-8 text; save the file as UTF-8, or state"):
+        read_columns(path, WANTED)
+    path.write_bytes(GERMAN.encode())
+    with pytest.raises(InputError, match='"0,5" has a decimal comma; write the decimal sign as a point, or state'):
+        read_columns(path, WANTED)
+    with pytest.raises(InputError, match="this is no text in ascii; correct the encoding"):
+        read_columns(path, WANTED, form=FileForm("ascii", ","))
+
+
+def test_a_point_among_decimal_commas_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(GERMAN.replace("3,5", "3.5"), encoding="utf-8")
+    with pytest.raises(InputError, match=r'"3\.5" is not a finite number with a decimal comma'):
+        read_columns(path, WANTED, form=FileForm(decimal=","))
+
+
+@pytest.mark.parametrize("units", ["header", "row below"])
+def test_a_sheet_has_its_header_below_other_texts(tmp_path: Path, units: str) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+    book = openpyxl.Workbook()
+    sheet = book.create_sheet("run 2")
+    sheet.append(["Injector 17"])
+    sheet.append(["time [us]", "rate [mm3/ms]"] if units == "header" else ["time", "rate"])
+    if units != "header":
+        sheet.append(["us", "mm3/ms"])
+    for i in range(5):
+        sheet.append([3 * i, i + 0.5])
+    book.save(tmp_path / "a.xlsx")
+    check(read_columns(tmp_path / "a.xlsx", WANTED))
+    with pytest.raises(InputError, match='there is no sheet "run 3"'):
+        read_columns(tmp_path / "a.xlsx", WANTED, form=FileForm(sheet="run 3"))
+    sheet.append([20, "n/a"])
+    book.save(tmp_path / "a.xlsx")
+    with pytest.raises(InputError, match=r'row \d, column "rate": "n/a" is a text, and a number is expected'):
+        read_columns(tmp_path / "a.xlsx", WANTED)
+
+
+def spoilt_book(path: Path, change: Callable[[bytes], bytes]) -> Path:
+    """A workbook whose sheet, as XML, was changed."""
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+    book = openpyxl.Workbook()
+    for row in (["time [us]", "rate [mm3/ms]"], *([3 * i, i + 0.5] for i in range(5))):
+        book.active.append(row)
+    book.save(path.with_name("whole.xlsx"))
+    with ZipFile(path.with_name("whole.xlsx")) as whole, ZipFile(path, "w") as spoilt:
+        for name in whole.namelist():
+            data = whole.read(name)
+            spoilt.writestr(name, change(data) if name.endswith("sheet1.xml") else data)
+    return path
+
+
+def test_a_sheet_that_understates_its_size_is_read_whole(tmp_path: Path) -> None:
+    check(read_columns(spoilt_book(tmp_path / "a.xlsx", lambda xml: xml.replace(b"A1:B6", b"A1:A3")), WANTED))
+
+
+def test_what_openpyxl_says_of_a_book_is_not_said_to_the_user(tmp_path: Path) -> None:
+    extended = b'<extLst><ext uri="{x}"/></extLst></worksheet>'
+    path = spoilt_book(tmp_path / "a.xlsx", lambda xml: xml.replace(b"</worksheet>", extended))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        check(read_columns(path, WANTED))
+    assert [str(one.message) for one in told] == []
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "sentence"),
+    [
+        (b"<v>9</v>", b"<v>x</v>", r'the sheet "Sheet" cannot be read \(ValueError\)'),
+        (b"<v>9</v>", b"<v>1" + 400 * b"0" + b"</v>", r'the sheet "Sheet" cannot be read \(OverflowError\)'),
+        (b"<v>9</v>", b"<v>1e999</v>", r'row 5, column "time": "inf" is a text'),
+        (b"</sheetData>", b"", r'the sheet "Sheet" cannot be read \(ParseError\)'),
+        (b'"B6"', b'"AMX6"', "there are 1038 columns, and at most 1000 are read"),
+        (b'<row r="6"', b'<row r="9999999"', "more than the 1048576 rows"),
+    ],
+)
+def test_a_spoilt_sheet_is_one_sentence(tmp_path: Path, was: bytes, becomes: bytes, sentence: str) -> None:
+    path = spoilt_book(tmp_path / "a.xlsx", lambda xml: xml.replace(was, becomes))
+    with pytest.raises(InputError, match=sentence):
+        read_columns(path, WANTED)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("rate [mm3/ms],time [us]\n0," + "9" * 200_000, "line 2: the line has 200002 characters"),
+        ("mm3\nrail pressure [bar] \\ energising time [us],300,500\n800,,\n1200,,\n", "the map holds no quantity"),
+    ],
+)
+def test_a_grid_that_cannot_be_used_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=sentence):
+        find_map(read_grid(tmp_path / "a.csv"))
+
+
+def test_parquet_has_its_units_in_the_names(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow", reason="the extra fleet is not installed")
+    from pyarrow import parquet
+
+    columns = {"time [us]": 3.0 * np.arange(5), "rate [mm3/ms]": np.arange(5) + 0.5}
+    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+    check(read_columns(tmp_path / "a.parquet", WANTED))
+    columns["rate [mm3/ms]"][2] = np.nan
+    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match='row 3, column "rate": there is no finite number'):
+        read_columns(tmp_path / "a.parquet", WANTED)
+
+
+def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow", reason="the extra fleet is not installed")
+    from pyarrow import parquet
+
+    path = tmp_path / "map.parquet"
+    columns = {"p [bar]": [400, 800], "T [K]": [300.0, 300.0], "ET [us]": [300.0, 300.0], "q [mm3]": [1.5, None]}
+    parquet.write_table(pyarrow.table(columns), path)
+    found = survey(path)
+    assert found.taken_for == "a quantity map: a table with a row for each point"
+    assert found.block["layout"] == "found"
+    assert "1 without a quantity omitted" in found.said
+    table = found_table(path, PLAIN, GivenUnits(), "quantity", matrix=False)
+    assert table.columns["rail_pressure"].tolist() == pytest.approx([40e6])
+    assert table.columns["quantity"].tolist() == pytest.approx([1.5e-9])
+    with pytest.raises(InputError, match="this format holds columns only"):
+        found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
+    parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
+    assert 'the columns "q" and "q2" have the unit of a quantity' in survey(path).facts["no map"]

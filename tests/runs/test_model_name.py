@@ -1,0 +1,114 @@
+"""Models as the command line names them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.base.choices import Body, Boundary, Drive
+from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
+from commonrail.readers.injector.file import load_injector
+from commonrail.runs.model_name import read_model_name, read_model_names
+from tests.readers.conftest import Edit
+
+NAME = "virtual-lino-2016"
+
+
+def test_a_name_of_the_catalogue_is_its_own_label() -> None:
+    model = read_model_name(NAME)
+    assert (model.label, model.stated) == (NAME, False)
+    assert model.injector == load_injector(NAME)
+
+
+def test_label_and_variant_may_stand_around_it() -> None:
+    model = read_model_name(f"stiff={NAME}@rigid,volume")
+    assert (model.label, model.stated) == ("stiff", True)
+    own = load_injector(NAME).variant
+    assert model.injector.variant == own._replace(body=Body.RIGID, boundary=Boundary.VOLUME)
+
+
+@pytest.mark.parametrize("word", ["current trace", "current-trace"])
+def test_a_variant_of_two_words_may_have_a_hyphen(word: str) -> None:
+    assert read_model_name(f"{NAME}@{word}").injector.variant.drive is Drive.CURRENT
+
+
+def test_a_made_up_label_says_the_variant() -> None:
+    assert read_model_name(f"{NAME}@rigid").label == f"{NAME}@rigid"
+
+
+@pytest.mark.parametrize("name", ["mine.toml", "a=b.toml", "a@rigid.toml", "no-suffix"])
+def test_a_file_is_taken_as_it_is_called(
+    injector_file: Edit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    injector_file().rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert read_model_name(name).label == name.removesuffix(".toml")
+    model = read_model_name(f"L={name}@rigid")
+    assert (model.label, model.injector.variant.body) == ("L", Body.RIGID)
+
+
+def test_a_run_folder_gives_its_calibrated_injector(injector_file: Edit, tmp_path: Path) -> None:
+    run = tmp_path / "run-1"
+    run.mkdir()
+    injector_file().rename(run / "calibrated.toml")
+    for source in (run, run / "calibrated.toml"):
+        assert read_model_name(str(source)).label == "run-1"
+
+
+def test_made_up_labels_are_made_distinct_and_stated_ones_stay() -> None:
+    models = read_model_names([NAME, f"{NAME} (2)={NAME}", NAME])
+    assert [m.label for m in models] == [NAME, f"{NAME} (2)", f"{NAME} (3)"]
+
+
+def test_a_stated_label_wins_over_one_made_up_before_it() -> None:
+    assert [m.label for m in read_model_names([NAME, f"{NAME}=cri2-16"])] == [f"{NAME} (2)", NAME]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"{NAME}@rigit", r'"rigit" is no variant \(did you mean "rigid"\?\); choose from flexible, rigid, ideal'),
+        (f"{NAME}@rigid,flexible", '"rigid" and "flexible" contradict each other'),
+        (f"{NAME}@", '"" is no variant'),
+        (f"={NAME}", "no label before the equals sign"),
+        ("virtual-lino-2061", r'did you mean "virtual-lino-2016"'),
+        ("a=nowhere.toml", r"nowhere\.toml: there is no such file"),
+        ("a\0b", "there is no such file, run folder or injector"),
+        ("x" * 5000, "there is no such file, run folder or injector"),
+    ],
+)
+def test_what_cannot_be_read_is_one_sentence(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_model_name(text)
+
+
+def test_a_folder_without_a_calibrated_injector_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no calibrated\.toml there; name a run folder"):
+        read_model_name(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("texts", "kind", "words"),
+    [
+        ([f"a={NAME}", "a=cri2-16"], InputError, 'two models with the label "a"'),
+        ([f"measured={NAME}"], ConfigurationError, '"measured" cannot be the label'),
+        ([NAME] * 9, ConfigurationError, "Between 1 and 8 models"),
+    ],
+)
+def test_labels_that_cannot_stand_beside_each_other_are_refused(
+    texts: list[str], kind: type[CommonrailError], words: str
+) -> None:
+    with pytest.raises(kind, match=words):
+        read_model_names(texts)
+
+
+def test_a_flexible_body_of_a_direct_acting_injector_is_refused() -> None:
+    with pytest.raises(InputError, match='has a rigid body; omit "flexible"'):
+        read_model_name("direct-acting-kr@flexible")
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+def test_every_drive_is_a_word_of_a_variant(drive: Drive) -> None:
+    word = drive.value.replace(" ", "-")
+    assert read_model_name(f"{NAME}@{word}").injector.variant.drive is drive

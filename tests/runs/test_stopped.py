@@ -1,0 +1,49 @@
+"""Values of a search that was stopped are told as such, once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from commonrail.readers.injector.file import dump_injector, load_injector
+from commonrail.runs.folder import note_stopped
+from commonrail.runs.model_name import read_model_name
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Notes that were given."""
+    found: list[str] = []
+    monkeypatch.setattr("commonrail.base.hooks._note", found.append)
+    return found
+
+
+def run(folder: Path, status: str) -> Path:
+    """Run folder with a calibrated injector and as much of a result as is asked for."""
+    folder.mkdir()
+    dump_injector(load_injector("virtual-lino-2016"), folder / "calibrated.toml", {})
+    (folder / "result.json").write_text(json.dumps({"status": status}), encoding="utf-8")
+    return folder
+
+
+def test_a_stopped_search_is_told_once_whoever_asks(tmp_path: Path, told: list[str]) -> None:
+    stopped = run(tmp_path / "stopped", "interrupted")
+    read_model_name(str(stopped))
+    read_model_name(f"{stopped}@rigid")
+    note_stopped(stopped, {"status": "interrupted"})
+    (sentence,) = told
+    assert sentence.startswith(f"{stopped}: the search was stopped before its end")
+    assert f"`commonrail resume {stopped}`" in sentence
+
+
+@pytest.mark.parametrize("result", ['{"status": "finished"}', "{", None])
+def test_a_search_that_has_ended_is_not_told(tmp_path: Path, told: list[str], result: str | None) -> None:
+    folder = run(tmp_path / "run", "finished")
+    if result is None:
+        (folder / "result.json").unlink()
+    else:
+        (folder / "result.json").write_text(result, encoding="utf-8")
+    read_model_name(str(folder))
+    assert told == []
