@@ -7,14 +7,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings, check_initial
-from commonrail.calibration.optimisers.library import (
-    CovarianceSettings,
-    CovarianceStrategy,
-    NelderMead,
-    NelderMeadSettings,
-    SuccessHistoryEvolution,
-    SuccessHistorySettings,
-)
 from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
 from commonrail.calibration.optimisers.staged import StagedLeastSquares, StagedSettings
 from commonrail.calibration.space import Space
@@ -49,9 +41,6 @@ REGISTERED = (
     Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),
     Registered(StagedLeastSquares, StagedSettings),
     Registered(MultiStartLeastSquares, MultiStartSettings),
-    Registered(SuccessHistoryEvolution, SuccessHistorySettings),
-    Registered(CovarianceStrategy, CovarianceSettings),
-    Registered(NelderMead, NelderMeadSettings),
 )
 
 
