@@ -64,6 +64,7 @@ def fleet_html(record: Record, command: str) -> str:
     """The page of a fleet."""
     return render(
         "fleet.html",
+        package=__package__,
         kind="Fleet",
         record=record,
         synthetic=[record["synthetic"]] if record["synthetic"] else [],
