@@ -1,4 +1,4 @@
-"""Kinds of measured data: one object each, with all that the house does with data; a new kind is registered here."""
+"""Kinds of measured data by their `kind` in study files."""
 
 from __future__ import annotations
 

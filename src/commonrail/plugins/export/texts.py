@@ -67,7 +67,7 @@ def _file_name(variant: Variant, which: str) -> str:
 
 @functools.cache
 def _own_stamp(which: str) -> str:
-    """Digest of the sources of this room that decide over the text; those of the physics name the folder."""
+    """Digest of the sources of this package that decide over the text; those of the physics name the folder."""
     digest = hashlib.sha256()
     for name in ("entries.py", "texts.py"):
         digest.update(Path(__file__).with_name(name).read_bytes())
