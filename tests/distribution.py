@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,4 +38,36 @@ def distribution(folder: Path, modules: Mapping[str, str], parts: str) -> Iterat
         yield
     for name in modules:
         sys.modules.pop(name, None)
+    registry.installed.cache_clear()
+
+
+@contextmanager
+def package(root: Path, info: Path) -> Iterator[None]:
+    """Install a package from its source folder in the block.
+
+    Parameters
+    ----------
+    root : Path
+        Folder with pyproject.toml and src.
+    info : Path
+        Empty folder for the metadata that an installation leaves.
+    """
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    name, version = project["name"], project["version"]
+    folder = info / f"{name.replace('-', '_')}-{version}.dist-info"
+    folder.mkdir(parents=True)
+    head = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\nSummary: {project['description']}\n"
+    (folder / "METADATA").write_text(head, encoding="utf-8")
+    lines = []
+    for group, parts in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{part} = {target}" for part, target in parts.items())]
+    (folder / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(root / "src")
+        patch.syspath_prepend(info)
+        registry.installed.cache_clear()
+        yield
+    tops = {path.stem for path in (root / "src").iterdir()}
+    for module in [module for module in sys.modules if module.partition(".")[0] in tops]:
+        sys.modules.pop(module)
     registry.installed.cache_clear()

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.base.units import NAMES, compatible, convert
 from commonrail.physics.parameters import Domain
@@ -87,7 +89,7 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
 
 
 def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
-    """File with named columns, of the format that its ending tells; all unknown endings are CSV.
+    """File with named columns, of the format that its ending tells, also of an installed package; all else is CSV.
 
     Raises
     ------
@@ -95,6 +97,8 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
         If it cannot be read, or its format is not.
     """
     suffix = path.suffix.lower()
+    if suffix not in _SHEETS and (part := registry.find("readers", suffix.removeprefix("."))):
+        return cast(Sheet, part.load()(path, form))
     if suffix in _UNREAD:
         raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
     opener: Callable[[Path, FileForm], Sheet] = _SHEETS.get(suffix, CsvFile)
