@@ -10,6 +10,7 @@ import numpy as np
 
 import commonrail
 from commonrail.base.output import write_text
+from commonrail.base.units import parse
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import check_folder
 from commonrail.report.result_kind import ResultKind
@@ -33,8 +34,8 @@ def spread(
     """
     check_folder(out)
     model = commonrail.load_injector(injector)
-    middle = commonrail.OperatingPoint(rail_pressure, energising_time)
-    points = [commonrail.OperatingPoint(middle.rail_pressure, middle.energising_time + change) for change in CHANGES]
+    middle = parse(energising_time, "s", "--energising-time")
+    points = [commonrail.OperatingPoint(rail_pressure, middle + change) for change in CHANGES]
     found = [commonrail.simulate(model, point).injected_volume for point in points]
     record = {"schema": 1, "kind": "spread", "injector": model.name, "volumes": found}
     out.mkdir(parents=True, exist_ok=True)
