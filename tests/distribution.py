@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -52,6 +54,30 @@ def package(root: Path, info: Path) -> Iterator[None]:
     info : Path
         Empty folder for the metadata that an installation leaves.
     """
+    _write_metadata(root, info)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(root / "src")
+        patch.syspath_prepend(info)
+        registry.installed.cache_clear()
+        yield
+    tops = {path.stem for path in (root / "src").iterdir()}
+    for module in [module for module in sys.modules if module.partition(".")[0] in tops]:
+        sys.modules.pop(module)
+    registry.installed.cache_clear()
+
+
+def run_tests(root: Path, info: Path) -> None:
+    """Run a package's own tests in a fresh process; `info` is a folder for its metadata, or has them."""
+    if not info.exists():
+        _write_metadata(root, info)
+    paths = [str(root / "src"), str(info), *filter(None, sys.path)]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, str(root / "tests")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    done = subprocess.run(command, env=environment, cwd=root, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def _write_metadata(root: Path, info: Path) -> None:
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     name, version = project["name"], project["version"]
     folder = info / f"{name.replace('-', '_')}-{version}.dist-info"
@@ -62,12 +88,3 @@ def package(root: Path, info: Path) -> Iterator[None]:
     for group, parts in project["entry-points"].items():
         lines += [f"[{group}]", *(f"{part} = {target}" for part, target in parts.items())]
     (folder / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(root / "src")
-        patch.syspath_prepend(info)
-        registry.installed.cache_clear()
-        yield
-    tops = {path.stem for path in (root / "src").iterdir()}
-    for module in [module for module in sys.modules if module.partition(".")[0] in tops]:
-        sys.modules.pop(module)
-    registry.installed.cache_clear()

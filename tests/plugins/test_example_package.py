@@ -13,11 +13,12 @@ import commonrail
 from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.calibration.study_file.file import load_study
+from commonrail.cli.verbs.doctor import installed_plugins
 from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into, resume
 from commonrail.runs.listing import list_runs
 from tests.cli.conftest import check_made_again, run_command, small_study
-from tests.distribution import package
+from tests.distribution import package, run_tests
 from tests.runs.conftest import stopped_run, timeless
 
 ROOT = Path(__file__).parents[2] / "examples" / "commonrail-example"
@@ -114,7 +115,8 @@ return_pressure = "0.5 MPa"
 
 """
     study.write_text(f"{head}{data}[[parameter]]{rest}", encoding="utf-8")
-    table = "rail_pressure [MPa],energising_time [us],supply_quantity [mm3]\n160,400,40\n160,500,55\n160,600,70\n160,700,85\n"
+    rows = "".join(f"160,{time},{time / 10}\n" for time in (400, 500, 600, 700))
+    table = f"rail_pressure [MPa],energising_time [us],supply_quantity [mm3]\n{rows}"
     (study.parent / "supply.csv").write_text(table, encoding="utf-8")
     (found,) = _calibrated(study, tmp_path / "run")["data"]  # type: ignore[misc]
     assert found["kind"] == "supply quantities"
@@ -143,7 +145,18 @@ def test_its_verb_writes_its_kind_of_result(tmp_path: Path) -> None:
     check_made_again(run_command, tmp_path / "spread")
 
 
-def test_without_the_package_its_names_are_unknown(study: Path) -> None:
+def test_doctor_lists_its_parts_and_how_to_cite_it() -> None:
+    (found,) = [plugin for plugin in installed_plugins() if plugin.distribution == "commonrail-example"]
+    assert (found.version, found.broken) == ("1.0", [])
+    assert "optimisers random search" in found.parts
+    assert found.citation.startswith("The commonrail authors")
+
+
+def test_its_own_tests_pass(tmp_path: Path) -> None:
+    run_tests(ROOT, tmp_path / "site")
+
+
+def test_a_name_that_it_does_not_have_is_refused_with_those_that_it_has(study: Path) -> None:
     text = study.read_text(encoding="utf-8").replace("random search", "random serach")
     study.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r'optimiser\.method: this must be .* or "random search"'):

@@ -12,7 +12,6 @@ from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 
-
 _Found = TypeVar("_Found")
 
 
@@ -38,8 +37,8 @@ def catalogue(
 ) -> None:
     """List fuels, injectors and parameters.
 
-    Fuels and injectors are those that ship with commonrail or an installed plug-in; parameters are what --set, a study or an
-    injector's file can name.
+    Fuels and injectors are those that ship with commonrail and those of installed packages; parameters are what
+    --set, a study or an injector's file can name.
 
     \b
     Examples:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from importlib import resources
+from importlib.util import find_spec
+from keyword import iskeyword
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Annotated
@@ -109,6 +111,8 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
     if registry.find("verbs", name) is not None:
         raise InputError(f"--plugin {name}: there is a verb of this name; choose another.")
     module = name.replace("-", "_")
+    if iskeyword(module) or find_spec(module) is not None:
+        raise InputError(f"--plugin {name}: there is a module {module} in this Python; choose another name.")
     templates = resources.files("commonrail.cli.verbs") / "plugin_template"
     texts = {
         path.format(module): Template((templates / file).read_text(encoding="utf-8")).substitute(
