@@ -4,20 +4,30 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import commonrail
 from commonrail.base import registry
 from commonrail.base.errors import InputError
+from commonrail.calibration.optimisers.base import Optimiser
+from commonrail.calibration.optimisers.registry import named, size_in_words
 from commonrail.calibration.study_file.file import load_study
 from commonrail.cli.verbs.doctor import installed_plugins
+from commonrail.data.kinds import kind_of
+from commonrail.physics.injector import Injector
 from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into, resume
 from commonrail.runs.listing import list_runs
+from tests.calibration.conformance import CHECKS, SPACES, Case
 from tests.cli.conftest import check_made_again, run_command, small_study
+from tests.data import contract
+from tests.data.samples import SAMPLES, map_table
 from tests.distribution import package, run_tests
 from tests.runs.conftest import stopped_run, timeless
 
@@ -161,3 +171,36 @@ def test_a_name_that_it_does_not_have_is_refused_with_those_that_it_has(study: P
     study.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r'optimiser\.method: this must be .* or "random search"'):
         load_study(study)
+
+
+@pytest.mark.parametrize("space", SPACES)
+@pytest.mark.parametrize("check", CHECKS)
+def test_its_optimiser_keeps_what_all_promise(check: Callable[[Case], None], space: str) -> None:
+    found = named("random search")
+    assert found is not None
+
+    def make(seed: int, steps: int) -> Optimiser:
+        settings = found.settings(members=6, generations=steps)
+        return found.begin(SPACES[space], np.random.default_rng(seed), settings)  # type: ignore[no-any-return]
+
+    check(Case("random search", SPACES[space], make))
+
+
+@pytest.mark.parametrize("clause", contract.CLAUSES, ids=lambda clause: clause.__name__)
+def test_its_kind_of_data_keeps_the_contract(
+    clause: Callable[..., None], regulated: Injector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = kind_of("supply quantities")
+    sample = replace(SAMPLES["return quantities"], table=partial(map_table, column="supply_quantity"))
+    monkeypatch.setitem(SAMPLES, kind.kind, sample)
+    clause(kind, regulated, tmp_path)
+
+
+def test_a_report_of_a_removed_kind_of_data_says_what_is_missing() -> None:
+    with pytest.raises(InputError, match='no kind of data "swirl"; install'):
+        kind_of("swirl")
+
+
+def test_the_size_of_a_search_whose_package_is_gone_is_told_in_steps() -> None:
+    record = {"method": "annealing", "generations": 3, "members": 6}
+    assert size_in_words(record) == "3 generations of 6 members"
