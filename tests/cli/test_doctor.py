@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from commonrail.cli.verbs import doctor as bench_doctor
 from commonrail.cli.verbs.doctor import Fact
 from commonrail.compiler import cache
 from tests.cli.conftest import Command
+from tests.distribution import distribution
 
 
 def test_this_machine_is_usable_and_said_in_json(command: Command) -> None:
@@ -33,3 +36,25 @@ def test_a_machine_that_cannot_be_used_ends_with_2(command: Command, monkeypatch
 def test_what_is_only_slow_ends_with_0(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_doctor, "examine", lambda: iter([Fact("kernel cache", "none", "Make it writable.")]))
     assert command("doctor").status == 0
+
+
+def test_a_broken_package_is_named_in_a_sentence_and_the_others_are_listed(command: Command, tmp_path: Path) -> None:
+    modules = {
+        "example_broken": "raise OSError('no driver')\n",
+        "example_lost": "PATH = 'no-such-file.toml'\nSIX = 6\n",
+    }
+    parts = (
+        "[commonrail.readers]\ntdms = example_broken:SHEET\n"
+        "[commonrail.injectors]\nlost = example_lost:PATH\n"
+        "[commonrail.optimisers]\nsix = example_lost:SIX\n"
+        "[commonrail.data]\nsix = example_lost:SIX\n"
+    )
+    with distribution(tmp_path, modules, parts):
+        (fact,) = bench_doctor.plugin_facts()
+        listed = command("catalogue", "injectors")
+    assert fact.name == "plug-in example-plugin"
+    for reason in ('"tdms" of commonrail.readers cannot be loaded', '"lost" of commonrail.injectors gives no file'):
+        assert reason in fact.verdict
+    assert fact.verdict.count('"six"') == 2
+    assert "cri2-16" in listed.out
+    assert "lost" in listed.sentence

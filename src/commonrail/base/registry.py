@@ -14,10 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from commonrail.base.errors import PluginError
 
+_Kind = TypeVar("_Kind")
 PACKAGE = "commonrail"
 GROUPS = (
     "verbs",
@@ -68,6 +69,26 @@ class Entry(NamedTuple):
     distribution: str = PACKAGE
     version: str = ""
 
+    def part(self, kind: type[_Kind], what: str) -> _Kind:
+        """Import and return the object, which is to be of a kind; `what` names that kind in words.
+
+        Raises
+        ------
+        PluginError
+            As `load`; also if it is of another kind.
+        """
+        found = self.load()
+        if not isinstance(found, kind):
+            raise self.refused(f"is to be {what}, and {self.target} is none")
+        return found
+
+    def refused(self, reason: str) -> PluginError:
+        """Error that names the part, with the predicate `reason`."""
+        return PluginError(
+            f'plug-in {self.distribution} {self.version}: "{self.name}" of {PACKAGE}.{self.group} {reason}; update or '
+            f"uninstall {self.distribution}."
+        )
+
     def load(self) -> Any:
         """Import and return the object.
 
@@ -81,10 +102,7 @@ class Entry(NamedTuple):
         try:
             return load(self.target)
         except Exception as error:
-            raise PluginError(
-                f'plug-in {self.distribution} {self.version}: "{self.name}" of {PACKAGE}.{self.group} cannot be loaded '
-                f"from {self.target} ({type(error).__name__}: {error}); update or uninstall {self.distribution}."
-            ) from error
+            raise self.refused(f"cannot be loaded from {self.target} ({type(error).__name__}: {error})") from error
 
 
 @cache

@@ -14,7 +14,7 @@ from commonrail.base.choices import Precision
 from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.calibration.parameter import broken, distances_past
 from commonrail.data.base import DataSet, Term
-from commonrail.data.kinds import KINDS, in_order
+from commonrail.data.kinds import in_order, kinds_of
 from commonrail.data.metering import meters_of
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
@@ -92,8 +92,9 @@ class Objective:
         self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
         self._points = tuple(condition.point for condition in goal.conditions)
         self.data = tuple(self._without_neutral_meter(d) for d in in_order(data))
-        groups = ((kind, [d for d in self.data if d.kind == name]) for name, kind in KINDS.items())
-        self._terms = [term for kind, group in groups if group for term in kind.terms(group, time_step)]
+        kinds = kinds_of(d.kind for d in self.data)
+        groups = ((kind, [d for d in self.data if d.kind == kind.kind]) for kind in kinds)
+        self._terms = [term for kind, group in groups for term in kind.terms(group, time_step)]
 
     def _without_neutral_meter(self, data: DataSet) -> DataSet:
         """The data set itself, or without its meter if that shows what it is given."""

@@ -135,13 +135,7 @@ class Verbs(click.Group):
         entry = find("verbs", cmd_name)
         if entry is None:
             return None
-        command = entry.load()
-        if not isinstance(command, click.Command):
-            raise PluginError(
-                f'plug-in {entry.distribution} {entry.version}: "{cmd_name}" of commonrail.verbs is to be a command of '
-                f"click, and {entry.target} is none; update or uninstall {entry.distribution}."
-            )
-        return command
+        return entry.part(click.Command, "a command of click")
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

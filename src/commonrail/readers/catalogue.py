@@ -1,10 +1,16 @@
-"""Files that ship with the package, by name: fuels, injectors and truths of the virtual test bench."""
+"""TOML files by name: fuels, injectors and truths of the virtual test bench.
+
+Some ship with the package. Those of an installed package are entry points of the groups "fuels", "injectors" and
+"meters", whose object is the path of a file, or a function that returns it.
+"""
 
 from __future__ import annotations
 
 from importlib import resources
+from pathlib import Path
 from typing import NamedTuple
 
+from commonrail.base import registry
 from commonrail.base.errors import InputError, nearest
 
 
@@ -19,24 +25,51 @@ class Catalogue(NamedTuple):
         Beginning of the message for a name that is not there, such as ``There is no fuel "{}"``.
     cure : str
         End of that message.
+    group : str
+        Of the files of installed packages; empty if there are none.
     """
 
     room: str
     folder: str
     unknown: str
     cure: str = ", or give the path of a .toml file"
+    group: str = ""
 
     def names(self) -> list[str]:
-        """Names of the files without ``.toml``, sorted."""
+        """All names, those of installed packages behind those that ship."""
+        own = self.shipped()
+        return own + [name for name in registry.installed(self.group) if name not in own]
+
+    def shipped(self) -> list[str]:
+        """Names of the files that ship without ``.toml``, sorted."""
         files = (entry.name for entry in (resources.files(self.room) / self.folder).iterdir())
         return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
 
     def text(self, name: str, hint: str = "") -> str:
         """Text of a file; an unknown name raises `InputError` with `hint`, by default the nearest name."""
+        if name in self.shipped():
+            return (resources.files(self.room) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
+        if found := installed_text(self.group, name):
+            return found
         known = self.names()
-        if name not in known:
-            raise InputError(
-                f"{self.unknown.format(name)}{hint or nearest(name, known)}: choose one of "
-                f"{', '.join(known)}{self.cure}."
-            )
-        return (resources.files(self.room) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
+        raise InputError(
+            f"{self.unknown.format(name)}{hint or nearest(name, known)}: choose one of {', '.join(known)}{self.cure}."
+        )
+
+
+def installed_text(group: str, name: str) -> str | None:
+    """Text of a file of an installed package; None if there is none of that name.
+
+    Raises
+    ------
+    PluginError
+        If it cannot be read.
+    """
+    if (part := registry.find(group, name)) is None:
+        return None
+    found = part.load()
+    try:
+        path = found() if callable(found) else found
+        return (Path(path) if isinstance(path, str) else path).read_text(encoding="utf-8")
+    except Exception as error:  # of a function of somebody else
+        raise part.refused(f"gives no file that can be read ({type(error).__name__}: {error})") from error

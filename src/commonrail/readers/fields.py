@@ -6,7 +6,7 @@ A number with its unit is ``Annotated[float, Unit("Pa")]``. Where a file may add
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Any, NamedTuple
@@ -167,15 +167,17 @@ def choice(kind: type[Enum]) -> PlainValidator:
 
 @dataclass(frozen=True)
 class OneOf:
-    """Type of a table whose form follows from the value of a key."""
+    """Type of a table whose form follows from the value of a key; `more` finds further forms when they are met."""
 
     key: str
     forms: Mapping[str, Any]
+    more: Callable[[str], type[BaseModel] | None] = lambda _: None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         *others, last = (f'"{name}"' for name in self.forms)
         return core_schema.tagged_union_schema(
-            {f"<{name}>": handler.generate_schema(form) for name, form in self.forms.items()},
+            {f"<{name}>": handler.generate_schema(form) for name, form in self.forms.items()}
+            | {"<>": core_schema.no_info_plain_validator_function(self._other)},
             self._tag,
             custom_error_type="sentence",
             custom_error_message=f"{self.key} must be {', '.join(others)} or {last}",
@@ -183,4 +185,13 @@ class OneOf:
 
     def _tag(self, item: Any) -> str | None:
         found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
-        return f"<{found}>" if isinstance(found, str) and found in self.forms else None
+        if not isinstance(found, str):
+            return None
+        return f"<{found}>" if found in self.forms else "<>" if self.more(found) else None
+
+    def _other(self, item: Any) -> BaseModel:
+        if isinstance(item, BaseModel):
+            return item
+        form = self.more(item[self.key])
+        assert form is not None  # it was tagged
+        return form.model_validate(item)

@@ -21,12 +21,17 @@ from commonrail.readers.fields import MARKS, FileModel, Mark, OneOf, fault
 from commonrail.readers.location import Place
 from commonrail.readers.toml import parse_toml, read_model
 
-_CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fuel "{}"', "")
+_CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fuel "{}"', "", "fuels")
 
 
 def fuel_catalogue() -> list[str]:
-    """Names that `load_fuel` knows, sorted."""
+    """Names that `load_fuel` knows, those of installed packages behind those that ship."""
     return _CATALOGUE.names()
+
+
+def shipped_fuels() -> list[str]:
+    """Names of the fuels that ship, sorted."""
+    return _CATALOGUE.shipped()
 
 
 def load_fuel(name: str) -> Fuel:

@@ -24,7 +24,7 @@ from commonrail.readers.mat import MatFile, find_mat_map
 from commonrail.readers.operating_points import find_traces, pattern_of
 from commonrail.readers.parquet import ParquetFile
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_column_map, find_map
-from commonrail.readers.tables import open_sheet
+from commonrail.readers.tables import installed_sheet, open_sheet
 
 # Channels of a data file, and the block of a study that reads a rate of injection among them.
 
@@ -230,7 +230,7 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     InputError
         If the file cannot be read.
     """
-    if path.suffix.lower() in OF_CHANNELS:
+    if path.suffix.lower() in OF_CHANNELS or installed_sheet(path):
         form = _detected(path, form)
         found = _of_channels(path, open_sheet(path, form), given)
         if path.suffix.lower() != ".lvm" or not form.encoding:

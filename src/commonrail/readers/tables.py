@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.base.units import NAMES, compatible, convert
 from commonrail.physics.parameters import Domain
@@ -34,6 +36,7 @@ _SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
     ".parquet": ParquetFile,
     ".pq": ParquetFile,
 }
+_OWN = ("", ".csv", ".txt", ".tsv", *_SHEETS)  # installed packages are not searched for their endings
 _UNREAD = {".nc": "NetCDF", ".xls": "old Excel", ".tdms": "TDMS"}
 
 
@@ -87,7 +90,7 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
 
 
 def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
-    """File with named columns, of the format that its ending tells; all unknown endings are CSV.
+    """File with named columns, of the format that its ending tells, also of an installed package; all else is CSV.
 
     Raises
     ------
@@ -95,10 +98,18 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
         If it cannot be read, or its format is not.
     """
     suffix = path.suffix.lower()
+    if part := installed_sheet(path):
+        return cast(Sheet, part.load()(path, form))
     if suffix in _UNREAD:
         raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
     opener: Callable[[Path, FileForm], Sheet] = _SHEETS.get(suffix, CsvFile)
     return opener(path, form)
+
+
+def installed_sheet(path: Path) -> registry.Entry | None:
+    """Format of an installed package that the file's ending tells; none where one that ships has it."""
+    suffix = path.suffix.lower()
+    return None if suffix in _OWN else registry.find("readers", suffix.removeprefix("."))
 
 
 def _example(column: Column) -> str:

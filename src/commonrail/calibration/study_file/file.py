@@ -28,7 +28,7 @@ from commonrail.calibration.study_file.meter import free_parameters
 from commonrail.calibration.study_file.type import read_type, with_type
 from commonrail.calibration.time_step import step_for_all
 from commonrail.data.base import DataSet
-from commonrail.data.kinds import KINDS
+from commonrail.data.kinds import kind_of
 from commonrail.data.quantities.reading import AFTER_ENERGISING
 from commonrail.data.study_block import Context, DataModel
 from commonrail.engine.operating_point import OperatingPoint
@@ -40,7 +40,7 @@ from commonrail.physics.parameters import Q
 from commonrail.physics.reads import reader_of, unread_parameters
 from commonrail.readers.fields import UNSTATED
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.meters import meters_of_tables
+from commonrail.readers.injector.meters import installed_meters, meters_of_tables
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place, located
 from commonrail.readers.logo import read_logo
@@ -83,11 +83,12 @@ def _study(file: Path) -> Study:
     injector = _injector(model.injector, reach, at / "injector")
     model = with_type(model, injector, read_type(model, reach, at), at)
     injector = _started(injector, model, at)
-    free = free_parameters(model.meters, at / "meters")
+    tables = {**installed_meters((block.meter for block in model.data), model.meters), **model.meters}
+    free = free_parameters(tables, at / "meters")
     space = _space(model.parameter, model.constraints, injector, at, free)
     with located(at / "time_step"):
         time_step = step_for_all(injector, space) if model.time_step is None else check_step(model.time_step)
-    meters = meters_of_tables(model.meters, at / "meters")
+    meters = meters_of_tables(tables, at / "meters")
     data = _data(model.data, Context(injector, time_step, reach, at, meters), at / "data")
     _refuse_unused(meters, data, at / "meters")
     if model.loss_scale is not None and model.loss is not Loss.SOFT_L1:
@@ -198,7 +199,7 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
     found: list[DataSet] = []
     samples = 0
     for i, model in enumerate(models):
-        kind = KINDS[model.kind]
+        kind = kind_of(model.kind)
         noise = model.noise.read(kind.sigma_unit, at[i] / "noise")
         for read in kind.read_all(model, context._replace(at=at[i])):
             known = noise.sigma is not None or noise.shots

@@ -40,14 +40,31 @@ def write_new(folder: Path) -> list[Path]:
         If the folder cannot be written.
     """
     templates = resources.files("commonrail.calibration.study_file") / "template"
+    return write_into(folder, {name: (templates / name).read_bytes() for name in TEMPLATES})
+
+
+def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Write files into a new or empty folder.
+
+    Parameters
+    ----------
+    folder : Path
+    files : mapping of str to bytes
+        Content by the path below the folder.
+
+    Raises
+    ------
+    InputError, OutputError
+        As `write_new`.
+    """
     with writing(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder}: there already is something; name a new or empty folder.")
         written = []
-        for name in TEMPLATES:
+        for name, content in files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes((templates / name).read_bytes())
+            path.write_bytes(content)
             written.append(path)
     return written
 

@@ -18,7 +18,7 @@ from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
 from commonrail.calibration.parameter import Wanted
 from commonrail.calibration.study import LeaveOut
-from commonrail.data.kinds import KINDS
+from commonrail.data.kinds import KINDS, find_kind
 from commonrail.data.study_block import DataModel, Name
 from commonrail.physics.injector import parameter_quantities
 from commonrail.readers.fields import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
@@ -31,7 +31,12 @@ MOST_CONSTRAINTS = 1000
 MOST_CONDITIONS = 100
 MOST_SEEDS = 100
 
-_BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()})
+
+def _installed_block(name: str) -> type[DataModel] | None:
+    return None if (kind := find_kind(name)) is None else kind.model
+
+
+_BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()}, _installed_block)
 
 
 def known_parameter(item: str) -> str:
@@ -114,9 +119,8 @@ class ConstraintsModel(FileModel):
 
 
 def _known_method(name: str) -> str:
-    names = [entry.name for entry in registry.REGISTERED]
-    if name not in names:
-        known = " or ".join(f'"{known}"' for known in names)
+    if registry.named(name) is None:
+        known = " or ".join(f'"{known}"' for known in registry.methods())
         raise fault(f'this must be {known}, not "{name}"')
     return name
 
@@ -134,9 +138,10 @@ class Optimisers(NamedTuple):
 def read_optimisers(table: Any) -> Optimisers:
     """The optimisers that a table states; a setting that is left out keeps its own default."""
     name = table.get("method") if isinstance(table, Mapping) else None
-    known = [entry for entry in registry.REGISTERED if name in (entry.name, None)]
-    chosen = known[0] if known else registry.REGISTERED[0]
+    found = registry.named(name) if isinstance(name, str) else None
+    chosen = found or registry.REGISTERED[0]
     model = _optimiser_model(chosen.settings)  # type: ignore[arg-type]
+    known = found or name is None
     stated = dict(model.model_validate(table if known else {"method": name}))  # an unknown one is its first fault
     polish = {key: stated.pop(key) for key in ("polish", "polish_iterations", "stop_when_converged")}
     kept = {f.name: stated[f.name] for f in fields(chosen.settings) if stated[f.name] is not None}

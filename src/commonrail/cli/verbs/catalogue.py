@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
+from commonrail.base.errors import InputError, PluginError
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
+
+_Found = TypeVar("_Found")
 
 
 class Section(StrEnum):
@@ -33,8 +37,8 @@ def catalogue(
 ) -> None:
     """List fuels, injectors and parameters.
 
-    Fuels and injectors are those that ship with commonrail; parameters are what --set, a study or an
-    injector's file can name.
+    Fuels and injectors are those that ship with commonrail and those of installed packages; parameters are what
+    --set, a study or an injector's file can name.
 
     \b
     Examples:
@@ -62,7 +66,6 @@ def _write_gallery(path: Path, search: str, json: bool) -> None:
     """Write the page of the injectors that contain a text."""
     from importlib.metadata import version
 
-    from commonrail.base.errors import InputError
     from commonrail.base.output import write_text, writing
     from commonrail.cli.options import check_file
     from commonrail.readers.injector.file import load_injector
@@ -90,17 +93,28 @@ def _entries(section: Section) -> list[dict[str, Any]]:
 def _fuels() -> list[dict[str, Any]]:
     from commonrail.readers.fuel import fuel_catalogue, load_fuel
 
-    fuels = [load_fuel(name) for name in fuel_catalogue()]
+    fuels = _sound(load_fuel, fuel_catalogue()).values()
     return [{"name": f.name, "title": f.title, "mark": f.mark, "source": f.source} for f in fuels]
 
 
 def _injectors() -> list[dict[str, Any]]:
     from commonrail.readers.injector.file import injector_catalogue, load_injector
 
-    injectors = [(name, load_injector(name)) for name in injector_catalogue()]
     return [
-        {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic} for name, i in injectors
+        {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic}
+        for name, i in _sound(load_injector, injector_catalogue()).items()
     ]
+
+
+def _sound(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
+    """What can be loaded, by name; a file of an installed package that cannot is told of."""
+    found = {}
+    for name in names:
+        try:
+            found[name] = load(name)
+        except (InputError, PluginError) as error:
+            say(f"commonrail: {error}")
+    return found
 
 
 def _parameters() -> list[dict[str, Any]]:

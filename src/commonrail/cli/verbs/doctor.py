@@ -15,17 +15,23 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from commonrail.base import registry
 from commonrail.base.choices import Precision
+from commonrail.base.errors import CommonrailError
 from commonrail.base.hooks import duration
+from commonrail.calibration.optimisers.registry import named
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import verb
 from commonrail.cli.options import Json
 from commonrail.compiler import cache, target
+from commonrail.data.kinds import find_kind
 from commonrail.engine.lanes import VECTORS, compiled
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, usable_threads
+from commonrail.readers.fuel import load_fuel
 from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.meters import installed_meters
 
 # A module in a fresh process of the same Python.
 
@@ -117,7 +123,8 @@ def doctor(*, json: Json = False) -> None:
     facts = list(examine())
     well = usable(facts)
     if json:
-        print_json({"kind": "doctor", "usable": well, "facts": [fact._asdict() for fact in facts]})
+        plugins = [plugin._asdict() for plugin in installed_plugins()]
+        print_json({"kind": "doctor", "usable": well, "facts": [fact._asdict() for fact in facts], "plugins": plugins})
     else:
         print_rows(("", "found", ""), [(fact.name, fact.value, fact.verdict) for fact in facts])
     if not well:
@@ -220,6 +227,7 @@ def examine() -> Iterator[Fact]:
     yield from cache_facts()
     yield from kernel_facts()
     yield from extra_facts()
+    yield from plugin_facts()
 
 
 def usable(facts: list[Fact]) -> bool:
@@ -333,6 +341,75 @@ def extra_facts(find: Callable[[str], object | None] = find_spec) -> Iterator[Fa
             yield Fact(package, version(package))
     yield Fact("numba-cuda", version("numba-cuda") or "not installed; commonrail does without")
     yield Fact("CUDA device", _cuda_device(find))
+
+
+# Installed packages with parts for commonrail.
+
+
+class Plugin(NamedTuple):
+    """Installed package.
+
+    Attributes
+    ----------
+    distribution, version, citation : str
+        Of the package; the citation is `__citation__` of its top-level module, by default its summary.
+    parts : list of str
+        Group and name of each, such as "verbs spread".
+    broken : list of str
+        A sentence on each that cannot be used.
+    """
+
+    distribution: str
+    version: str
+    citation: str
+    parts: list[str]
+    broken: list[str]
+
+
+# How a part is tried; those of all other groups are loaded.
+_TRIALS: dict[str, Callable[[str], object]] = {
+    "optimisers": named,
+    "data": find_kind,
+    "injectors": load_injector,
+    "fuels": load_fuel,
+    "meters": lambda name: installed_meters([name], ()),
+}
+
+
+def installed_plugins() -> list[Plugin]:
+    """Installed packages by name, each part of them tried."""
+    parts = [entry for group in registry.GROUPS for entry in registry.installed(group).values()]
+    found = []
+    for name in sorted({entry.distribution for entry in parts}):
+        own = [entry for entry in parts if entry.distribution == name]
+        texts = [f"{entry.group} {entry.name}" for entry in own]
+        found.append(Plugin(name, own[0].version, _citation(own[0]), texts, [why for e in own if (why := _fault(e))]))
+    return found
+
+
+def _fault(entry: registry.Entry) -> str:
+    """Sentence on why a part cannot be used; empty if it can."""
+    try:
+        trial = _TRIALS.get(entry.group)
+        entry.load() if trial is None else trial(entry.name)
+    except CommonrailError as error:
+        return str(error)
+    return ""
+
+
+def _citation(entry: registry.Entry) -> str:
+    with suppress(Exception):  # a broken package is told of by its parts
+        return str(registry.load(f"{entry.target.partition(':')[0].partition('.')[0]}:__citation__"))
+    with suppress(metadata.PackageNotFoundError, KeyError):
+        return str(metadata.metadata(entry.distribution)["Summary"] or "")
+    return ""
+
+
+def plugin_facts() -> Iterator[Fact]:
+    """Installed packages with their parts."""
+    for plugin in installed_plugins():
+        value = f"{plugin.version}: {', '.join(plugin.parts)}" + (f". {plugin.citation}" if plugin.citation else "")
+        yield Fact(f"plug-in {plugin.distribution}", value, " ".join(plugin.broken) or OK)
 
 
 def _vectors(sets: list[str]) -> str:

@@ -1,13 +1,19 @@
-"""commonrail new: a commented injector, study and data file to start from, or a study of data files."""
+"""commonrail new: a commented injector, study and data file to start from, a study of data files, or a plug-in."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from importlib import resources
+from importlib.util import find_spec
+from keyword import iskeyword
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Annotated
 
 import click
 
+from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs
 from commonrail.cli.grammar import Argument, Option, verb
@@ -19,7 +25,9 @@ if TYPE_CHECKING:
 
 @verb
 def new(
-    folder: Annotated[Path, Argument(metavar="DIR", help="A new or empty folder.")],
+    folder: Annotated[
+        Path | None, Argument(metavar="DIR", help="A new or empty folder; with --plugin by default of its name.")
+    ] = None,
     *,
     injector: Annotated[
         str | None, Option(metavar="MODEL", help="Injector of the study: a name of the catalogue, or a file.")
@@ -30,6 +38,7 @@ def new(
     ] = (),
     cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the bench, e.g. 5MPa.")] = "",
     return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "",
+    plugin: Annotated[str, Option(metavar="NAME", help="Write a package with a verb and an optimiser instead.")] = "",
     json: Json = False,
 ) -> None:
     """Write a small study to start from.
@@ -41,8 +50,18 @@ def new(
     Examples:
       commonrail new my-injector
       commonrail new my-study --injector cri2-16 --from map.xlsx --from rates.mf4 --cylinder-pressure 0.5MPa
+      commonrail new --plugin my-plugin
     """
+    if folder is None:
+        if not plugin:
+            raise InputError("Name a new or empty folder for the study, as in commonrail new my-injector.")
+        folder = Path(plugin)
     check_folder(folder)
+    if plugin:
+        if from_ or injector is not None or cylinder_pressure or return_pressure:
+            raise InputError("--plugin stands alone; omit the options of a study.")
+        _say_written(write_plugin(folder, plugin), f"pip install -e {folder}, then pytest {folder}", json)
+        return
     if from_ or injector is not None:
         if injector is None or not from_:
             raise InputError("Give --injector and one or more files with --from, or neither.")
@@ -52,13 +71,56 @@ def new(
         raise InputError("--cylinder-pressure and --return-pressure belong to --from; omit them.")
     from commonrail.calibration.study_file.from_data import write_new
 
-    written = write_new(folder)
+    _say_written(write_new(folder), f"commonrail calibrate {folder / 'study.toml'}", json)
+
+
+def _say_written(written: Sequence[Path], following: str, json: bool) -> None:
     if json:
         print_json({"kind": "new", "files": [str(path) for path in written]})
         return
     for path in written:
         click.echo(str(path))
-    click.echo(f"next: commonrail calibrate {folder / 'study.toml'}")
+    click.echo(f"next: {following}")
+
+
+# A package with parts, from the templates beside this module: $name is its name, $module that of its module.
+
+_NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+_TEMPLATES = {
+    "pyproject.toml": "pyproject.toml.txt",
+    "README.md": "README.md.txt",
+    "src/{}/__init__.py": "init.py.txt",
+    "src/{}/verb.py": "verb.py.txt",
+    "src/{}/search.py": "search.py.txt",
+    "tests/test_parts.py": "test_parts.py.txt",
+}
+
+
+def write_plugin(folder: Path, name: str) -> list[Path]:
+    """Write a package with a verb and an optimiser, and its tests, into a new or empty folder.
+
+    Raises
+    ------
+    InputError
+        If the name is no name of a package or that of a verb, or something is in the folder.
+    """
+    from commonrail.calibration.study_file.from_data import write_into
+
+    if not _NAME.fullmatch(name):
+        raise InputError(f"--plugin {name}: give a name of small letters, digits and single hyphens, as my-plugin.")
+    if registry.find("verbs", name) is not None:
+        raise InputError(f"--plugin {name}: there is a verb of this name; choose another.")
+    module = name.replace("-", "_")
+    if iskeyword(module) or find_spec(module) is not None:
+        raise InputError(f"--plugin {name}: there is a module {module} in this Python; choose another name.")
+    templates = resources.files("commonrail.cli.verbs") / "plugin_template"
+    texts = {
+        path.format(module): Template((templates / file).read_text(encoding="utf-8")).substitute(
+            name=name, module=module
+        )
+        for path, file in _TEMPLATES.items()
+    }
+    return write_into(folder, {path: text.encode() for path, text in texts.items()})
 
 
 def _of_files(folder: Path, injector: str, sources: Sequence[Path], pressures: tuple[str, str], json: bool) -> None:

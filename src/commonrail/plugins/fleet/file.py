@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.output import replacing, summed, write_csv
 from commonrail.compiler.target import describe, package_versions
-from commonrail.data.kinds import KINDS
+from commonrail.data.kinds import kind_of
 from commonrail.physics.meters.meter import known_quantity
 from commonrail.plugins.certainty.linear import ESTIMATOR
 from commonrail.plugins.fleet.journal import FAILED, FINISHED, Entry
@@ -235,7 +235,7 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dic
     columns |= {f"J {key}": [r["J"][key] if r else None for r in records] for key in ("start", "best")}
     for data in fleet.template.model.data:
         if data.name not in fleet.template.left_out:
-            measure, unit = KINDS[data.kind].error_head
+            measure, unit = kind_of(data.kind).error_head
             columns[f"{measure} {data.name} [{unit}]"] = [_of_data(r, data.name) for r in records]
     units = units_of(fleet)
     for name, unit in units.items():

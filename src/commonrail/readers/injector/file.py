@@ -111,10 +111,10 @@ def _entry(value: float, q: Q, source: Source) -> str:
 
 
 def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
-    """By name if the catalogue has this very fuel, else law by law."""
-    from commonrail.readers.fuel import fuel_catalogue, load_fuel
+    """By name if this very fuel ships with the package, else law by law."""
+    from commonrail.readers.fuel import load_fuel, shipped_fuels
 
-    if fuel.name in fuel_catalogue() and load_fuel(fuel.name) == fuel:
+    if fuel.name in shipped_fuels() and load_fuel(fuel.name) == fuel:
         yield f"name = {value_text(fuel.name)}"
     else:
         yield from table_lines(f"{table}.definition", _fuel_document(fuel))
@@ -148,11 +148,16 @@ def _law(law: Law, unit: str, names: tuple[str, ...]) -> dict[str, Any]:
 # One table per component, whose keys are the component's parameters. A value is a text with its unit, or an inline
 # table that adds mark and source; what a file leaves out takes the default of the component.
 
-_CATALOGUE = Catalogue("commonrail.physics", "catalogue/injectors", 'There is no injector "{}" in the catalogue')
+_CATALOGUE = Catalogue(
+    "commonrail.physics",
+    "catalogue/injectors",
+    'There is no injector "{}" in the catalogue',
+    group="injectors",
+)
 
 
 def injector_catalogue() -> list[str]:
-    """Names that `load_injector` knows, sorted."""
+    """Names that `load_injector` knows, those of installed packages behind those that ship."""
     return _CATALOGUE.names()
 
 

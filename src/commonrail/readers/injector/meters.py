@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -12,8 +12,11 @@ from pydantic_core import CoreSchema, core_schema
 from commonrail.physics.injector import Source
 from commonrail.physics.meters.meter import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
 from commonrail.physics.parameters import Q
+from commonrail.readers.catalogue import installed_text
 from commonrail.readers.fields import UNSTATED, FileModel, Sourced, Text, Unit, choice, fault
 from commonrail.readers.location import Place, located
+from commonrail.readers.toml import parse_toml, read_model
+from commonrail.readers.toml_writer import key_text
 
 MOST_METERS = 100
 
@@ -106,6 +109,31 @@ class MeterHead(Sourced):
 _quantities: Any = {key: (Annotated[Amount | None, _Amounts(q)], None) for key, q in QUANTITIES.items()}
 MeterModel = create_model("MeterModel", __base__=MeterHead, **_quantities)
 MeterTables = Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)]  # type: ignore[valid-type]
+
+
+class _MeterFile(FileModel):
+    """File of an installed package."""
+
+    meters: MeterTables
+
+
+def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dict[str, MeterHead]:
+    """Tables of the meters of installed packages among `names`, but for those that are described already, `known`.
+
+    Raises
+    ------
+    PluginError, InputError
+        If the file of one cannot be read, or has no meter of that name.
+    """
+    found: dict[str, MeterHead] = {}
+    for name in sorted({name for name in names if name and name not in known}):
+        if text := installed_text("meters", name):
+            at = Place(f"{name}.toml")
+            tables: Mapping[str, MeterHead] = read_model(_MeterFile, parse_toml(text, at.file), at).meters
+            if name not in tables:
+                raise (at / "meters").error(f"there is no table [meters.{key_text(name)}]; add it")
+            found[name] = tables[name]
+    return found
 
 
 def free_names(tables: Mapping[str, MeterHead]) -> list[str]:

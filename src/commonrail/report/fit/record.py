@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from commonrail.base.text import listed
 from commonrail.base.units import to_text
 from commonrail.data.base import View
-from commonrail.data.kinds import KINDS
+from commonrail.data.kinds import kind_of, kinds_of
 from commonrail.data.records import LABELS, Record, Shown
 
 # Meters in reports: a sentence on each, from the record of a result.
@@ -50,9 +50,8 @@ def shown_of(record: Record) -> dict[str, Shown]:
 
 def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:
     """Data sets of each kind that there is, with what reports show of it."""
-    for name, kind in KINDS.items():
-        if own := [d for d in data if d["kind"] == name]:
-            yield kind.view, own
+    for kind in kinds_of(d["kind"] for d in data):
+        yield kind.view, [d for d in data if d["kind"] == kind.kind]
 
 
 def of_role(data: Sequence[Record], role: str) -> list[Record]:
@@ -94,7 +93,7 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
 
 
 def _points(data: Record) -> Sequence[Record]:
-    return KINDS[data["kind"]].view.operating_points(data)
+    return kind_of(data["kind"]).view.operating_points(data)
 
 
 def _options(values: Record, units: Mapping[str, str]) -> str:
@@ -110,7 +109,7 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
     folder, injector = shlex.quote(run), shlex.quote(f"{run}/calibrated.toml")
     first = record["data"][0]
-    point = _options(KINDS[first["kind"]].view.operating_point(first), _POINT)
+    point = _options(kind_of(first["kind"]).view.operating_point(first), _POINT)
     return [
         ("Calibrate again", f"commonrail calibrate {shlex.quote(f'{run}/study.toml')}"),
         ("Add generations", f"commonrail resume {folder} --generations 50"),

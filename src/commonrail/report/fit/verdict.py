@@ -10,7 +10,7 @@ from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import MISSING, fixed, listed, number, signed, significant
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.base import DataSet
-from commonrail.data.kinds import KINDS
+from commonrail.data.kinds import kind_of
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.report.fit.certainty import difference
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
@@ -175,7 +175,7 @@ def _weights(weights: Mapping[str, Any]) -> str:
 
 def _unit(record: Record) -> str:
     """Unit of the scatter of the fitted residuals, which are weighted where data of several units are fitted."""
-    units = {KINDS[d["kind"]].residual_unit for d in of_role(record["data"], "fit")}
+    units = {kind_of(d["kind"]).residual_unit for d in of_role(record["data"], "fit")}
     return units.pop() if len(units) == 1 else "of their weighted units"
 
 
@@ -447,7 +447,7 @@ def _parameters(record: Record, folder: str) -> Iterator[_Point]:
 def _plan(record: Record, folder: str) -> Step:
     """Measurements to plan; of data at one operating point `next` needs the range of the bench."""
     text = "Plan the measurements that would pin them down"
-    points = [p for d in of_role(record["data"], "fit") for p in KINDS[d["kind"]].view.operating_points(d)]
+    points = [p for d in of_role(record["data"], "fit") for p in kind_of(d["kind"]).view.operating_points(d)]
     if len({(p.get("rail_pressure"), p.get("energising_time")) for p in points}) == 1:
         return Step(
             f"{text} with commonrail next. The fitted data are of one operating point: state what the bench can run by "
