@@ -318,13 +318,13 @@ from .plugins.foreign_fmu.study import (
 from .plugins.maps.axes import (
     MapAxes as MapAxes,
 )
-from .plugins.maps.inverse import (
+from .plugins.maps.choices import (
     Beyond as Beyond,
 )
-from .plugins.maps.inverse import (
+from .plugins.maps.choices import (
     CellState as CellState,
 )
-from .plugins.maps.inverse import (
+from .plugins.maps.choices import (
     Several as Several,
 )
 from .plugins.maps.run import (

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from commonrail.cli.machine import OK, Fact, cache_facts, extra_facts, kernel_facts, run_child, self_check, usable
 from commonrail.cli.verbs import doctor
-from commonrail.cli.verbs.doctor import OK, Fact, cache_facts, extra_facts, kernel_facts, run_child, self_check, usable
 from commonrail.compiler import cache
 
 SOUND: dict[str, Any] = {
@@ -33,7 +33,7 @@ def facts_of(*answers: dict[str, Any]) -> list[Fact]:
 @pytest.mark.slow  # tests/cli/test_doctor.py reads the same of the command
 @pytest.mark.skipif(cache.cache_folder() is None, reason="no place for compiled simulations can be used here")
 def test_a_second_process_loads_what_the_first_has_compiled() -> None:
-    first, second = (json.loads(run_child("commonrail.cli.verbs.doctor", [], 300.0).stdout) for _ in range(2))
+    first, second = (json.loads(run_child("commonrail.cli.machine", [], 300.0).stdout) for _ in range(2))
     assert first["origin"] in ("compiled", "cache", "library")
     assert second["origin"] in ("cache", "library")
 

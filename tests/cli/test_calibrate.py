@@ -137,7 +137,7 @@ def test_a_search_that_fails_leaves_no_folder(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("commonrail.calibration.run.calibrate", fail)
+    monkeypatch.setattr("commonrail.runs.fit.calibrate", fail)
     done = command("calibrate", study, "--out", tmp_path / "run")
     assert done.status == (2 if isinstance(error, StudyError) else 1)
     assert done.sentence
@@ -162,7 +162,7 @@ def interrupt_at(number: int) -> Callable[..., Any]:
 def test_ctrl_c_writes_the_best_so_far_and_ends_with_130(
     command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("commonrail.calibration.run.calibrate", interrupt_at(2))
+    monkeypatch.setattr("commonrail.runs.fit.calibrate", interrupt_at(2))
     done = command("calibrate", study, "--out", tmp_path / "run", "--json")
     assert done.status == 130
     run = tmp_path / "run"

@@ -230,7 +230,7 @@ def instructions() -> dict[Precision, list[str]]:
     from numba import cuda as numba_cuda
     from numba.cuda import dispatcher
 
-    from commonrail.engine import cuda as cuda_kernel
+    from commonrail.engine import cuda_kernel
 
     cuda_kernel.open_device()
     texts = {}

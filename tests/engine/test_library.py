@@ -301,8 +301,8 @@ def test_a_library_needs_no_other(use: pytest.MonkeyPatch, made: Path) -> None:
 
 CODE = """
 import json, pathlib, sys
-from commonrail.engine import library
-library.FOLDER = pathlib.Path(sys.argv[1])
+from commonrail.engine import machine_code
+machine_code.FOLDER = pathlib.Path(sys.argv[1])
 import commonrail as cr
 from commonrail.base.choices import Body, Drive
 from commonrail.physics.variants import Variant

@@ -84,7 +84,7 @@ def _judged_before(calibration: Calibration, threads: int | None = None) -> Iden
 def judged_before() -> Iterator[None]:
     """Judgements of runs that end alike are computed once: they take as long as the short searches of these tests."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("commonrail.calibration.identifiability.identify", _judged_before)
+        patch.setattr("commonrail.runs.fit.identify", _judged_before)
         yield
 
 

@@ -117,7 +117,7 @@ def test_another_number_of_threads_may_go_on(whole: Whole, stopped: Stop) -> Non
 def test_a_finished_run_is_judged_and_written_anew_to_the_same_bytes(
     whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("commonrail.calibration.identifiability.identify", identify)  # whatever was found before
+    monkeypatch.setattr("commonrail.runs.fit.identify", identify)  # whatever was found before
     copy = tmp_path / "copy"
     shutil.copytree(whole.run, copy)
     (copy / "result.json").unlink()
@@ -150,7 +150,7 @@ def test_a_crash_while_it_is_lengthened_does_no_harm(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("commonrail.base.output.write_text", crash)  # the journal knows, study.toml does not
+        patch.setattr("commonrail.runs.fit.write_text", crash)  # the journal knows, study.toml does not
         with pytest.raises(KeyboardInterrupt):
             resume(run, generations=2)
     assert len(resume(run).history) == 1 + GENERATIONS + 2
@@ -416,7 +416,7 @@ def test_what_somebody_else_has_put_into_a_new_run_stays(
         (run / "data" / "notes.md").write_text("mine")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("commonrail.calibration.run.calibrate", late)
+    monkeypatch.setattr("commonrail.runs.fit.calibrate", late)
     with pytest.raises(KeyboardInterrupt):
         calibrate_into(run, load_study(study_file))
     assert [path.name for path in run.rglob("*") if path.is_file()] == ["notes.md"]

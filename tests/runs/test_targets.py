@@ -44,7 +44,7 @@ def test_the_same_target_is_not_worth_a_word(whole: Whole, stopped: Stop) -> Non
 
 def test_a_run_begun_on_another_target_says_so(stopped: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr("commonrail.compiler.target.describe", lambda: OTHER)
+        patch.setattr("commonrail.runs.journal.describe", lambda: OTHER)
         run = stopped(3)
     (text,) = told_by(run)
     assert f"begun with cpu znver9, now {describe().cpu}; instruction sets, now without avx9" in text
@@ -55,8 +55,8 @@ def test_a_run_begun_on_another_target_says_so(stopped: Stop, monkeypatch: pytes
 def test_a_session_between_is_not_forgotten(stopped: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
     run = stopped(2)
     with monkeypatch.context() as patch:
-        for module in ("journal", "targets"):
-            patch.setattr(f"commonrail.store.{module}.describe", lambda: OTHER)
+        for module in ("journal", "fingerprint"):
+            patch.setattr(f"commonrail.runs.{module}.describe", lambda: OTHER)
         assert "now znver9" in told_by(run, 1)[0]
     (text,) = told_by(run)
     assert f"resumed as session 2 with cpu znver9, now {describe().cpu}" in text

@@ -9,15 +9,13 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-
-from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.output import check_target, writing
 from commonrail.base.units import compatible, parse, parse_difference
 from commonrail.cli.grammar import Argument, Option
 
 if TYPE_CHECKING:
+    from commonrail.base.arrays import Floats
     from commonrail.engine.operating_point import Energising
     from commonrail.physics.injector import Injector
     from commonrail.workers.workers import Workers
@@ -129,6 +127,8 @@ def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) ->
     if ":" in text:
         return _range(text, unit, option)
     texts = _with_units(text.split(","), option)
+    import numpy as np  # late: help does without
+
     values = np.array([parse(one, unit, option) for one in texts])
     if len(values) > MOST_VALUES:
         raise InputError(f"{option}: there are {len(values)} values, and at most {MOST_VALUES} are taken.")
@@ -153,6 +153,8 @@ def _range(text: str, unit: str, option: str) -> Floats:
         raise InputError(
             f'{option} "{text}": the step of a range must be greater than zero, the last value not smaller.'
         )
+    import numpy as np
+
     count = int(np.floor((last - first) / step * (1.0 + 1e-9) + 1e-9)) + 1
     if count > MOST_VALUES:
         raise InputError(f'{option} "{text}": the range has {count} values, and at most {MOST_VALUES} are taken.')

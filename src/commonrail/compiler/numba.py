@@ -20,7 +20,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic, overload
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.compiler.cache import KernelCache
+from commonrail.compiler.numba_cache import KernelCache
 from commonrail.compiler.target import Processor, is_x86, own_processor
 from commonrail.physics.law import CACHE_LINE, in_single, offer_laws
 

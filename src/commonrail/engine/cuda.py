@@ -6,26 +6,18 @@ that its memory holds. Nothing of CUDA is imported before it is asked for.
 
 from __future__ import annotations
 
-import functools
 import importlib.util
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
-import numba
 import numpy as np
-from numba import cuda
 
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
-from commonrail.compiler.numba import offer_overloads
-from commonrail.engine.block import FUEL, INPUTS, Machine, any_vectors, make_simulate
-from commonrail.engine.feed import Inlets, Memory, copy_number, gather_number
-from commonrail.engine.job import Job, Samples
+from commonrail.engine.block import FUEL
+from commonrail.engine.job import Job
 from commonrail.engine.lanes import VECTORS, Misfit, tabled, trace_paths
-from commonrail.engine.recorder import Outcome, at, make_rows, record
-from commonrail.physics.law import physics
-from commonrail.physics.model import Inputs
+from commonrail.engine.recorder import Outcome
 from commonrail.physics.variants import Variant, wiring
 
 # A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:
@@ -110,11 +102,13 @@ def _launch(
 ) -> tuple[Outcome, Floats]:
     from numba import cuda
 
-    kernel = compiled(variant, precision, traced)
+    from commonrail.engine import cuda_kernel
+
+    kernel = cuda_kernel.compiled(variant, precision, traced)
     real = VECTORS[precision].real
     steps = job.courses.steps
     samples = _to_device(cuda, (misfit or Misfit.none(len(steps))).samples(job.dt, steps), real)
-    courses = Table(job.courses.settings, steps, job.courses.earliest_end, job.courses.inputs)
+    courses = cuda_kernel.Table(job.courses.settings, steps, job.courses.earliest_end, job.courses.inputs)
     given = _to_device(cuda, job._replace(courses=courses, points=job.points[:0], candidates=job.candidates[:0]), real)
     slots = max(3 * job.ring, len(wiring(variant).parameters.paths) + len(FUEL.paths))
     paths, n = len(trace_paths(variant)), len(job.points)
@@ -145,121 +139,3 @@ def _at_a_time(cuda: Any, count: int, size: int) -> int:
     """Threads of a launch: whole groups, as many as the device's memory holds."""
     free, _ = cuda.current_context().get_memory_info()
     return GROUP * int(max(min(-(-count // GROUP), SHARE * free / (size * GROUP)), 1))
-
-
-# The loop that one CUDA thread runs: one candidate at one operating point.
-#
-# The functions are those of `block`, for a block of one lane, and the laws are the same source. Working rows are a
-# local array: every law is inlined and reads them at constant places, so that the compiler takes the array apart and
-# keeps it in registers. The rings of the waves lie in the device's memory, slot after slot with all threads side by
-# side: a warp reads neighbouring numbers. Whatever the loop reads is in the numbers that it computes in; with single
-# precision no double is touched in a step.
-#
-# Import it only where Numba's CUDA target or its simulator is known to be there: see `cuda.missing`.
-
-
-class Table(NamedTuple):
-    """`Courses` with all inputs: settings (points, 3), steps and earliest_end (points,), inputs (points, steps, 6)."""
-
-    settings: Any
-    steps: Any
-    earliest_end: Any
-    inputs: Any
-
-
-@functools.cache
-def compiled(variant: Variant, precision: Precision, traced: bool) -> Any:
-    """The kernel of a variant, compiled for the device of this process at its first call.
-
-    Parameters
-    ----------
-    variant, precision, traced
-        As of `make_march`.
-    """
-    march = make_march(variant, precision, traced)
-    if numba.config.ENABLE_CUDASIM:
-        return cuda.jit(march)
-    open_device()
-    # lto: PTX is what the tests can look at without a device
-    return cuda.jit(signature(precision), lto=False)(march)
-
-
-@functools.cache
-def open_device() -> None:
-    """Let CUDA kernels inline the laws; fast-math stays off: of its parts the compiler uses "contract" by itself."""
-    from numba.cuda.extending import overload
-
-    offer_overloads(functools.partial(overload, jit_options={"forceinline": True}, strict=False))
-
-
-def signature(precision: Precision) -> Any:
-    """Types of the kernel's arguments."""
-    real, whole = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64
-    named = numba.types.NamedTuple
-    courses = named((real[:, ::1], whole[::1], whole[::1], real[:, :, ::1]), Table)
-    job = named((real[:, ::1], courses, whole[:, ::1], whole[:, ::1], real, whole, whole, whole), Job)
-    samples = named((whole[::1], whole[:, ::1], real[:, :, ::1], real[:, ::1]), Samples)
-    return numba.void(job, samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
-
-
-def make_table_reader(rows: Any) -> Inlets:
-    """Inlets from a `Table`."""
-    store = INPUTS.store
-
-    @physics
-    def point_of(courses, points):  # type: ignore[no-untyped-def]
-        return points[0]
-
-    @physics
-    def read(memory, courses, row, k):  # type: ignore[no-untyped-def]
-        x = courses.inputs[row, k]
-        store(memory.work, at(rows, rows.inputs, 0), rows.lanes, Inputs(x[0], x[1], x[2], x[3], x[4], x[5]))
-
-    @physics
-    def turn_nothing(memory, courses, points, k):  # type: ignore[no-untyped-def]
-        return k
-
-    @physics
-    def follow_nothing(memory, courses, points, k):  # type: ignore[no-untyped-def]
-        return
-
-    @physics
-    def is_traced(courses, points):  # type: ignore[no-untyped-def]
-        return False
-
-    return Inlets(point_of, read, turn_nothing, follow_nothing, is_traced, -1)
-
-
-@physics
-def keep_nothing(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
-    """In place of `keep_state`."""
-
-
-@physics
-def keep_state(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves of step k into the trace."""
-    record(work, rows, trace[thread, k])
-
-
-def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable[..., Any]:
-    """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`.
-
-    Parameters
-    ----------
-    variant : Variant
-    precision : Precision
-    traced : bool
-        Keep the state after every step.
-    """
-    rows, real = make_rows(variant, 1), VECTORS[precision].real
-    keep = keep_state if traced else keep_nothing
-    machine = Machine(real, copy_number, gather_number, make_table_reader, keep, any_vectors)
-    simulate, count, kind = make_simulate(variant, rows, machine), rows.end, numba.from_dtype(np.dtype(real))
-
-    def march(job, samples, rings, trace, out):  # type: ignore[no-untyped-def]
-        thread = cuda.grid(1)
-        if thread < job.points.shape[0]:
-            memory = Memory(cuda.local.array(count, kind), rings[:, thread], job.ring)
-            simulate(memory, job, samples, thread, trace, out[thread : thread + 1])
-
-    return march

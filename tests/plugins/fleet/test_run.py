@@ -237,9 +237,9 @@ def test_another_target_or_other_bits_are_said(begun: tuple[Path, Path], monkeyp
         wrong = first.record["J"]["best"] * (1.0 + 2.0**-52)
         journal.write(replace(first, record=first.record | {"J": first.record["J"] | {"best": wrong}}))
     other = describe()._replace(cpu="znver9")
-    monkeypatch.setattr("commonrail.compiler.target.describe", lambda: other)
+    monkeypatch.setattr("commonrail.plugins.fleet.run.describe", lambda: other)
     told: list[str] = []
-    monkeypatch.setattr("commonrail.base.hooks.note", told.append)
+    monkeypatch.setattr("commonrail.plugins.fleet.run.note", told.append)
     run = run_fleet(load_fleet(file), folder, workers=1, retry=True)
     (warning,) = run.record["warnings"]
     assert (warning["code"], warning["injectors"], warning["first"]) == ("target", COUNT - 1, "SN000001")

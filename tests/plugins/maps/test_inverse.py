@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from commonrail.plugins.maps.inverse import NARROWEST, TOLERANCE, Beyond, CellState, Inverse, Rules, Several, invert
+from commonrail.plugins.maps.choices import Beyond, CellState, Several
+from commonrail.plugins.maps.inverse import NARROWEST, TOLERANCE, Inverse, Rules, invert
 from commonrail.plugins.maps.response import Line, Response, knots_of
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.plugins.maps.axes import MapAxes, increasing
-from commonrail.plugins.maps.inverse import CellState
+from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.run import InjectionMap, injection_map, usual_axes
 from commonrail.plugins.maps.table import MapUnits, check_label, inverse_table, quantity_table

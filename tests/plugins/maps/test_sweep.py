@@ -11,8 +11,8 @@ import commonrail as cr
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.plugins.maps.axes import MapAxes
+from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import compensation, fusion_dwell
-from commonrail.plugins.maps.inverse import CellState
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import (
     Base,

@@ -67,7 +67,7 @@ def test_a_place_that_cannot_be_written_is_refused(
     truth: Truth, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     curve = bench_curve(truth, load_injector(truth.injector), 80e6, ENERGISING_TIME, SEED)
-    monkeypatch.setattr("commonrail.plugins.paper.bench.bench_curve", lambda *_: curve)
+    monkeypatch.setattr("commonrail.plugins.paper.bench_file.bench_curve", lambda *_: curve)
     (tmp_path / "data").write_text("a file")
     with pytest.raises(InputError, match=r"the data cannot be written \(.*\); name another folder"):
         write_bench_data(tmp_path, SEED, truth)

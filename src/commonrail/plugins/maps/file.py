@@ -15,9 +15,9 @@ from commonrail.base.errors import InputError
 from commonrail.base.output import neutralised, replacing, write_csv, write_text
 from commonrail.base.text import number
 from commonrail.plugins.maps.cdfx import write_cdfx
+from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.dcm import number_text, write_dcm
 from commonrail.plugins.maps.difference import Comparison
-from commonrail.plugins.maps.inverse import CellState
 from commonrail.plugins.maps.run import InjectionMap, MapBands
 from commonrail.plugins.maps.table import MapTable
 

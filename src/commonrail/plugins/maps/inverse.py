@@ -8,61 +8,13 @@ wanted one, so that every number that is not named otherwise has been simulated.
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import Enum, IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
+from commonrail.plugins.maps.choices import Beyond, CellState, Several
 from commonrail.plugins.maps.response import Line, Response, falls_of
-
-# Choices of an inverse map, and the states that its cells can have.
-
-
-class Several(Enum):
-    """Energising time that is taken where several deliver the quantity, because it falls in between."""
-
-    SHORTEST = "shortest"
-    LONGEST = "longest"
-
-
-class Beyond(Enum):
-    """Energising time of a quantity that the longest simulated one does not deliver.
-
-    EXTRAPOLATE continues the last two simulated times as a straight line, as makers of control units do; HOLD takes
-    the longest time; EMPTY leaves the cell without a number.
-    """
-
-    EXTRAPOLATE = "extrapolate"
-    HOLD = "hold"
-    EMPTY = "empty"
-
-
-class CellState(IntEnum):
-    """State of a cell of a map; `sentence` says what its number means."""
-
-    REACHED = 0
-    ZERO = 1
-    SEVERAL = 2
-    JUMP = 3
-    BEYOND = 4
-    FAILED = 5
-
-    @property
-    def sentence(self) -> str:
-        """Meaning of the number in a cell of this state."""
-        return _SENTENCES[self]
-
-
-_SENTENCES = {
-    CellState.REACHED: "simulated: this energising time delivers the quantity",
-    CellState.ZERO: "no quantity: the energising time is 0",
-    CellState.SEVERAL: "several energising times deliver the quantity, because it falls in between: one is taken",
-    CellState.JUMP: "the quantity jumps past this value: the energising time just behind the jump",
-    CellState.BEYOND: "more than the longest simulated energising time delivers: by the stated rule",
-    CellState.FAILED: "the simulation failed or the needle did not close: no number",
-}
-
 
 States = Ints
 

@@ -11,8 +11,9 @@ from commonrail.base.chart import BOTH, MARKERS, Band, Figure, HeatMap, Panel, S
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import counted, fixed, listed, significant
 from commonrail.plugins.maps.bands import band_about, band_heats, band_sentences
+from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.difference import Comparison, difference
-from commonrail.plugins.maps.inverse import TOLERANCE, CellState
+from commonrail.plugins.maps.inverse import TOLERANCE
 from commonrail.plugins.maps.response import FALL
 from commonrail.plugins.maps.run import InjectionMap
 from commonrail.plugins.maps.table import notes_of

@@ -18,7 +18,8 @@ from commonrail.calibration.run import Calibration
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes
-from commonrail.plugins.maps.inverse import Beyond, CellState, Inverse, Rules, Several, invert
+from commonrail.plugins.maps.choices import Beyond, CellState, Several
+from commonrail.plugins.maps.inverse import Inverse, Rules, invert
 from commonrail.plugins.maps.response import (
     Conditions,
     Fall,

@@ -13,8 +13,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.output import write_csv
 from commonrail.base.text import number
 from commonrail.base.units import convert
+from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
-from commonrail.plugins.maps.inverse import CellState
 from commonrail.plugins.maps.sweep import Sweep, table_unit, without_number
 from commonrail.plugins.maps.table import notes_of
 

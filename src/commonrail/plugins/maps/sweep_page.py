@@ -12,8 +12,8 @@ from commonrail.base.table import Table, tabulated
 from commonrail.base.text import counted, fixed, in_print, quantity, significant
 from commonrail.base.units import convert
 from commonrail.physics.injector import FUEL_TEMPERATURE
+from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
-from commonrail.plugins.maps.inverse import CellState
 from commonrail.plugins.maps.sweep import Sweep, Variable, WithoutNumber, table_unit, without_number
 from commonrail.plugins.maps.table import notes_of
 from commonrail.report.draw.figure import drawings

@@ -11,8 +11,8 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.units import convert
+from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
-from commonrail.plugins.maps.inverse import CellState
 from commonrail.plugins.maps.run import Edges, InjectionMap
 from commonrail.readers.quantity_matrix import BAND
 

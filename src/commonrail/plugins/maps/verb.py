@@ -15,7 +15,7 @@ from commonrail.base.units import parse
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
-from commonrail.plugins.maps.inverse import Beyond, Several
+from commonrail.plugins.maps.choices import Beyond, Several
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector

@@ -54,7 +54,7 @@ def demo(
 
 
 def _cases_folder() -> Path:
-    folder = Path(__file__).resolve().parents[3] / "cases"
+    folder = Path(__file__).resolve().parents[4] / "cases"
     missing = [name for name in CASES if not (folder / name / "study.toml").is_file()]
     if missing:
         raise InputError(f"{folder / missing[0]}: no study there; run the demo from a source tree.")

@@ -1,0 +1,402 @@
+"""Facts about the machine, what commonrail made of it, and installed plug-ins; as a program, a first simulation."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.base import registry
+from commonrail.base.choices import Precision
+from commonrail.base.errors import CommonrailError
+from commonrail.calibration.optimisers.registry import named
+from commonrail.compiler import cache, target
+from commonrail.data.kinds import find_kind
+from commonrail.engine.lanes import VECTORS, compiled
+from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate, usable_threads
+from commonrail.readers.fuel import load_fuel
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.meters import installed_meters
+
+# A module in a fresh process of the same Python.
+
+Runner = Callable[[str, list[str], float], subprocess.CompletedProcess[str]]
+
+
+def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
+    """Run ``python -m module arguments``.
+
+    Parameters
+    ----------
+    module : str
+        Found where this process finds its own, also what is not installed.
+    arguments : list of str
+    seconds : float
+        After these `subprocess.TimeoutExpired` is raised.
+    """
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=seconds, env=environment, check=False)
+
+
+def ask_child(module: str, arguments: list[str], seconds: float, run: Runner = run_child) -> dict[str, Any]:
+    """Return the JSON object that a module prints, or {"failed": sentence}.
+
+    Parameters
+    ----------
+    module, arguments, seconds
+        As for `run_child`.
+    run : function
+        Runs it.
+    """
+    try:
+        done = run(module, arguments, seconds)
+    except subprocess.TimeoutExpired:
+        return {"failed": f"not done within {seconds:g} s"}
+    if done.returncode != 0:
+        return {"failed": _reason(done)}
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def _reason(done: subprocess.CompletedProcess[str]) -> str:
+    if done.returncode < 0:
+        return f"the process was ended by signal {-done.returncode}, as a system does that is short of memory"
+    last = done.stderr.strip().splitlines()[-1:] or ["no message"]
+    return f"the process ended with status {done.returncode}: {last[0]}"
+
+
+# The first simulation of a fresh process: ``python -m commonrail.cli.machine`` prints JSON.
+#
+# It tells whether the machine code came from the cache, how long that took, and what the simulation gave.
+
+POINT = OperatingPoint(160e6, 700e-6, horizon=1.56e-3)  # of the paper
+
+
+def first_simulation() -> dict[str, Any]:
+    """Seconds to the first result, where its kernel came from, and the result's figures [SI]."""
+    case = load_injector("virtual-lino-2016")
+    begin = time.perf_counter()
+    found = simulate(case, POINT)
+    seconds = time.perf_counter() - begin
+    code = compiled(case.wired(), Precision.F64, False)
+    return {
+        "seconds": seconds,
+        "origin": code.origin,
+        "processor": code.processor,
+        "status": found.status.name,
+        "volume": found.injected_volume if found.injected_volume == found.injected_volume else None,
+        "balance": found.balance if found.balance == found.balance else None,
+    }
+
+
+# The machine: processor, instruction sets, threads, memory, load, versions.
+
+FEATURES = ("sse2", "avx", "avx2", "fma", "avx512f", "avx512vl", "neon", "sve")
+BUSY = 0.5  # load for each core above which timings are not to be trusted
+
+
+def machine() -> dict[str, Any]:
+    """Everything here, for the record."""
+    return {
+        "processor": processor(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "instruction_sets": instruction_sets(),
+        "threads": usable_threads(),
+        "memory_bytes": _memory(),
+        "python": platform.python_version(),
+        "versions": {name: found for name in target.PACKAGES if (found := version(name))},
+    }
+
+
+def processor() -> str:
+    """Model of the processor, as the system names it."""
+    return target.processor() or platform.machine() or "unknown"
+
+
+def instruction_sets() -> list[str]:
+    """Those of `FEATURES` that the compiler may use here; none where it is not installed."""
+    try:
+        from llvmlite import binding
+    except ModuleNotFoundError:
+        return []
+    found = binding.get_host_cpu_features()
+    return [name for name in FEATURES if found.get(name, False)]
+
+
+def version(package: str) -> str:
+    """Installed version, empty if it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def load() -> float | None:
+    """Processes that wanted to run in the last minute, on average; None where the system does not tell."""
+    with suppress(OSError, AttributeError):
+        return os.getloadavg()[0]
+    return None
+
+
+def busy(load: float | None, threads: int) -> bool:
+    """Return whether others work on the machine so much that timings would suffer."""
+    return load is not None and load > BUSY * threads
+
+
+def _memory() -> int | None:
+    with suppress(OSError, ValueError, AttributeError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return None
+
+
+# Facts about the machine and what commonrail made of it, each with its cure.
+
+OK = "ok"
+PATIENCE = 600.0  # for the first simulation, which may compile [s]
+# The paper's injector at 160 MPa, 700 us [m³]. The physics may be refined by less than the room; miscompiled it is not.
+VOLUME, ROOM = 53.8e-9, 0.05
+BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
+# Packages that a simulation needs where no library holds it, and what needs them in any case.
+WITHOUT_LIBRARIES = {
+    "scipy": "the reference engine, refinements and some analyses need",
+    **dict.fromkeys(COMPILERS, "the reference engine, the stepper, exports and simulations that no library holds need"),
+}
+EXTRAS = {
+    "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
+    "cryptography": ("cryptography", "for --cluster local", "pip install 'commonrail[cluster]'"),
+    "pyarrow": ("pyarrow", "for Parquet tables of fleets", "pip install 'commonrail[fleet]'"),
+    "matplotlib": ("matplotlib", "for figures for print", "pip install 'commonrail[plates]'"),
+}
+
+
+class Fact(NamedTuple):
+    """One line: name, finding, "ok" or what to do, and whether one cannot do without it."""
+
+    name: str
+    value: str
+    verdict: str = OK
+    essential: bool = False
+
+
+def examine() -> Iterator[Fact]:
+    """Everything, one after another; the first simulation may take a minute where it has to be compiled."""
+    yield from machine_facts()
+    yield from cache_facts()
+    yield from kernel_facts()
+    yield from extra_facts()
+    yield from plugin_facts()
+
+
+def usable(facts: list[Fact]) -> bool:
+    """True if nothing essential is amiss."""
+    return all(fact.verdict == OK for fact in facts if fact.essential)
+
+
+def machine_facts() -> Iterator[Fact]:
+    """Versions, processor, instruction sets, threads."""
+    yield Fact("Python", platform.python_version())
+    yield from package_facts(has_libraries=not objection())
+    yield Fact("processor", processor())
+    sets = instruction_sets()
+    yield Fact("instruction sets", " ".join(sets) or "none known", _vectors(sets) if version("llvmlite") else OK)
+    threads, now = usable_threads(), load()
+    crowded = "Others keep it busy: simulations take longer, with the same results."
+    yield Fact(
+        "threads",
+        f"{threads}, load {'unknown' if now is None else f'{now:.1f}'}",
+        crowded if busy(now, threads) else OK,
+    )
+    kernels = " or ".join(
+        f"{vector.lanes} candidates side by side in {precision.value}" for precision, vector in VECTORS.items()
+    )
+    yield Fact("kernel", kernels)
+
+
+def package_facts(has_libraries: bool) -> Iterator[Fact]:
+    """Versions of the packages that simulate.
+
+    Parameters
+    ----------
+    has_libraries : bool
+        Libraries of compiled simulations are used: what is in them needs NumPy alone.
+    """
+    for package in ("numpy", *WITHOUT_LIBRARIES):
+        found = version(package)
+        needless = has_libraries and package in WITHOUT_LIBRARIES
+        lacking = f"Simulations by a library do without; {WITHOUT_LIBRARIES[package]} it. " if needless else ""
+        cure = f"{lacking}Install it: {INSTALL if package in COMPILERS else f'pip install {package}'}."
+        yield Fact(package, found or "not installed", OK if found else cure, not needless)
+
+
+def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fact]:
+    """Folder of compiled simulations, what is there, and whether it is whole."""
+    usual = cache.places()[0]
+    found = (folder or cache.cache_folder)()
+    if found is None:
+        cure = (
+            f"No place for compiled simulations is writable and private, so every run compiles anew: make {usual} "
+            "writable for you alone, or name another place in XDG_CACHE_HOME."
+        )
+        yield Fact("kernel cache", "none", cure)
+        return
+    fallen_back = f"{usual} cannot be used and this place may be emptied at any time: make that one yours alone."
+    yield Fact("kernel cache", str(found), OK if found.parent == usual else fallen_back)
+    files = list(found.glob(f"*{cache.ENDING}"))
+    damaged = len(cache.damaged(found))
+    size = sum(path.lstat().st_size for path in files)
+    renewed = f"{damaged} of them differ from what was written and are compiled anew when they are used."
+    yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB", renewed if damaged else OK)
+    old = sum(path.name != found.name for path in found.parent.glob("kernels-*"))
+    if old:
+        cure = (
+            "Other versions made them, perhaps still in use; those beside the cache above that are not may be deleted."
+        )
+        yield Fact("other caches", f"{old} folders", cure)
+
+
+def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fact]:
+    """First simulation of the paper's injector in a fresh process: from the cache or not, and plausible or not."""
+    probe = run or (lambda: ask_child("commonrail.cli.machine", [], PATIENCE))
+    first = probe()
+    if "failed" in first:
+        yield Fact("first simulation", "failed", f"Nothing can be simulated: {first['failed']}.", True)
+        return
+    source = {"library": "a library of this package", "cache": "the kernel cache", "compiled": "the compiler"}
+    reason = f"; no library: {objection() or 'this wiring is in none'}" if first["origin"] != "library" else ""
+    yield Fact("machine code", f"from {source[first['origin']]}, for {first['processor']}{reason}", OK)
+    if first["origin"] != "compiled":
+        yield Fact("first simulation", f"in {first['seconds']:.1f} s", OK, True)
+    else:
+        again = probe()
+        value = f"compiled in {first['seconds']:.1f} s"
+        if again.get("origin") == "cache":
+            yield Fact("first simulation", f"{value}, from the cache from now on ({again['seconds']:.1f} s)", OK, True)
+        else:
+            cure = "It was not kept, so every run compiles anew: see to the kernel cache above."
+            yield Fact("first simulation", value, cure)
+    yield self_check(first)
+
+
+def self_check(found: dict[str, Any]) -> Fact:
+    """Check that mass is conserved and the quantity is that of the paper's injector."""
+    volume, balance = found["volume"], found["balance"]
+    if volume is None or balance is None:
+        value, sound = found["status"], False
+    else:
+        value = f"{volume * 1e9:.1f} mm3 injected, mass kept to {abs(balance):.0e}"
+        sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < ROOM
+    cure = f"It should be {VOLUME * 1e9:.1f} mm3 and 1e-14: empty the kernel cache; if it stays, report it."
+    return Fact("self-check", value, OK if sound else cure, True)
+
+
+def extra_facts(find: Callable[[str], object | None] = find_spec) -> Iterator[Fact]:
+    """Optional packages, and the CUDA device."""
+    for module, (package, purpose, install) in EXTRAS.items():
+        if find(module) is None:
+            yield Fact(package, "not installed", f"Only needed {purpose}: {install}.")
+        else:
+            yield Fact(package, version(package))
+    yield Fact("numba-cuda", version("numba-cuda") or "not installed; commonrail does without")
+    yield Fact("CUDA device", _cuda_device(find))
+
+
+# Installed packages with parts for commonrail.
+
+
+class Plugin(NamedTuple):
+    """Installed package.
+
+    Attributes
+    ----------
+    distribution, version, citation : str
+        Of the package; the citation is `__citation__` of its top-level module, by default its summary.
+    parts : list of str
+        Group and name of each, such as "verbs spread".
+    broken : list of str
+        A sentence on each that cannot be used.
+    """
+
+    distribution: str
+    version: str
+    citation: str
+    parts: list[str]
+    broken: list[str]
+
+
+# How a part is tried; those of all other groups are loaded.
+_TRIALS: dict[str, Callable[[str], object]] = {
+    "optimisers": named,
+    "data": find_kind,
+    "injectors": load_injector,
+    "fuels": load_fuel,
+    "meters": lambda name: installed_meters([name], ()),
+}
+
+
+def installed_plugins() -> list[Plugin]:
+    """Installed packages by name, each part of them tried."""
+    parts = [entry for group in registry.GROUPS for entry in registry.installed(group).values()]
+    found = []
+    for name in sorted({entry.distribution for entry in parts}):
+        own = [entry for entry in parts if entry.distribution == name]
+        texts = [f"{entry.group} {entry.name}" for entry in own]
+        found.append(Plugin(name, own[0].version, _citation(own[0]), texts, [why for e in own if (why := _fault(e))]))
+    return found
+
+
+def _fault(entry: registry.Entry) -> str:
+    """Sentence on why a part cannot be used; empty if it can."""
+    try:
+        trial = _TRIALS.get(entry.group)
+        entry.load() if trial is None else trial(entry.name)
+    except CommonrailError as error:
+        return str(error)
+    return ""
+
+
+def _citation(entry: registry.Entry) -> str:
+    with suppress(Exception):  # a broken package is told of by its parts
+        return str(registry.load(f"{entry.target.partition(':')[0].partition('.')[0]}:__citation__"))
+    with suppress(metadata.PackageNotFoundError, KeyError):
+        return str(metadata.metadata(entry.distribution)["Summary"] or "")
+    return ""
+
+
+def plugin_facts() -> Iterator[Fact]:
+    """Installed packages with their parts."""
+    for plugin in installed_plugins():
+        value = f"{plugin.version}: {', '.join(plugin.parts)}" + (f". {plugin.citation}" if plugin.citation else "")
+        yield Fact(f"plug-in {plugin.distribution}", value, " ".join(plugin.broken) or OK)
+
+
+def _vectors(sets: list[str]) -> str:
+    if platform.machine().lower() in ("x86_64", "amd64") and "avx2" not in sets:
+        return "Without AVX2 simulations take several times as long; on a virtual machine, hand the processor through."
+    return OK
+
+
+def _cuda_device(find: Callable[[str], object | None]) -> str:
+    if find("numba_cuda") is None:
+        return "not looked for" if os.path.exists("/dev/nvidia0") else "none"
+    try:
+        from numba import cuda
+
+        return str(cuda.get_current_device().name) if cuda.is_available() else "none"
+    except Exception as error:  # drivers fail in ways of their own
+        return f"none ({type(error).__name__})"
+
+
+if __name__ == "__main__":
+    print(json.dumps(first_simulation()))
