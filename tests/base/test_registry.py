@@ -44,9 +44,10 @@ def test_a_broken_plug_in_is_named_with_its_reason(name: str, reason: str) -> No
 def test_a_reader_that_fails_on_a_file_is_named_with_it(tmp_path: Path) -> None:
     modules = {"example_fails": "def SHEET(path, form): return 1 / 0\n"}
     (tmp_path / "site").mkdir()
-    with distribution(tmp_path / "site", modules, "[commonrail.readers]\ntdms = example_fails:SHEET\n"):
-        with pytest.raises(PluginError, match=r"example-plugin 1\.2: \"tdms\".*fails on .*bench\.tdms \(ZeroDivision"):
-            open_sheet(tmp_path / "bench.tdms")
+    parts = "[commonrail.readers]\ntdms = example_fails:SHEET\n"
+    said = r'example-plugin 1\.2: "tdms".*fails on .*bench\.tdms \(ZeroDivision'
+    with distribution(tmp_path / "site", modules, parts), pytest.raises(PluginError, match=said):
+        open_sheet(tmp_path / "bench.tdms")
     with pytest.raises(InputError, match="TDMS files are not read"):
         open_sheet(tmp_path / "bench.tdms")
 
