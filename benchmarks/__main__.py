@@ -185,7 +185,7 @@ def optimisers(
     stopped = False
     with Bar("comparing optimisers") as bar:
         problems = problems_of(studies, benches)
-        names = [entry.name for problem in problems[:1] for entry in entries(problem, evaluations)]
+        names = [entry.name for problem in problems[:1] for entry in entries(problem)]
         if strange := [method for method in methods if not any(name.startswith(method) for name in names)]:
             raise ConfigurationError(f'there is no optimiser "{strange[0]}"; take one of: {", ".join(names)}.')
         chosen = [name for name in names if not methods or name == names[0] or name.startswith(tuple(methods))]

@@ -15,7 +15,6 @@ from benchmarks.timing import CLOCKS
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.base import Settings
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
-from commonrail.calibration.optimisers.library import CovarianceSettings, NelderMeadSettings, SuccessHistorySettings
 from commonrail.calibration.optimisers.multistart import MultiStartSettings
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.optimisers.staged import StagedSettings
@@ -75,22 +74,11 @@ class Trace(NamedTuple):
         return None
 
 
-def entries(problem: Problem, evaluations: int = SLOTS) -> list[Entry]:
-    """The optimisers that are compared, with settings for a number of evaluations; the first is the paper's.
-
-    Parameters
-    ----------
-    problem : Problem
-    evaluations : int
-        L-SHADE shrinks its population over as many; no other setting depends on them.
-    """
+def entries(problem: Problem) -> list[Entry]:
+    """Optimisers that are compared; the first is the paper's."""
     wide = problem.difference
-    shrinking = max(2 * evaluations // (96 + 4), 1)
     return [
         Entry(PAPER, EvolutionSettings(generations=ENDLESS)),
-        Entry("L-SHADE", SuccessHistorySettings(generations=ENDLESS, shrinking=shrinking)),
-        Entry("CMA-ES", CovarianceSettings(generations=ENDLESS)),
-        Entry("Nelder-Mead", NelderMeadSettings(generations=ENDLESS)),
         Entry("staged least squares", StagedSettings(generations=ENDLESS)),
         Entry("multi-start least squares, 8 starts", MultiStartSettings(128, ENDLESS, 8, wide)),
         Entry("multi-start least squares, 2 starts", MultiStartSettings(64, ENDLESS, 2, wide)),
@@ -152,7 +140,7 @@ def contest(
         JSON-able: problem, optimiser, seed, converged, and evaluations, seconds, best after each step (None for +inf).
     """
     for problem in problems:
-        for entry in entries(problem, evaluations):
+        for entry in entries(problem):
             if wanted and entry.name != PAPER and not entry.name.startswith(tuple(wanted)):
                 continue
             search_once(problem.study, entry, 0, 1)  # compiles what it needs

@@ -187,6 +187,7 @@ def test_simulations_and_maps_load_nothing_slow(modules: str) -> None:
 
 def test_a_verb_is_imported_when_it_is_called() -> None:
     code = "import sys; from commonrail.cli.grammar import cli; cli(['simulate', '--help'], standalone_mode=False);"
-    code += "print('verbs:', *(m for m in ('simulate', 'calibrate', 'map') if f'commonrail.cli.{m}' in sys.modules))"
+    code += "names = 'cli.verbs.simulate', 'cli.verbs.calibrate', 'plugins.maps.verb';"
+    code += "print('verbs:', *(n for n in names if f'commonrail.{n}' in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "verbs: simulate"
+    assert done.stdout.splitlines()[-1] == "verbs: cli.verbs.simulate"

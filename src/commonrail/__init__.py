@@ -25,7 +25,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _prepare_notebooks() -> None:
-    """Give results of the physics rooms their tables and figures, and say in a notebook when a kernel is compiled."""
+    """Give results of the physics their tables and figures, and say in a notebook when a kernel is compiled."""
     import_module("commonrail.base.display").lend()
     if "ipykernel" in sys.modules:
         import_module("commonrail.base.display").watch()

@@ -61,13 +61,13 @@ def test_a_place_that_does_not_exist_is_refused_before_anything_is_measured(
 
 def test_optimisers_compares_and_writes_every_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     record = tmp_path / "record.json"
-    words = ["optimisers", "--seeds", "1", "--evaluations", "60", "--method", "CMA", "--out", str(record)]
+    words = ["optimisers", "--seeds", "1", "--evaluations", "60", "--method", "staged", "--out", str(record)]
     assert verbs.main(words) == 0
     done = capsys.readouterr()
-    assert "CMA-ES" in done.out
-    assert "Nelder-Mead" not in done.out
+    assert "staged" in done.out
+    assert "multi-start" not in done.out
     found = json.loads(record.read_text(encoding="utf-8"))
-    assert [row["optimiser"] for row in found["searches"]] == ["differential evolution", "CMA-ES"]
+    assert [row["optimiser"] for row in found["searches"]] == ["differential evolution", "staged least squares"]
     assert found["searches"][0]["evaluations"] == [50, 100]
 
 

@@ -9,10 +9,11 @@ import pytest
 from scipy.optimize import least_squares, lsq_linear, minimize
 
 from commonrail.calibration.optimisers.base import diverse_members
-from commonrail.calibration.optimisers.least_squares import DescentLoss, LossSum
-from commonrail.calibration.optimisers.polish import (
+from commonrail.calibration.optimisers.least_squares import (
+    DescentLoss,
     Descents,
     FeasibleSet,
+    LossSum,
     Rules,
     advance,
     answered,

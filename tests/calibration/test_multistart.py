@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from commonrail.calibration.optimisers import polish
+from commonrail.calibration.optimisers import least_squares
 from commonrail.calibration.optimisers.base import AGREEING, Wanted, noise_of
 from commonrail.calibration.optimisers.least_squares import DescentLoss, recognised
 from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
@@ -125,7 +125,7 @@ def test_a_bent_step_follows_a_curved_valley_in_fewer_iterations(monkeypatch: py
         return search.steps
 
     bent = iterations()
-    monkeypatch.setattr(polish, "MOST_BENT", 0.0)  # no second difference is believed
+    monkeypatch.setattr(least_squares, "MOST_BENT", 0.0)  # no second difference is believed
     assert bent < iterations()
 
 

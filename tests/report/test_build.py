@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.calibration.optimisers.library import CovarianceSettings, NelderMeadSettings
 from commonrail.calibration.optimisers.multistart import MultiStartSettings
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.optimisers.staged import StagedSettings
@@ -87,10 +86,8 @@ def test_the_search_and_where_it_started_are_said(write_run: WriteRun) -> None:
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (NelderMeadSettings(), "Nelder-Mead, 4 simplices from 64 draws, 500 moves at most"),
         (MultiStartSettings(), "8 starts of 128 draws, 60 iterations at most"),
         (StagedSettings(), "400 screened candidates, 52 steps"),
-        (CovarianceSettings(), "220 generations of 16 members"),
     ],
 )
 def test_each_search_is_told_in_its_own_words(write_run: WriteRun, settings: Any, words: str) -> None:

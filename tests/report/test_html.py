@@ -72,7 +72,7 @@ def test_letters_in_print_are_small_enough_for_what_is_not_broken() -> None:
 def test_no_two_templates_style_the_same_class() -> None:
     """All styles of a page are one sheet: a class that two templates style gets both, whatever each means by it."""
     styles = {}
-    for path in Path(html.__file__).with_name("templates").glob("*.html"):
+    for path in Path(html.__file__).parents[1].rglob("templates/*.html"):
         found = re.findall(r"<style>.*?</style>|{% block style %}.*?{% endblock %}", path.read_text("utf-8"), re.S)
         # selectors stand before braces; a number such as .8rem is no class
         selectors = [before for sheet in found for before in re.findall(r"([^{}]+){", sheet)]

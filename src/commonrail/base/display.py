@@ -141,7 +141,7 @@ def _faces() -> Any:
 
 
 def lend() -> None:
-    """Give the methods of `Shown` to the results of the physics rooms that are loaded."""
+    """Give the methods of `Shown` to the results of physics and engine that are loaded."""
     for home, presenters in _LENT.items():
         module = sys.modules.get(home)
         for name, presenter in presenters.items():

@@ -1,7 +1,7 @@
 """Grammar of the command: its verbs, each imported when it is called, and their options from annotated signatures.
 
-A verb is a click command that is registered in the group "verbs" of `commonrail.base.registry`. Those of the package are
-functions under the decorator `verb`; an installed package may declare its own in this way or with click alone.
+A verb is a click command that is registered in the group "verbs" of `commonrail.base.registry`. Those of the package
+are functions under the decorator `verb`; an installed package may declare its own in this way or with click alone.
 """
 
 from __future__ import annotations

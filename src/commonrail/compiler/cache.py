@@ -221,7 +221,7 @@ def sources_stamp() -> str:
     return digest.hexdigest()
 
 
-# Cache of kernels that Numba's dispatchers call: what Numba makes of one, pickled, in the files of `kernel_cache`.
+# Cache of kernels that Numba's dispatchers call: what Numba makes of one, pickled, in the files of the cache above.
 
 
 class KernelCache(_Cache):  # type: ignore[misc]

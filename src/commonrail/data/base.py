@@ -1,7 +1,7 @@
-"""Protocol of a kind of measured data: one object with every face that the house asks of data.
+"""Interface that every kind of measured data implements.
 
-A kind is a frozen dataclass that derives from `DataSet`, has the faces below and stands in `commonrail.data.kinds.KINDS`.
-Search, journal, fleet, comparison, plausibility and report know these faces only.
+A kind is a frozen dataclass that derives from `DataSet`, has the methods below and stands in `data.kinds.KINDS`.
+Search, journal, fleet, comparison, plausibility and report know these methods only.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class Machine(NamedTuple):
     keep : law
         Function (work, rows, trace, block, k) that copies a state into a trace.
     vectors : law
-        `jit.widest_vectors` where lanes are vectors.
+        `compiler.numba.widest_vectors` where lanes are vectors.
     """
 
     real: Any
@@ -139,7 +139,7 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
 
 @physics
 def any_vectors():  # type: ignore[no-untyped-def]
-    """In place of `jit.widest_vectors` where there are none."""
+    """In place of `compiler.numba.widest_vectors` where there are none."""
 
 
 @physics
@@ -168,7 +168,7 @@ def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs
     variant : Variant
     rows : Rows
     vectors : function
-        `jit.widest_vectors` where lanes are vectors.
+        `compiler.numba.widest_vectors` where lanes are vectors.
     inputs_of : law
         Function (inputs, work, rows, lane) that gives the `Inputs` of a lane.
     """

@@ -1,4 +1,4 @@
-"""The loop over blocks as one function of a table: see `engine.table`. It loads Numba."""
+"""The loop over blocks as one function of a table: see `engine.job`. It loads Numba."""
 
 from __future__ import annotations
 

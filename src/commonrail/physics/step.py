@@ -1,4 +1,4 @@
-"""One time step of the whole injector: discretises the equations of `engine.rates`, and fixes their order.
+"""One time step of the whole injector: discretises the equations of `physics.equations`, and fixes their order.
 
 Positions, pressures and flux stand at t_n, velocities at t_n − dt/2. First everything that moves is
 carried to t_n + dt under the forces of t_n (leapfrog); then each volume is filled with the geometry of

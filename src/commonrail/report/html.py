@@ -6,7 +6,7 @@ import functools
 import re
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
 from commonrail.base.table import Table
@@ -18,11 +18,14 @@ KEPT = 18  # letters of a cell that stay on one line
 NEVER_BROKEN = 14  # letters below which the whole cell does, as macros.html has it
 
 
+CORE = "commonrail.report"  # package whose folder ``templates`` has the templates that others extend
+
+
 @functools.cache
-def _environment() -> Environment:
+def _environment(package: str = CORE) -> Environment:
     # Autoescaping for whatever the template is called: a name in a study may hold anything.
     environment = Environment(
-        loader=PackageLoader("commonrail.report"),
+        loader=ChoiceLoader([PackageLoader(name) for name in dict.fromkeys((package, CORE))]),
         autoescape=select_autoescape(default=True, default_for_string=True),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -78,6 +81,17 @@ def _unbroken_words(text: str, is_number: bool) -> list[str]:
     return parts if parts and max(map(len, parts)) <= KEPT else text.split()
 
 
-def render(template: str, **values: Any) -> str:
-    """Fill a template of the folder ``templates``."""
-    return _environment().get_template(template).render(**{"dated": "", "record": {}, **values})
+def render(template: str, package: str = CORE, **values: Any) -> str:
+    """Fill a template.
+
+    Parameters
+    ----------
+    template : str
+        Name of its file.
+    package : str
+        Package whose folder ``templates`` has it, such as ``__package__`` of a plug-in; what it extends or includes may
+        be in `CORE`.
+    **values
+        What stands in the template.
+    """
+    return _environment(package).get_template(template).render(**{"dated": "", "record": {}, **values})

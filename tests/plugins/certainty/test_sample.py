@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import SimulationError
-from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.data.noise import Law, Noise

@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 
 from commonrail.data.curves.data import RateData
-from commonrail.plugins.paper import run, study
+from commonrail.plugins.paper import run
+from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.paper.run import Reproduction, measure, reproduce
@@ -26,11 +27,11 @@ def bench(truth: str) -> Bench:
 
 def shorten(patch: pytest.MonkeyPatch) -> None:
     """Give each search of a repetition a tenth of its generations: for what does not ask how good its end is."""
-    table3 = {Configuration(c.generations // 10, c.members): js for c, js in study.TABLE3.items()}
-    best = Configuration(study.BEST.generations // 10, study.BEST.members)
-    rigid = replace(study.RIGID_FIT, generations=study.RIGID_FIT.generations // 10)
+    table3 = {Configuration(c.generations // 10, c.members): js for c, js in paper.TABLE3.items()}
+    best = Configuration(paper.BEST.generations // 10, paper.BEST.members)
+    rigid = replace(paper.RIGID_FIT, generations=paper.RIGID_FIT.generations // 10)
     for name, value in {"TABLE3": table3, "CONFIGURATIONS": tuple(table3), "BEST": best, "RIGID_FIT": rigid}.items():
-        patch.setattr(study, name, value)
+        patch.setattr(paper, name, value)
 
 
 @functools.cache

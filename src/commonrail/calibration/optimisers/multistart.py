@@ -23,8 +23,15 @@ from commonrail.calibration.optimisers.base import (
     diverse_members,
     noise_of,
 )
-from commonrail.calibration.optimisers.least_squares import DescentLoss, LossSum, recognised
-from commonrail.calibration.optimisers.polish import Descents, Rules, advance, inside
+from commonrail.calibration.optimisers.least_squares import (
+    DescentLoss,
+    Descents,
+    LossSum,
+    Rules,
+    advance,
+    inside,
+    recognised,
+)
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.space import Space, sample_priors
 

@@ -10,14 +10,6 @@ from typing import Any, NamedTuple
 from commonrail.base import registry
 from commonrail.base.errors import PluginError
 from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings, check_initial
-from commonrail.calibration.optimisers.library import (
-    CovarianceSettings,
-    CovarianceStrategy,
-    NelderMead,
-    NelderMeadSettings,
-    SuccessHistoryEvolution,
-    SuccessHistorySettings,
-)
 from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
 from commonrail.calibration.optimisers.staged import StagedLeastSquares, StagedSettings
 from commonrail.calibration.space import Space
@@ -52,9 +44,6 @@ REGISTERED = (
     Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),
     Registered(StagedLeastSquares, StagedSettings),
     Registered(MultiStartLeastSquares, MultiStartSettings),
-    Registered(SuccessHistoryEvolution, SuccessHistorySettings),
-    Registered(CovarianceStrategy, CovarianceSettings),
-    Registered(NelderMead, NelderMeadSettings),
 )
 
 

@@ -13,8 +13,15 @@ from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted, diverse_members
 from commonrail.calibration.optimisers.evolution import Treatment, crossover, draw, mutate, treat, wins
-from commonrail.calibration.optimisers.least_squares import DescentLoss, LossSum, recognised
-from commonrail.calibration.optimisers.polish import Descents, Rules, advance, inside
+from commonrail.calibration.optimisers.least_squares import (
+    DescentLoss,
+    Descents,
+    LossSum,
+    Rules,
+    advance,
+    inside,
+    recognised,
+)
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked, hop
 from commonrail.calibration.space import Space, sample_priors
 

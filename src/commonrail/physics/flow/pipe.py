@@ -2,7 +2,7 @@
 
 With a and ρ constant along the pipe, p ± (a/A) q is carried unchanged along dx = ±a dt but for
 friction. A pipe is then two delay lines of L/a: what leaves one end arrives at the other. Friction,
-∫ ρ f u|u|/(2D) dx, is integrated by Simpson's rule in `parts.feed_pipe`: 1/6 where a wave leaves, 4/6 in mid-pipe, 1/6
+∫ ρ f u|u|/(2D) dx, is integrated by Simpson's rule in `feed_pipe`: 1/6 where a wave leaves, 4/6 in mid-pipe, 1/6
 where it arrives.
 """
 

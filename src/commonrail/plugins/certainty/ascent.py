@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
-from commonrail.calibration.optimisers.polish import Descents, FeasibleSet, Model, Rules, advance, answered
+from commonrail.calibration.optimisers.least_squares import Descents, FeasibleSet, Model, Rules, advance, answered
 from commonrail.plugins.certainty.likelihood import Likelihood
 
 FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one

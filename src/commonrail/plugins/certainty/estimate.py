@@ -16,7 +16,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.calibration.optimisers.base import farthest
-from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, linearised

@@ -22,7 +22,7 @@ from scipy import special
 
 from commonrail.base.arrays import Floats
 from commonrail.base.units import to_text
-from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study

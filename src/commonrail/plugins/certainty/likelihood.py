@@ -16,7 +16,7 @@ from commonrail.base.choices import Drive
 from commonrail.base.errors import StudyError
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers.polish import answered, differences
+from commonrail.calibration.optimisers.least_squares import answered, differences
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study

@@ -18,7 +18,7 @@ from scipy import special
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import SimulationError
-from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.study import Study
 from commonrail.plugins.certainty.ascent import Ascent, climb
 from commonrail.plugins.certainty.covariance import Covariance, moved_by

@@ -10,7 +10,7 @@ entry                 arguments
 ``kernel_begin``      work, waves, ring, theta, rail, cylinder, low, dt, figures: puts the injector to rest
 ``kernel_march``      work, waves, ring, first, count, inputs (count, 6), dt: steps first … first + count − 1
 ``kernel_observe``    work, channels: reads the channels of the present state
-``kernel_figures``    work, cylinder, figures: reads the fields of `engine.notes.Outcome`
+``kernel_figures``    work, cylinder, figures: reads the fields of `engine.recorder.Outcome`
 ``kernel_medium``     fuel, pressure, medium: density [kg/m³], bulk modulus [Pa] and sound speed [m/s] of a fuel
 ====================  ==================================================================================================
 """
@@ -218,13 +218,14 @@ def _observe_direct(c, s, top, out):  # type: ignore[no-untyped-def]
 
 # Entry points that march a block of injectors side by side, one in each lane of vector registers.
 #
-# ========================  ==============================================================================================
+# ========================  ==========================================================================================
 # entry                     arguments
-# ========================  ==============================================================================================
-# ``kernel_block``          work (rows, LANES), waves (3 ring, LANES), ring, first, count, inputs (count, inputs, LANES),
+# ========================  ==========================================================================================
+# ``kernel_block``          work (rows, LANES), waves (3 ring, LANES), ring, first, count,
+#                           inputs (count, inputs, LANES),
 #                           dt, alike: steps first … first + count − 1; alike is 1 where all waves take as long
-# ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.notes.Outcome` of all lanes
-# ========================  ==============================================================================================
+# ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.recorder.Outcome` of all lanes
+# ========================  ==========================================================================================
 #
 # A block is put together from single injectors (`export.entries`): a lane has the rows that an injector has alone.
 

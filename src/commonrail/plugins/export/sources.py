@@ -179,7 +179,7 @@ def _text(value: Any) -> str:
 # Coefficients of a fuel as Chebyshev series over its range of temperature, for callers without Python.
 
 # The laws are polynomials and exponentials in temperature: at 24 the series have ended in rounding for the catalogue
-# (tests/export/test_fuel_table.py measures the error).
+# (tests/plugins/export/test_fuel_table.py measures the error).
 DEGREE = 24
 
 

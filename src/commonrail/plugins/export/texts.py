@@ -1,7 +1,7 @@
 """LLVM text of the entries of a wiring: compiled once by Numba, the same for every target.
 
 A child process compiles for the plainest processor of this machine's architecture, so that the text holds no wide
-vectors and nothing of this machine. Nothing in it may be fused or reordered (`commonrail.compiler.numba`), so that every target
+vectors and nothing of this machine. Nothing in it may be fused or reordered (`compiler.numba`), so that every target
 gives the bits of the lanes with `same_bits`. `refuse_foreign` checks that no pointer's width, runtime or Python is left
 in it: that is what allows the same text for 32-bit WebAssembly and 64-bit processors. The text is kept beside the
 compiled kernels, under the same stamp of all physics sources.
@@ -67,7 +67,7 @@ def _file_name(variant: Variant, which: str) -> str:
 
 @functools.cache
 def _own_stamp(which: str) -> str:
-    """Digest of the sources of this room that decide over the text; those of the physics name the folder."""
+    """Digest of the sources of this package that decide over the text; those of the physics name the folder."""
     digest = hashlib.sha256()
     for name in ("entries.py", "texts.py"):
         digest.update(Path(__file__).with_name(name).read_bytes())

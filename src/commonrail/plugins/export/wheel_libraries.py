@@ -1,4 +1,4 @@
-"""Libraries of lane loops for a package or a clone: ``python -m commonrail.plugins.export.wheel_libraries [FOLDER] [all]``.
+"""Libraries of lane loops for a wheel or clone: ``python -m commonrail.plugins.export.wheel_libraries [FOLDER] [all]``.
 
 Each level of x86-64 gets one library, of the same objects that the cache of kernels holds. `engine.library` uses them.
 """

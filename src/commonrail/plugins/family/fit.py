@@ -194,7 +194,7 @@ def fit_family(
     """Fit the parts of a family together, to the end or until Ctrl-C, which ends it in order with the best so far.
 
     The search is that of a calibration; its objective is the sum of the parts' squares and of the squared pulls of the
-    joint priors. Validation data of the parts are scored and not fitted. `commonrail.plugins.family.run.fit_into` does the same
+    joint priors. Validation data of the parts are scored and not fitted. `family.run.fit_into` does the same
     and keeps every step in a run folder.
 
     Parameters

@@ -51,6 +51,7 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
     convergence = convergence_figure(generations) if len(generations) > 1 else None
     return render(
         "family.html",
+        package=__package__,
         kind="Family",
         record=record,
         synthetic=[record["synthetic"]] if record["synthetic"] else [],

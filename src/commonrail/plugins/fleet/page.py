@@ -64,6 +64,7 @@ def fleet_html(record: Record, command: str) -> str:
     """The page of a fleet."""
     return render(
         "fleet.html",
+        package=__package__,
         kind="Fleet",
         record=record,
         synthetic=[record["synthetic"]] if record["synthetic"] else [],
@@ -245,7 +246,7 @@ def _box(position: Record) -> tuple[float, float, float, float, float]:
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Names without their room, where that tells them apart."""
+    """Names without their component, where that tells them apart."""
     counts = Counter(name.rpartition(".")[2] for name in names)
     return [short if counts[short := name.rpartition(".")[2]] == 1 else name for name in names]
 

@@ -41,6 +41,7 @@ def fmu_html(record: Record, run: str) -> str:
     convergence = convergence_figure(generations) if len(generations) > 1 else None
     return render(
         "fmu.html",
+        package=__package__,
         kind="FMU",
         record=record,
         synthetic=[record["synthetic"]] if record["synthetic"] else [],

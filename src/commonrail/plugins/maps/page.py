@@ -46,6 +46,7 @@ def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = No
     heats = [(figure, heat_map_html(figure, f"map-{i}")) for i, figure in enumerate(maps)]
     return render(
         "map.html",
+        package=__package__,
         title=f"Quantity map: {' and '.join(found)}",
         kind="Map",
         record={},

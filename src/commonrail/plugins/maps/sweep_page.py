@@ -83,6 +83,7 @@ def _page(
     figures, tables = drawn
     return render(
         "map.html",
+        package=__package__,
         title=title,
         kind="Sweep",
         record={},

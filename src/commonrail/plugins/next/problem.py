@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData

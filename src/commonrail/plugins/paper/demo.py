@@ -1,4 +1,4 @@
-"""The cases paper and cri2-16 and the paper's study, start to report: ``python -m commonrail.plugins.paper.demo --out demo``."""
+"""Cases paper and cri2-16, and the paper's study: ``python -m commonrail.plugins.paper.demo --out demo``."""
 
 from __future__ import annotations
 

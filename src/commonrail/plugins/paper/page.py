@@ -235,6 +235,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
     drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
     return render(
         "reproduction.html",
+        package=__package__,
         kind="Reproduction",
         record=record,
         synthetic=[record["synthetic"], NOT_COMPARABLE],

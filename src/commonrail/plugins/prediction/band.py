@@ -10,7 +10,7 @@ from scipy import special
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.text import number
-from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet
 from commonrail.data.records import point_record

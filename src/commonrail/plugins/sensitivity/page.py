@@ -42,6 +42,7 @@ def sensitivity_html(record: Record, folder: str = "DIR") -> str:
         sections.append((_heading(output), _output_lines(record, output), table, drawn))
     return render(
         "sensitivity.html",
+        package=__package__,
         kind="Sensitivity",
         record=record,
         lines=sensitivity_lines(record),

@@ -36,6 +36,7 @@ def tolerance_html(record: Record, folder: str = "DIR") -> str:
         sections.append((point["name"], _point_lines(point), figures, _share_table(record, point)))
     return render(
         "tolerance.html",
+        package=__package__,
         kind="Tolerance",
         record=record,
         lines=tolerance_lines(record),

@@ -1,4 +1,4 @@
-"""Program of the child process in which `guarded_child` has a foreign format read; it limits itself before it reads.
+"""Program of the child process in which `parent` has a foreign format read; it limits itself before it reads.
 
 The content goes to the standard output as a .npz file: the arrays, and ``about.json``, which describes them or holds
 the sentence of a refusal.

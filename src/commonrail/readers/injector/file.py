@@ -145,8 +145,8 @@ def _law(law: Law, unit: str, names: tuple[str, ...]) -> dict[str, Any]:
 
 # Injectors from TOML: a file of the user, or the catalogue that ships with the package.
 #
-# One table per room, whose keys are the room's parameters. A value is a text with its unit, or an inline
-# table that adds mark and source; what a file leaves out takes the default of the room.
+# One table per component, whose keys are the component's parameters. A value is a text with its unit, or an inline
+# table that adds mark and source; what a file leaves out takes the default of the component.
 
 _CATALOGUE = Catalogue(
     "commonrail.physics",

@@ -88,7 +88,7 @@ _DEFAULT = Source("E", "default of commonrail")
 
 
 def room_quantities(room: str) -> dict[str, Q]:
-    """Unit, meaning and domain of the parameters of a room, by the last part of their names."""
+    """Unit, meaning and domain of the parameters of a component, by the last part of their names."""
     return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{room}.")}
 
 
@@ -223,7 +223,7 @@ def _variant(model: Any) -> Variant:
 
 
 def _room(room: str, values: Values, at: Place) -> Values:
-    """Values of a room by dotted name: as given, else the default."""
+    """Values of a component by dotted name: as given, else the default."""
     quantities = room_quantities(room)
     missing = [name for name, q in quantities.items() if name not in values and q.default is None]
     if missing:

@@ -18,7 +18,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.base.text import listed
-from commonrail.calibration.optimisers.polish import FeasibleSet
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.posterior.density import PosteriorDensity
 
