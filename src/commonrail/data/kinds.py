@@ -1,4 +1,4 @@
-"""Kinds of measured data: one object each, with all that the house does with data.
+"""Kinds of measured data by their `kind` in study files.
 
 A new kind is registered here; one of an installed package by an entry point of the group "data".
 """
