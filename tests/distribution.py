@@ -59,11 +59,13 @@ def package(root: Path, info: Path) -> Iterator[None]:
         patch.syspath_prepend(root / "src")
         patch.syspath_prepend(info)
         registry.installed.cache_clear()
-        yield
-    tops = {path.stem for path in (root / "src").iterdir()}
-    for module in [module for module in sys.modules if module.partition(".")[0] in tops]:
-        sys.modules.pop(module)
-    registry.installed.cache_clear()
+        try:
+            yield
+        finally:  # the next test may install another package of the name
+            tops = {path.stem for path in (root / "src").iterdir()}
+            for module in [module for module in sys.modules if module.partition(".")[0] in tops]:
+                sys.modules.pop(module)
+            registry.installed.cache_clear()
 
 
 def run_tests(root: Path, info: Path) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from commonrail.base import registry
-from commonrail.base.errors import PluginError
+from commonrail.base.errors import InputError, PluginError
+from commonrail.readers.tables import open_sheet
 from tests.distribution import distribution
 
 
@@ -38,6 +39,17 @@ def test_a_broken_plug_in_is_named_with_its_reason(name: str, reason: str) -> No
     assert entry is not None
     with pytest.raises(PluginError, match=rf"example-plugin 1\.2: \"{name}\".*{reason}"):
         entry.load()
+
+
+def test_a_reader_that_fails_on_a_file_is_named_with_it(tmp_path: Path) -> None:
+    modules = {"example_fails": "def SHEET(path, form): return 1 / 0\n"}
+    (tmp_path / "site").mkdir()
+    parts = "[commonrail.readers]\ntdms = example_fails:SHEET\n"
+    said = r'example-plugin 1\.2: "tdms".*fails on .*bench\.tdms \(ZeroDivision'
+    with distribution(tmp_path / "site", modules, parts), pytest.raises(PluginError, match=said):
+        open_sheet(tmp_path / "bench.tdms")
+    with pytest.raises(InputError, match="TDMS files are not read"):
+        open_sheet(tmp_path / "bench.tdms")
 
 
 def test_a_name_that_nobody_registers_has_no_part() -> None:

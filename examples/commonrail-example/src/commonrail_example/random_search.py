@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.calibration.optimisers.base import Best, Members, Optimiser, Trials
+from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
 from commonrail.calibration.optimisers.registry import Registered
 from commonrail.calibration.space import Space, sample_feasible
 
@@ -29,7 +29,7 @@ class RandomSearch(Optimiser):
         super().__init__(space, rng)
         self.settings = settings
         self._kept_best = Best(space.centre.copy(), np.inf)
-        self._last = Members.none(space.dimension)
+        self._x, self._costs = np.empty((0, space.dimension)), np.empty(0)  # of the last step
 
     @property
     def total(self) -> int:
@@ -48,12 +48,12 @@ class RandomSearch(Optimiser):
     @property
     def population(self) -> Floats:
         """Points of the last step."""
-        return self.space.from_unit(self._last.unit)
+        return self._x.copy()
 
     @property
     def costs(self) -> Floats:
         """Their costs."""
-        return self._last.costs
+        return self._costs.copy()
 
     def _origin(self) -> dict[str, Any]:
         return super()._origin() | self._settings(self.settings)
@@ -63,16 +63,16 @@ class RandomSearch(Optimiser):
         return Trials(x, np.ones(len(x), bool))
 
     def _take(self, trials: Trials, told: Floats) -> None:
-        self._last = Members(self.space.to_unit(trials.x), told)
+        self._x, self._costs = trials.x, told
         winner = int(np.argmin(told))
         if told[winner] < self._kept_best.cost:
             self._kept_best = Best(trials.x[winner], float(told[winner]))
 
     def _kept(self) -> dict[str, Any]:
-        return self._last.kept() | {"best": self._kept_best.x, "cost": self._kept_best.cost}
+        return {"x": self._x, "costs": self._costs, "best": self._kept_best.x, "cost": self._kept_best.cost}
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        self._last = Members.of(state, self.space.dimension)
+        self._x, self._costs = np.array(state["x"], float), np.array(state["costs"], float)
         self._kept_best = Best(np.array(state["best"], float), float(state["cost"]))
 
 
