@@ -14,7 +14,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.choices import Precision
-from commonrail.compiler import lower, numba
+from commonrail.compiler import exact, lower
 from commonrail.compiler.target import describe
 from commonrail.engine import lanes, machine_code
 from commonrail.engine.entry import make_entry
@@ -59,10 +59,10 @@ def test_no_leave_is_left_in_what_numba_writes() -> None:
 
 def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(platform, "machine", lambda: "x86_64")
-    assert numba.missing() is None
+    assert exact.missing() is None
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
     with pytest.raises(cr.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
-        numba.exact_processor()
+        exact.exact_processor()
 
 
 def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_other_engines_do_not_promise_bits(monkeypatch: pytest.MonkeyPatch, engi
         cr.simulate(rigid, POINT, engine, same_bits=True)
 
 
-@pytest.mark.skipif(numba.missing() is not None, reason="this machine is no x86-64")
+@pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
 def test_the_result_is_that_of_this_machine_to_rounding(rigid: cr.Injector) -> None:
     names, values = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
     one, two, own = (
@@ -123,7 +123,7 @@ LEVELS = {
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(numba.missing() is not None, reason="this machine is no x86-64")
+@pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 def test_code_for_other_processors_gives_the_same_bits(precision: str) -> None:
     """Registers of 128, 256 and 512 bits, with and without fused operations, of the same source."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from commonrail.base.choices import Precision
 from commonrail.compiler import lower
-from commonrail.compiler.numba import exact_processor
+from commonrail.compiler.exact import exact_processor
 from commonrail.compiler.target import own_processor
 from commonrail.engine.entry import make_entry
 from commonrail.engine.lanes import VECTORS

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.cache import ENDING, kept_or_made, sources_stamp
-from commonrail.compiler.numba import exact_processor
+from commonrail.compiler.exact import exact_processor
 from commonrail.compiler.target import (
     LEVEL_3,
     LEVEL_4,

@@ -335,51 +335,6 @@ def _checked(answers: ArrayLike, trials: Trials) -> Floats:
 MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
 
 
-class Members(NamedTuple):
-    """Points (n, d) in unit coordinates and their costs (n,), +inf where a simulation failed."""
-
-    unit: Floats
-    costs: Floats
-
-    @classmethod
-    def none(cls, dimension: int) -> Members:
-        """No members."""
-        return cls(np.empty((0, dimension)), np.empty(0))
-
-    def best(self, space: Space) -> Best:
-        """The cheapest member; the centre of the space, at +inf, where none has succeeded."""
-        if not np.isfinite(self.costs).any():
-            return Best(space.centre.copy(), np.inf)
-        winner = int(np.argmin(self.costs))
-        return Best(space.from_unit(self.unit[winner]), float(self.costs[winner]))
-
-    def sorted(self) -> Members:
-        """The same members by rising cost."""
-        order = np.argsort(self.costs, kind="stable")
-        return Members(self.unit[order], self.costs[order])
-
-    def kept(self) -> dict[str, Any]:
-        """Part of a state."""
-        return {"unit": self.unit.copy(), "costs": self.costs.copy()}
-
-    @classmethod
-    def of(cls, state: Mapping[str, Any], dimension: int) -> Members:
-        """Members from their part of a state.
-
-        Raises
-        ------
-        ConfigurationError
-            If they are not whole, lie outside the bounds or have costs that are no numbers.
-        """
-        unit, costs = (np.array(state[name], dtype=float) for name in ("unit", "costs"))
-        if unit.shape != (len(costs), dimension):
-            raise ConfigurationError("state: its population is not whole; take a whole state")
-        inside = np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9)  # to unit coordinates and back rounds
-        if not inside or np.isnan(costs).any():
-            raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
-        return cls(unit, costs)
-
-
 def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
     """Choose members of low cost that lie far apart, the best one first.
 
