@@ -53,9 +53,9 @@ LAWS = laws()
 # Laws that have no units of their own, and why.
 WITHOUT = {
     "flow.orifice.square": "squares a number of any unit",
-    "parts.drive.clamp": "limits a number of any unit",
-    "parts.chain.across": "subtracts numbers of any unit",
-    "parts.chain.around": "adds numbers of any unit",
+    "components.drive.clamp": "limits a number of any unit",
+    "components.chain.across": "subtracts numbers of any unit",
+    "components.chain.around": "adds numbers of any unit",
 }
 
 # A plausible value in each documented unit. The trials multiply them, so that laws with branches take both.
