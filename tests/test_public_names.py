@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -18,6 +19,38 @@ HEAVY = ["click", "jinja2", "numba", "numpy", "matplotlib", "pydantic", "rich", 
 def test_every_public_name_can_be_had(name: str) -> None:
     assert getattr(commonrail, name) is not None
     assert name in dir(commonrail)
+
+
+PACKAGE = Path(commonrail.__file__).parent
+STUB = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
+HOMES = {
+    alias.name: node.module or "" for node in STUB.body if isinstance(node, ast.ImportFrom) for alias in node.names
+}
+OTHER_PLUGINS = [
+    ["plugins", path.name]
+    for path in (PACKAGE / "plugins").iterdir()
+    if path.name not in ("paper", "certainty")  # whose intervals the reproduction compares with the truth
+]
+# What the reproduction may import besides public names: its own package, and for its figures charts, texts and units.
+REPRODUCTION = {
+    "study.py": ("plugins.paper.", "base.arrays."),
+    "run.py": ("plugins.paper.", "base.arrays."),
+    "claims.py": ("plugins.paper.", "base.arrays."),
+    "figures.py": ("plugins.paper.", "base.", "data.records."),
+}
+
+
+@pytest.mark.parametrize("file", REPRODUCTION)
+def test_the_reproduction_is_made_of_public_names(file: str) -> None:
+    allowed = tuple(f"commonrail.{home}" for home in REPRODUCTION[file])
+    for node in ast.walk(ast.parse((PACKAGE / "plugins" / "paper" / file).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("commonrail"):
+            names = [f"{node.module}.{alias.name}." for alias in node.names]
+            assert all(f"{node.module}.".startswith(allowed) or n.startswith(allowed) for n in names), names
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "cr":
+            assert node.attr in commonrail.__all__, node.attr
+            # public names are loaded when they are used, which the contracts of imports do not see
+            assert HOMES[node.attr].split(".")[:2] not in OTHER_PLUGINS, node.attr
 
 
 def test_every_public_name_is_on_the_page() -> None:

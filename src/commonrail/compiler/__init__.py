@@ -1,1 +1,1 @@
-"""How laws become machine code, and the cache of it."""
+"""Machine code from laws, and the cache of it."""

@@ -1,1 +1,1 @@
-"""What was measured: injection curves, quantities, features, meters and noise models."""
+"""Measured data: injection curves, quantities, features, meters and noise models."""

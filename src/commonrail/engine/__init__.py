@@ -1,1 +1,1 @@
-"""How an injector is simulated: operating points, lanes, reference engines, stepper, solutions, status."""
+"""Simulation of an injector: operating points, lanes, reference engines, stepper, solutions, status."""

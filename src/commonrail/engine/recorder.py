@@ -1,4 +1,4 @@
-"""What the loop records of its lanes: crossings of the seat, samples of the rate, the end at rest, health, traces."""
+"""Records of the lanes of a loop: crossings of the seat, samples of the rate, the end at rest, health, traces."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What an injector is: fuel, flow laws, components, the equations dy/dt = f(t, y) and the fast step."""
+"""Model of an injector: fuel, flow laws, components, the equations dy/dt = f(t, y) and the fast step."""

@@ -1,4 +1,4 @@
-"""What modules and functions are used as by the injectors' steps and equations: bodies, drives, boundaries.
+"""Protocols of the modules and functions that steps and equations use: bodies, drives, boundaries.
 
 A module that is given as a `Body` holds these functions; the type checker compares it with the protocol where
 `injector.variants` chooses it.

@@ -107,7 +107,7 @@ def _injectors() -> list[dict[str, Any]]:
 
 
 def _sound(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
-    """What can be loaded, by name; a file of an installed package that cannot is told of."""
+    """Files that can be loaded, by name; one of an installed package that cannot be is named in a warning."""
     found = {}
     for name in names:
         try:
