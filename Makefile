@@ -37,7 +37,7 @@ help: ## show this list
 demo: $(VENV)/.runtime ## calibrate the cases paper and cri2-16, repeat the paper's study, write three reports to demo/
 	$(BIN)/python -m commonrail.plugins.paper.demo --out demo
 
-quick: lint ## lint, check types and imports, run tests for a minute, a fifth of all
+quick: lint ## lint, check types and imports, run a fifth of the tests
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow and not process and not gpu" $(QUICK)
 
 # The types are checked beside the tests: alone it would leave a processor idle. What it finds is told after them. The
