@@ -54,24 +54,7 @@ def test_roots_and_triangles() -> None:
     matrix = other.T @ other
     root = linear.cholesky(matrix)
     np.testing.assert_allclose(root, np.linalg.cholesky(matrix), atol=1e-13)
-    np.testing.assert_allclose(linear.inverse_of_lower(root) @ root, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(linear.solve_lower(root, np.eye(6)) @ root, np.eye(6), atol=1e-12)
     right = RNG.normal(size=6)
     np.testing.assert_allclose(root @ linear.solve_lower(root, right), right, atol=1e-13)
     np.testing.assert_allclose(root.T @ linear.solve_upper(root.T, right), right, atol=1e-13)
-
-
-def test_singular_values_and_directions_are_those_of_lapack() -> None:
-    for matrix in (RNG.normal(size=(40, 7)) * np.logspace(0, -6, 7), RNG.normal(size=(3, 5))):
-        values, directions = linear.singular(matrix)
-        _, expected, rows = np.linalg.svd(matrix, full_matrices=False)
-        np.testing.assert_allclose(values[: len(expected)], expected, rtol=1e-9)  # of the smallest LAPACK loses digits
-        np.testing.assert_allclose(values[len(expected) :], 0.0, atol=1e-14)
-        along = np.abs(np.sum(directions[: len(expected)] * rows, axis=1))
-        np.testing.assert_allclose(along, 1.0, atol=1e-9)
-        np.testing.assert_allclose(directions @ directions.T, np.eye(len(directions)), atol=1e-13)
-
-
-def test_a_matrix_of_zeros_has_singular_values_of_zero() -> None:
-    values, directions = linear.singular(np.zeros((4, 3)))
-    assert (values == 0.0).all()
-    np.testing.assert_array_equal(directions, np.eye(3))

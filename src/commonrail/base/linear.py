@@ -1,32 +1,30 @@
 """Small dense linear systems, in a stated order of operations: their bits do not depend on the processor.
 
-For at most some tens of unknowns. LAPACK takes its inner loops by processor; here every operation is one of NumPy on
-whole rows or columns, or a sum along one, which is rounded the same way everywhere.
+Polynomials of a fuel and starting populations are made with them; fits by least squares use LAPACK. For at most some
+tens of unknowns. LAPACK takes its inner loops by processor; here every operation is one of NumPy on whole rows or
+columns, or a sum along one, which is rounded the same way everywhere.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
 
-_MOST_SWEEPS = 60  # some ten are needed
 
-
-def least_squares(matrix: Floats, wanted: Floats, rcond: float | None = None) -> Floats:
+def least_squares(matrix: Floats, wanted: Floats) -> Floats:
     """Return x (…, n) of least ‖matrix x − wanted‖, by Householder reflections with column pivoting.
+
+    Columns whose part that the others cannot imitate is smaller than machine precision times the larger of m and n are
+    left out of the solution: their x is 0.
 
     Parameters
     ----------
     matrix : (…, m, n)
         m ≥ 1. A system among several has the bits that it has alone.
     wanted : (…, m)
-    rcond : float, optional
-        Columns whose part that the others cannot imitate is smaller than this share of the largest are left out of the
-        solution (their x is 0); by default, machine precision times the larger of m and n.
     """
     rows, columns = np.shape(matrix)[-2:]
     many = math.prod(np.shape(matrix)[:-2])
@@ -34,7 +32,7 @@ def least_squares(matrix: Floats, wanted: Floats, rcond: float | None = None) ->
     b = np.array(wanted, dtype=float).reshape(many, rows)
     systems = np.arange(len(a))
     order = np.tile(np.arange(columns), (len(a), 1))
-    limit = (np.finfo(float).eps * max(rows, columns) if rcond is None else rcond) ** 2
+    limit = (np.finfo(float).eps * max(rows, columns)) ** 2
     largest, rank = np.zeros(len(a)), np.zeros(len(a), int)
     going = np.ones(len(a), bool)
     for k in range(min(rows, columns)):
@@ -91,48 +89,3 @@ def solve_lower(lower: Floats, wanted: Floats) -> Floats:
 def solve_upper(upper: Floats, wanted: Floats) -> Floats:
     """Solve upper x = wanted, of one right side (n,) or several (n, k)."""
     return solve_lower(upper[::-1, ::-1], wanted[::-1])[::-1]
-
-
-def inverse_of_lower(lower: Floats) -> Floats:
-    """Inverse of a lower triangular matrix."""
-    return solve_lower(lower, np.eye(len(lower)))
-
-
-def singular(matrix: Floats) -> tuple[Floats, Floats]:
-    """Singular values and right singular vectors of a matrix, by one-sided Jacobi rotations.
-
-    Parameters
-    ----------
-    matrix : (m, n)
-
-    Returns
-    -------
-    values : (n,)
-        The largest first; zeros among them where m < n.
-    directions : (n, n)
-        A vector in each row.
-    """
-    columns = np.array(np.transpose(matrix), dtype=float)
-    directions = np.eye(len(columns))
-    for _ in range(_MOST_SWEEPS):
-        turned = [_turn(columns, directions, p, q) for p, q in itertools.combinations(range(len(columns)), 2)]
-        if not any(turned):
-            break
-    values = np.sqrt(np.sum(columns * columns, axis=1))
-    order = np.argsort(-values, kind="stable")
-    return values[order], directions[order]
-
-
-def _turn(columns: Floats, directions: Floats, p: int, q: int) -> bool:
-    """Make two columns orthogonal, in place; returns whether they were not yet."""
-    one, other = columns[p].copy(), columns[q].copy()
-    a, b, c = float(np.sum(one * one)), float(np.sum(other * other)), float(np.sum(one * other))
-    if not abs(c) > np.finfo(float).eps * np.sqrt(a) * np.sqrt(b):
-        return False
-    ratio = (b - a) / (2.0 * c)
-    tangent = np.copysign(1.0 / (abs(ratio) + np.sqrt(1.0 + ratio * ratio)), ratio)
-    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
-    for rows in (columns, directions):
-        first, second = rows[p].copy(), rows[q].copy()
-        rows[p], rows[q] = cosine * (first - tangent * second), cosine * (tangent * first + second)
-    return True

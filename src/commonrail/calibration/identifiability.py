@@ -12,7 +12,6 @@ from commonrail.base import hooks, registry
 from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import PluginError
-from commonrail.base.linear import least_squares
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.influence import Influence, around, influence_of
 from commonrail.calibration.members import equal_ends, fitted_values
@@ -22,7 +21,6 @@ from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
 from commonrail.data.base import Role
 from commonrail.data.kinds import of_role
-from commonrail.physics.elementary import norm, product
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
@@ -104,8 +102,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
     Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
-    as shipped `certify` and `judged_bands`. With `same_bits` all are those of `identify_at`, and there are no bands;
-    `commonrail certainty` and `commonrail predict` compute the others on demand.
+    as shipped `certify` and `judged_bands`. Their bits depend on the processor, with `same_bits` too.
     """
     study = calibration.study
     fitted = of_role(study.data, Role.FIT)
@@ -194,8 +191,8 @@ def _leverage(jacobian: Floats, usable: Bools, i: int) -> tuple[float, float]:
         return 0.0, 0.0
     column = jacobian[:, i]
     others = jacobian[:, usable & (np.arange(jacobian.shape[1]) != i)]
-    imitation = product(others, least_squares(others, column)[:, None])[:, 0] if others.shape[1] else 0.0
-    return norm(column), norm(column - imitation)
+    rest = column - others @ np.linalg.lstsq(others, column, rcond=None)[0]
+    return float(np.linalg.norm(column)), float(np.linalg.norm(rest))
 
 
 def _verdict(spread: float, alone: float, joint: float, value: float) -> str:

@@ -8,9 +8,7 @@ import numpy as np
 
 from commonrail.base.arguments import array
 from commonrail.base.arrays import Floats
-from commonrail.base.linear import singular
 from commonrail.calibration.space import Space
-from commonrail.physics.elementary import product
 
 SHOWN = 0.2  # weight in a combination from which a parameter is named
 NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a direction counts as free
@@ -83,14 +81,14 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviati
     -------
     Influence
     """
-    all_values, all_directions = singular(np.vstack([jacobian, priors]))
+    all_values, all_directions = _singular(np.vstack([jacobian, priors]))
     held = all_values > NEGLIGIBLE * max(all_values.max(initial=0.0), 1e-300)
     inverse = all_directions[held].T / all_values[held]  # root of the pseudo-inverse of JᵀJ + PᵀP
-    effective = float(np.sum(product(jacobian, inverse) ** 2))
+    effective = float(np.sum((jacobian @ inverse) ** 2))
     scatter = float(np.sqrt(np.sum(residuals**2) / max(len(residuals) - effective, 1.0)))
     errors = (max(scatter, 1.0) if in_deviations else scatter) * np.sqrt(np.sum(inverse**2, axis=1))
     loose = np.sum(all_directions[held] ** 2, axis=0) < 1.0 - 1e-6
-    values, directions = singular(jacobian)
+    values, directions = _singular(jacobian)
     signs = np.sign(directions[np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)])
     return Influence(
         effective,
@@ -100,6 +98,14 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviati
         directions * signs[:, None],
         len(residuals),
     )
+
+
+def _singular(matrix: Floats) -> tuple[Floats, Floats]:
+    """Singular values (d,), the largest first, and right singular vectors (d, d), one a row, of a matrix (m, d)."""
+    m, d = matrix.shape
+    padded = np.vstack([matrix, np.zeros((max(d - m, 0), d))])
+    _, values, directions = np.linalg.svd(padded, full_matrices=False)
+    return values, directions
 
 
 # Candidates about a point, and derivatives from what they give.

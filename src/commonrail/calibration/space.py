@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.linear import cholesky, inverse_of_lower, solve_lower, solve_upper
+from commonrail.base.linear import cholesky, solve_lower, solve_upper
 from commonrail.calibration.constraints import (
     NONE,
     ROUNDING,
@@ -486,7 +486,7 @@ def _barrier(polytope: Polytope) -> tuple[Floats, Floats]:
         newton = solve_upper(root.T, solve_lower(root, gradient))
         # The damped step of a self-concordant barrier never leaves the polytope.
         point = point + newton / (1.0 + np.sqrt(np.sum(gradient * newton)))
-    return point, inverse_of_lower(root)
+    return point, solve_lower(root, np.eye(len(root)))
 
 
 def _step(walk: _Walk, unit: Floats, rng: np.random.Generator) -> Floats:

@@ -121,6 +121,11 @@ class Method:
             stop_when_converged=flag(self.stop_when_converged, "stop_when_converged"),
         )
 
+    @property
+    def is_evolution(self) -> bool:
+        """True of the differential evolution without refinements: no LAPACK, whose bits depend on the processor."""
+        return isinstance(self.evolution, EvolutionSettings) and not self.polish
+
 
 @dataclass(frozen=True, repr=False)
 class Study(Shown):

@@ -127,8 +127,3 @@ def product(left: Floats, right: Floats) -> Floats:
     for k, row in enumerate(right):
         total += left[..., k, None] * row
     return total
-
-
-def norm(vector: Floats) -> float:
-    """Root of the sum of squares of a vector."""
-    return float(np.sqrt(np.sum(vector * vector)))

@@ -86,7 +86,7 @@ def other_targets(journal: Journal, study: Searched, objective: Objective) -> tu
         That of the search, on threads of this process.
     """
     records = [*journal.targets, describe().record]
-    if study.same_bits:  # whose kernels round alike on all processors
+    if study.same_bits and study.method.is_evolution:  # which rounds alike on all processors
         records = [{name: text for name, text in record.items() if name in package_versions()} for record in records]
     text = other_bits(
         differing(records),

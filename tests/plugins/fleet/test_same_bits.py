@@ -34,8 +34,13 @@ def rigid_fleet(folder: Path, same_bits: bool) -> Path:
 
 
 def bits(record: dict[str, Any]) -> dict[str, Any]:
-    """Record without the machine on which it was found."""
-    return {name: value for name, value in record.items() if name != "target"}
+    """Record without the machine on which it was found, and without what LAPACK judges of the fit."""
+    kept = {name: value for name, value in record.items() if name != "target"}
+    kept["parameters"] = {
+        name: {key: value for key, value in one.items() if key not in ("standard_error", "verdict")}
+        for name, one in record["parameters"].items()
+    }
+    return kept
 
 
 def test_workers_of_another_processor_find_the_bits_of_this_one(

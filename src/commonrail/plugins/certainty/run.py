@@ -150,14 +150,8 @@ def certify(
 
 
 def judge(fit: FinishedFit) -> None:
-    """Replace standard errors and verdicts by those of `certify`, and add its record; the part "certainty" after a fit.
-
-    Nothing is done with `same_bits`: LAPACK, which the likelihood uses, has other bits on other processors.
-    """
-    study = fit.calibration.study
-    if study.same_bits:
-        return
-    found = certify(study, fit.calibration.best, threads=fit.threads)
+    """Part "certainty" after a fit: standard errors and verdicts of `certify`, and its record."""
+    found = certify(fit.calibration.study, fit.calibration.best, threads=fit.threads)
     record = found.record()
     fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = found, record
     for one in record["parameters"]:

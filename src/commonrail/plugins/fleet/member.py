@@ -197,8 +197,8 @@ class Calibrations:
 
     @property
     def same_bits(self) -> bool:
-        """As the studies have it."""
-        return self.first is not None and self.first.same_bits
+        """As the studies have it, but for least squares, which end on the workers."""
+        return self.first is not None and self.first.same_bits and self.first.method.is_evolution
 
     def probe(self) -> bytes:
         """Figures of the first study's start values; what every study needs is loaded then."""
