@@ -99,7 +99,6 @@ FIELDS: dict[type, str] = {
     plunger_needle.Guides: "m2, m2, m2, m3, m3, N, N/m, m, N/m, s/m, N s/m, N",
     plunger_needle.Loads: "N, N, N, N, N",
     plunger_needle.Motion: "m, m, m",
-    plunger_needle.Needle: "N, N, N, N",
     plunger_needle.State: "m, m/s, m/s",
     rail.Coefficients: "m3, m4",
     return_line.Coefficients: "Pa s/kg, Pa/kg, kg/Pa, s",

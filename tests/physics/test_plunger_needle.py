@@ -107,6 +107,17 @@ def test_free_needle_rings_at_its_eigenfrequencies(
     assert measured == pytest.approx(omega, rel=error)
 
 
+@pytest.mark.parametrize("mode", range(1, 4))
+def test_free_plunger_rings_at_its_eigenfrequencies_with_few_steps(drawn: plunger_needle.Parameters, mode: int) -> None:
+    mass = nodal(masses_of(drawn)[:5])
+    squares, shapes = eigh(springs(K[:5]), np.diag(mass))
+    omega = np.sqrt(squares[mode])
+    shape, weight = np.zeros(9), np.zeros(9)
+    shape[:6], weight[:6] = shapes[:, mode], mass
+    measured = ringing(drawn, FREE, APART, shape, weight, 2 * np.pi / omega, 20)
+    assert measured == pytest.approx(omega, rel=5e-4)  # as above
+
+
 @pytest.mark.parametrize("mode", range(9))
 def test_pressed_chain_rings_with_joint_and_seat_as_springs(
     chain: plunger_needle.Coefficients, drawn: plunger_needle.Parameters, mode: int
@@ -162,7 +173,8 @@ def test_accelerations_vanish_at_rest_and_agree_with_the_step(drawn: plunger_nee
     c = plunger_needle.coefficients(drawn._replace(spring_stiffness=35e3, damping_ratio=0.005), dt)
     s = plunger_needle.advance(c, SEAT, State(bent, STILL, STILL), LOAD, dt)
     a = plunger_needle.accelerations(c, SEAT, bent, STILL, LOAD)
-    assert np.array(s.v) / dt == pytest.approx(np.array(a), rel=1e-7)
+    # masses that pull alike from both sides have none of their own
+    assert np.array(s.v) / dt == pytest.approx(np.array(a), rel=1e-7, abs=1e-9 * np.abs(a).max())
 
 
 def test_dampers_follow_their_law(drawn: plunger_needle.Parameters) -> None:

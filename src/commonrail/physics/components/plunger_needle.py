@@ -309,21 +309,15 @@ def with_ends(f: Nine, top: float, tip: float) -> Nine:
     return Nine(i1=top, i2=f.i2, i3=f.i3, i4=f.i4, i5=f.i5, i6=f.i6, i7=f.i7, i8=f.i8, i9=tip)
 
 
-class Needle(NamedTuple):
-    """Forces on masses 6 to 9 [N]."""
-
-    foot: float
-    head: float
-    shoulder: float
-    tip: float
+_springs = each(Seven, lambda k, stretch: k * stretch)
 
 
 @physics
-def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Needle:
-    """dt²/12 d²F/dt² of the springs from the joint to the seat [N].
+def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Nine:
+    """dt²/12 d²F/dt² of the springs of plunger and needle, of the joint and of the seat [N], not of the upper stop.
 
-    Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger's own springs go without,
-    as their waves hardly move the needle.
+    Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger rings on after an injection;
+    the phase of its waves decides the pressure in the control chamber at which the next one begins.
 
     Parameters
     ----------
@@ -338,11 +332,10 @@ def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, 
     dt : float
         Step [s].
     """
-    share = dt * (1.0 / 12.0)
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
-    guide, stem = c.k.i6 * (gain.i7 - gain.i8), c.k.i7 * (gain.i8 - gain.i9)
     rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
-    return Needle(-share * joint, share * (joint - guide), share * (guide - stem), share * (stem - rest))
+    f = nodal_forces(_springs(c.k, across(gain)), joint)
+    return _scaled(dt * (1.0 / 12.0), with_ends(f, f.i1, f.i9 - rest))
 
 
 _extrapolated = each(Nine, lambda v, before: 1.5 * v - 0.5 * before)
@@ -403,19 +396,12 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     m = c.impulse
     half1, half9 = 0.5 * m.i1 * stop.damping, 0.5 * m.i9 * rest.damping
     per1, per9 = reciprocals(1.0 + half1, 1.0 + half9)
-    gain = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
-    correction = numerov_correction(c, seat, s.z, gain, dt)
-    v = _sum(s.v, gain)
-    u = Nine(
-        i1=next_velocity(s.v.i1, gain.i1, half1, per1),
-        i2=v.i2,
-        i3=v.i3,
-        i4=v.i4,
-        i5=v.i5,
-        i6=v.i6 + m.i6 * correction.foot,
-        i7=v.i7 + m.i7 * correction.head,
-        i8=v.i8 + m.i8 * correction.shoulder,
-        i9=next_velocity(s.v.i9, gain.i9 + m.i9 * correction.tip, half9, per9),
+    first = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
+    gain = _sum(first, _product(m, numerov_correction(c, seat, s.z, first, dt)))
+    u = with_ends(
+        _sum(s.v, gain),
+        next_velocity(s.v.i1, gain.i1, half1, per1),
+        next_velocity(s.v.i9, gain.i9, half9, per9),
     )
     return State(_advanced(s.z, dt, u), u, s.v)
 
