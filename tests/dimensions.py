@@ -217,20 +217,32 @@ def laws() -> dict[str, Law]:
 
 
 def documented(law: Law) -> dict[str, list[str]]:
-    """Units of each parameter from the section Parameters; "As in `other`" leads to a law of the same module."""
-    _, _, section = inspect.cleandoc(law.__doc__ or "").partition("Parameters\n----------\n")
+    """Units of each parameter: those behind "`name`:" in the docstring; "as in `other`" leads to another law."""
     stated: dict[str, list[str]] = {}
-    for names, text in re.findall(r"^(\w[^\n]*)\n((?:    [^\n]*\n?)+)", section, re.M):
-        other = re.match(r"    As in `(\w+)`", text)
+    for names, text in _stated(law):
+        other = re.match(r"as in `(\w+)`", text)
         source = documented(getattr(inspect.getmodule(law), other[1])) if other else {}
-        for name in names.partition(" :")[0].split(", "):
-            stated[name] = source[name] if other else re.findall(r"\[([^\]]+)\]", text)
-    return stated
+        for name in names:
+            stated[name] = source.get(name, []) if other else re.findall(r"\[([^\]]+)\]", text)
+    as_a_whole = re.search(r"Arguments as in `(\w+)`", law.__doc__ or "")
+    return documented(getattr(inspect.getmodule(law), as_a_whole[1])) if as_a_whole else stated
+
+
+def _stated(law: Law) -> Iterator[tuple[list[str], str]]:
+    """Names of parameters and the text behind each group of them, as in "`length`, `diameter`: L and D [m]"."""
+    text = " ".join(inspect.cleandoc(law.__doc__ or "").split())
+    heads = list(re.finditer(_HEAD, text))
+    for head, following in itertools.zip_longest(heads, heads[1:]):
+        yield re.findall(r"`(\w+)`", head[0]), text[head.end() : following.start() if following else None].strip()
+
+
+_HEAD = r"`\w+`(?:, `\w+`)*(?: \([^)]*\))?:"
 
 
 def returned(law: Law) -> list[str]:
-    """Units in the docstring's first paragraph: those of what the law returns, in order."""
-    return re.findall(r"\[([^\]]+)\]", inspect.cleandoc(law.__doc__ or "").split("\n\n")[0])
+    """Units in the docstring's first paragraph, before its parameters: of what the law returns, in order."""
+    first = inspect.cleandoc(law.__doc__ or "").split("\n\n")[0]
+    return re.findall(r"\[([^\]]+)\]", re.split(_HEAD, first)[0])
 
 
 def check_returned(law: Law, found: Any) -> None:

@@ -43,29 +43,14 @@ FUEL, INPUTS = layout_of(FuelCoefficients), layout_of(Inputs)
 
 
 class Machine(NamedTuple):
-    """Operations on rows that depend on the machine.
+    """Operations on rows that depend on the machine."""
 
-    Attributes
-    ----------
-    real : type
-        Of the numbers that it computes in.
-    copy : law
-        Function (target, to, source, first) that copies a row.
-    gather : law
-        As `registers.row_gatherer`.
-    inlets : function (rows) -> Inlets
-    keep : law
-        Function (work, rows, trace, block, k) that copies a state into a trace.
-    vectors : law
-        `compiler.numba.widest_vectors` where lanes are vectors.
-    """
-
-    real: Any
-    copy: Law
-    gather: Law
-    inlets: Callable[[Any], Inlets]
-    keep: Law
-    vectors: Law
+    real: Any  # of the numbers that it computes in
+    copy: Law  # function (target, to, source, first) that copies a row
+    gather: Law  # as `registers.row_gatherer`
+    inlets: Callable[[Any], Inlets]  # function (rows) -> Inlets
+    keep: Law  # function (work, rows, trace, block, k) that copies a state into a trace
+    vectors: Law  # `compiler.numba.widest_vectors` where lanes are vectors
 
 
 @physics
@@ -75,13 +60,7 @@ def one_setting(setting, lane):  # type: ignore[no-untyped-def]
 
 
 def make_settings(real: Any) -> Law:
-    """Function (given, lane) that gives the setting of a lane from settings, the lanes' points and the step.
-
-    Parameters
-    ----------
-    real : type
-        Of the numbers that are computed in.
-    """
+    """Function (given, lane) that gives the setting of a lane from settings, the lanes' points and the step."""
 
     @physics
     def setting_of(given, lane):  # type: ignore[no-untyped-def]
@@ -95,12 +74,7 @@ def make_settings(real: Any) -> Law:
 def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> Law:
     """Function (memory, theta, candidates, given, out) that puts lanes to rest; true if all their delays are alike.
 
-    Parameters
-    ----------
-    variant : Variant
-    rows : Rows
-    setting_of : law
-        Function (given, lane) that gives the `Setting` of a lane.
+    `setting_of`: function (given, lane) that gives the `Setting` of a lane.
     """
     wired = wiring(variant)
     load_parameters, load_fuel, store_inputs = wired.parameters.load, FUEL.load, INPUTS.store
@@ -163,14 +137,8 @@ def make_own_inputs() -> Law:
 def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs_of: Law = same_inputs) -> Law:
     """Function (work, count, inputs, dt) that takes all lanes one step on; the compiler vectorises the loop in it.
 
-    Parameters
-    ----------
-    variant : Variant
-    rows : Rows
-    vectors : function
-        `compiler.numba.widest_vectors` where lanes are vectors.
-    inputs_of : law
-        Function (inputs, work, rows, lane) that gives the `Inputs` of a lane.
+    `vectors` (function): `compiler.numba.widest_vectors` where lanes are vectors; `inputs_of`: function (inputs, work,
+    rows, lane) that gives the `Inputs` of a lane.
     """
     wired = wiring(variant)
     load_coefficients, load_state, store_state = wired.coefficients.load, wired.state.load, wired.state.store
@@ -208,14 +176,7 @@ def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
 
 
 def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
-    """Function (memory, job, samples, block, trace, out) that simulates one block.
-
-    Parameters
-    ----------
-    variant : Variant
-    rows : Rows
-    machine : Machine
-    """
+    """Function (memory, job, samples, block, trace, out) that simulates one block."""
     real, keep, vectors = machine.real, machine.keep, machine.vectors
     begin = make_begin(variant, rows, make_settings(real))
     advance = make_advance(variant, rows, vectors, make_own_inputs())
@@ -261,13 +222,7 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
 
 
 def make_blocks(variant: Variant, vector: Vector) -> Law:
-    """Function (memory, job, samples, block, trace, out) of `make_simulate` for lanes that are vectors.
-
-    Parameters
-    ----------
-    variant : Variant
-    vector : Vector
-    """
+    """Function (memory, job, samples, block, trace, out) of `make_simulate` for lanes that are vectors."""
     from commonrail.compiler.numba import widest_vectors
     from commonrail.engine.registers import clock_reader, row_copier, row_gatherer
 
@@ -279,12 +234,6 @@ def make_blocks(variant: Variant, vector: Vector) -> Law:
 
 @cache
 def shape_of(variant: Variant, vector: Vector) -> Shape:
-    """Sizes of the memory of a block.
-
-    Parameters
-    ----------
-    variant : Variant
-    vector : Vector
-    """
+    """Sizes of the memory of a block."""
     columns = len(wiring(variant).parameters.paths) + len(FUEL.paths)
     return Shape(make_rows(variant, vector.lanes).end, vector.lanes, columns, np.dtype(vector.real).itemsize)

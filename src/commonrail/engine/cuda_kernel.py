@@ -44,10 +44,7 @@ class Table(NamedTuple):
 def compiled(variant: Variant, precision: Precision, traced: bool) -> Any:
     """The kernel of a variant, compiled for the device of this process at its first call.
 
-    Parameters
-    ----------
-    variant, precision, traced
-        As of `make_march`.
+    Arguments as in `make_march`.
     """
     march = make_march(variant, precision, traced)
     if numba.config.ENABLE_CUDASIM:
@@ -117,12 +114,7 @@ def keep_state(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
 def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable[..., Any]:
     """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`.
 
-    Parameters
-    ----------
-    variant : Variant
-    precision : Precision
-    traced : bool
-        Keep the state after every step.
+    `traced`: keep the state after every step.
     """
     rows, real = make_rows(variant, 1), VECTORS[precision].real
     keep = keep_state if traced else keep_nothing

@@ -24,13 +24,7 @@ REFUSED = 1
 
 
 def table_reader(real: Any) -> Any:
-    """Intrinsic (table) → `Given`: arrays as views of the memory that the table names.
-
-    Parameters
-    ----------
-    real : type
-        Of the numbers that the loop computes in.
-    """
+    """Intrinsic (table) → `Given`: arrays as views of the memory that the table names."""
     kind = _type_of(GIVEN, real)
 
     @intrinsic
@@ -60,16 +54,7 @@ def _type_of(described: Any, real: Any) -> Any:
 
 
 def _value_of(context: Any, builder: Any, kind: Any, entries: Iterator[Any]) -> Any:
-    """Value of a type from the next entries of the table.
-
-    Parameters
-    ----------
-    context, builder
-        Numba's.
-    kind : type
-    entries : iterator
-        It gives each entry once, in order.
-    """
+    """Value of a type from the next entries of the table; `entries`: it gives each entry once, in order."""
     if isinstance(kind, types.Array):
         return _array(context, builder, kind, entries)
     if isinstance(kind, types.NamedTuple):
@@ -98,11 +83,6 @@ def make_entry(variant: Variant, vector: Vector) -> Callable[..., int]:
     """Function (table) that simulates the blocks of a table; `REFUSED` if the table was made for another kernel.
 
     One for all who ask, so that it is typed once for several processors.
-
-    Parameters
-    ----------
-    variant : Variant
-    vector : Vector
     """
     read, simulate, figures = table_reader(vector.real), make_blocks(variant, vector), len(Outcome._fields)
     rows, lanes, columns, size = shape_of(variant, vector)

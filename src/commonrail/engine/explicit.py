@@ -39,41 +39,21 @@ SAME = 1e-13  # stops nearer than this are one [s]
 
 
 class Fixed(NamedTuple):
-    """Arguments of the rates beside the state, in their order.
+    """Arguments of the rates beside the state, in their order."""
 
-    Attributes
-    ----------
-    constants : array
-        `Coefficients` as one lane of a layout.
-    cells : (2,) int array
-        Of the feed pipe and of the return line.
-    friction : (9, 2) array
-        [N], [N s/m].
-    """
-
-    constants: Floats
-    cells: Ints
-    friction: Floats
+    constants: Floats  # `Coefficients` as one lane of a layout
+    cells: Ints  # (2,) int array: of the feed pipe and of the return line
+    friction: Floats  # (9, 2) array: [N], [N s/m]
 
 
 class Problem(NamedTuple):
-    """One injector at one point.
-
-    Attributes
-    ----------
-    variant : Variant
-    point : OperatingPoint
-    coefficients : Coefficients
-    fixed : Fixed
-    start : array
-        State at rest.
-    """
+    """One injector at one point."""
 
     variant: Variant
     point: OperatingPoint
     coefficients: Coefficients
     fixed: Fixed
-    start: Floats
+    start: Floats  # state at rest
 
 
 class Instants(NamedTuple):
@@ -104,13 +84,8 @@ class _Plan(NamedTuple):
 def march(problem: Problem, time: Floats, step: float) -> Marched:
     """Solve from the first to the last time.
 
-    Parameters
-    ----------
-    problem : Problem
-    time : (n,)
-        Increasing [s].
-    step : float
-        Longest step [s]; shorter where a pipe's wave would pass a cell or the SAC would settle sooner.
+    `time` (n,): increasing [s]; `step`: longest step [s]; shorter where a pipe's wave would pass a cell or the SAC
+    would settle sooner.
     """
     plan = _plan(problem, time)
     states = np.full((len(time), len(problem.start)), np.nan)
@@ -152,14 +127,7 @@ def compiled_march(variant: Variant) -> Callable[..., bool]:
 def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
     """Boundary courses at time t between stops k and k + 1, linear.
 
-    Parameters
-    ----------
-    outside : array
-        Fields of `rates.Outside`, to be set.
-    plan : _Plan
-    k : int
-    t : float
-        [s].
+    `outside`: fields of `rates.Outside`, to be set; `t`: [s].
     """
     stops, courses = plan.stops, plan.courses
     share = (t - stops[k]) / (stops[k + 1] - stops[k])
@@ -172,16 +140,8 @@ def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
 def record_instants(recorded: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
     """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat.
 
-    Parameters
-    ----------
-    recorded : (5,) array
-        To be set.
-    now, h : float
-        Start and length of the step [s].
-    old, new : float
-        Tip before and after it [m].
-    injected : float
-        Mass injected by then [kg].
+    `recorded` (5,) array: to be set; `now`, `h`: start and length of the step [s]; `old`, `new`: tip before and after
+    it [m]; `injected`: mass injected by then [kg].
     """
     if old <= 0.0:
         recorded[4] = injected

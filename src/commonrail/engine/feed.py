@@ -14,20 +14,11 @@ NEVER = 1 << 62  # step of a turn that is not reached
 
 
 class Memory(NamedTuple):
-    """Memory of a block.
+    """Memory of a block."""
 
-    Attributes
-    ----------
-    work : (rows × lanes,)
-    waves : (3 × ring × lanes,)
-        Rings of the three waves.
-    ring : int
-        Slots of a ring.
-    """
-
-    work: Any
-    waves: Any
-    ring: int
+    work: Any  # (rows × lanes,)
+    waves: Any  # (3 × ring × lanes,): rings of the three waves
+    ring: int  # slots of a ring
 
 
 class ClockedMemory(NamedTuple):
@@ -83,13 +74,8 @@ def gather_number(target, to, source, where):  # type: ignore[no-untyped-def]
 def make_wave_transport(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, Law]:
     """Functions that bring the waves that arrive in step k, and take those that leave, from and into their rings.
 
-    Parameters
-    ----------
-    rows : Rows
-    copy : function (target, to, source, first)
-        Copies a row.
-    gather : law
-        As `registers.row_gatherer`; needed for several lanes.
+    `copy` (function (target, to, source, first)): copies a row; `gather`: as `registers.row_gatherer`; needed for
+    several lanes.
     """
 
     @physics
@@ -116,41 +102,19 @@ def make_wave_transport(rows: Any, copy: Law, gather: Law = gather_number) -> tu
 
 
 class Inlets(NamedTuple):
-    """Laws that set the inputs of a block, rows of `work`; in a step only `every_step` is called as a rule.
+    """Laws that set the inputs of a block, rows of `work`; in a step only `every_step` is called as a rule."""
 
-    Attributes
-    ----------
-    row : law
-        Function (courses, points) that gives the row of the table which `every_step` reads.
-    every_step : law
-        Function (memory, courses, row, k) that sets the inputs of step k.
-    turn : law
-        Function (memory, courses, points, k) that turns clocks, and returns the step of the next turn of any lane.
-    follow : law
-        Function (memory, courses, points, k) that sets what follows a trace.
-    traced : law
-        Function (courses, points) that tells if any lane follows one.
-    first : int
-        Step of the first turn; negative where there is none.
-    """
-
-    row: Law
-    every_step: Law
+    row: Law  # function (courses, points) that gives the row of the table which `every_step` reads
+    every_step: Law  # function (memory, courses, row, k) that sets the inputs of step k
+    # function (memory, courses, points, k) that turns clocks, and returns the step of the next turn of any lane
     turn: Law
-    follow: Law
-    traced: Law
-    first: int
+    follow: Law  # function (memory, courses, points, k) that sets what follows a trace
+    traced: Law  # function (courses, points) that tells if any lane follows one
+    first: int  # step of the first turn; negative where there is none
 
 
 def make_clocks(rows: Any, read: Law) -> Inlets:
-    """Inlets from `Courses`.
-
-    Parameters
-    ----------
-    rows : Rows
-    read : law
-        As `registers.clock_reader`.
-    """
+    """Inlets from `Courses`; `read`: as `registers.clock_reader`."""
 
     @physics
     def clock_of(courses, points):  # type: ignore[no-untyped-def]

@@ -30,39 +30,20 @@ class Courses(NamedTuple):
 
     The clocks of `Inputs`, times since the current energising has begun and has ended, are the time less two origins.
     These turn to those of the next energising in the step in which that one begins.
-
-    Attributes
-    ----------
-    settings : (points, 3)
-        Rail, cylinder and return pressure at time zero [Pa], and throughout where a point has no trace.
-    steps : (points,) int
-    earliest_end : (points,) int
-        First step at which an injection may have ended.
-    times : (clocks, steps)
-        Starts of the steps [s].
-    clock : (points,) int
-        Row of a point's `times`.
-    first : (points,) int
-        Place of a point's first turn, which is in step 0.
-    turns : (turns,) int
-        Steps of the turns; behind those of each point one that is never reached.
-    origins : (turns, 4)
-        Origins from a turn on, and the two clocks in its own step [s].
-    trace : (points,) int
-        Row of a point's `traces`, −1 where all its pressures are constant and no trace drives it.
-    traces : (traces, steps, 4)
-        Means over each step of rail, cylinder and return pressure [Pa] and of the drive's trace.
     """
 
+    # (points, 3): rail, cylinder and return pressure at time zero [Pa], and throughout where a point has no trace
     settings: Floats
-    steps: Ints
-    earliest_end: Ints
-    times: Floats
-    clock: Ints
-    first: Ints
-    turns: Ints
-    origins: Floats
+    steps: Ints  # (points,) int
+    earliest_end: Ints  # (points,) int: first step at which an injection may have ended
+    times: Floats  # (clocks, steps): starts of the steps [s]
+    clock: Ints  # (points,) int: row of a point's `times`
+    first: Ints  # (points,) int: place of a point's first turn, which is in step 0
+    turns: Ints  # (turns,) int: steps of the turns; behind those of each point one that is never reached
+    origins: Floats  # (turns, 4): origins from a turn on, and the two clocks in its own step [s]
+    # (points,) int: row of a point's `traces`, −1 where all its pressures are constant and no trace drives it
     trace: Ints
+    # (traces, steps, 4): means over each step of rail, cylinder and return pressure [Pa] and of the drive's trace
     traces: Floats
 
     @property
@@ -114,23 +95,12 @@ class Job(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Samples of a rate to compare with, at each operating point.
+    """Samples of a rate to compare with, at each operating point."""
 
-    Attributes
-    ----------
-    bound_count : (points,) int
-    due : (points, bounds) int
-        Step in which a sample ends.
-    samples : (points, bounds, 4)
-        Fields of `Sample`.
-    density : (1 or candidates, points)
-        As in `lanes.Misfit`.
-    """
-
-    bound_count: Ints
-    due: Ints
-    samples: Floats
-    density: Floats
+    bound_count: Ints  # (points,) int
+    due: Ints  # (points, bounds) int: step in which a sample ends
+    samples: Floats  # (points, bounds, 4): fields of `Sample`
+    density: Floats  # (1 or candidates, points): as in `lanes.Misfit`
 
 
 # Table of addresses and numbers through which a loop over blocks is called, the same from a library and from Numba.
@@ -249,12 +219,7 @@ def address(array: NDArray[Any]) -> int:
 def scratch_for(shape: Shape, ring: int, real: Any) -> Scratch:
     """Memory of one thread, each part from the start of a cache line: a vector as long as one would straddle two.
 
-    Parameters
-    ----------
-    shape : Shape
-    ring : int
-        Slots of a ring.
-    real : type
+    `ring`: slots of a ring.
     """
     lanes = shape.lanes
     return Scratch(
@@ -272,14 +237,7 @@ def _aligned(count: int, real: Any) -> NDArray[Any]:
 
 
 def fill(given: Given, real: Any) -> tuple[Ints, list[NDArray[Any]]]:
-    """Table of arguments, and arrays that must outlive it.
-
-    Parameters
-    ----------
-    given : Given
-    real : type
-        That the loop computes in.
-    """
+    """Table of arguments, and arrays that must outlive it; `real`: that the loop computes in."""
     entries: list[int] = []
     kept: list[NDArray[Any]] = []
     for described, value in zip(_LEAVES, _flat(given), strict=True):

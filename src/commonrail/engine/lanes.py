@@ -67,12 +67,8 @@ class Misfit(NamedTuple):
     def samples(self, dt: float, steps: Ints) -> Samples:
         """The samples as a loop over steps takes them.
 
-        Parameters
-        ----------
-        dt : float
-            Time step [s].
-        steps : (points,) int
-            Of each point. A bound that rounding puts behind the last step is taken at its end.
+        `dt`: time step [s]. `steps` (points,) int: of each point. A bound that rounding puts behind the last step is
+        taken at its end.
         """
         within = np.minimum(self.bounds, steps[:, None])
         # in the first step whose end reaches the bound, and in order
@@ -97,17 +93,8 @@ def _no_samples(points: int) -> Samples:
 def compiled(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
     """The block loop of a variant.
 
-    Parameters
-    ----------
-    variant : Variant
-    precision : Precision
-    same_bits : bool
-        Exact, so that its bits are those of any processor: see `commonrail.compiler.numba`.
-
-    Raises
-    ------
-    ConfigurationError
-        If no bits are promised on this machine, or it may not compile.
+    `same_bits`: exact, so that its bits are those of any processor: see `commonrail.compiler.numba`. Raises
+    ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     with _FIRST_CALL:
         return machine_code(variant, VECTORS[precision], same_bits)
@@ -131,27 +118,12 @@ def run(
 ) -> tuple[Outcome, Floats]:
     """Run all blocks of a job.
 
-    Parameters
-    ----------
-    job : Job
-    variant : Variant
-    misfit : Misfit, optional
-        Samples to compare with.
-    precision : Precision
-    traced : bool
-        Keep the state after every step.
-    threads : int
-        The result does not depend on it.
-    injected_only : bool
-        Of a traced run, keep only the mass injected: one row, some hundredth of the memory.
-    same_bits : bool
-        As in `compiled`.
+    `misfit` (Misfit, optional): samples to compare with; `traced`: keep the state after every step; `threads`: the
+    result does not depend on it; `injected_only`: of a traced run, keep only the mass injected: one row, some hundredth
+    of the memory; `same_bits`: as in `compiled`.
 
-    Returns
-    -------
-    outcome : Outcome
-    trace : (blocks, steps + 1, rows, lanes), empty unless traced
-        Of a block that there are not enough simulations for, only their lanes are kept.
+    Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: of a block that there are
+    not enough simulations for, only their lanes are kept.
     """
     n, lanes = job.points.shape
     loop, vector, steps = compiled(variant, precision, same_bits), VECTORS[precision], job.courses.steps

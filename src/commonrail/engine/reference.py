@@ -102,22 +102,10 @@ def simulate_reference(
 ) -> Solution:
     """Simulate one injection with the reference engine.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    sample_interval : float
-        Spacing of the samples [s].
-    resolution : Resolution
-    friction : (9, 2), optional
-        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass, in a rigid body their sums; not
-        part of the paper's model, used by the virtual test bench.
-
-    Raises
-    ------
-    ConfigurationError
-        If the resolution makes no sense, or the injector or its fuel does not cover the point. A simulation that
-        fails returns a `Solution` whose status says so.
+    `sample_interval`: spacing of the samples [s]; `friction` (9, 2), optional: Coulomb force [N] and viscous
+    coefficient [N s/m] of the guides on each mass, in a rigid body their sums; not part of the paper's model, used by
+    the virtual test bench. Raises ConfigurationError if the resolution makes no sense, or the injector or its fuel does
+    not cover the point. A simulation that fails returns a `Solution` whose status says so.
     """
     resolution = resolution or Resolution()
     _check(resolution)

@@ -31,14 +31,8 @@ def sampled_rates(
 
     Rows of failed simulations, those whose step is too long included, are NaN.
 
-    Parameters
-    ----------
-    injector, point, names, values, time_step, threads, same_bits
-        As in `simulate_batch`.
-    bounds : (n,)
-        [s].
-    prepared : Prepared, optional
-        Of the injector at this point and time step, known already.
+    `bounds` (n,): [s]; `prepared` (Prepared, optional): of the injector at this point and time step, known already;
+    `injector`, `point`, `names`, `values`, `time_step`, `threads`, `same_bits`: as in `simulate_batch`.
     """
     prepared = prepared or plan.prepare(injector, [point], time_step)
     theta = candidate_matrix(injector, names, values, prepared.row)

@@ -69,15 +69,8 @@ _IDLE = -1.0  # clocks of a point without energisings [s]
 def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Courses:
     """Boundary conditions of points.
 
-    Parameters
-    ----------
-    injector, points, dt
-        As in `plan.prepare`.
-
-    Raises
-    ------
-    ConfigurationError
-        If a point has too many steps, or no trace for a drive that needs one.
+    Arguments as in `plan.prepare`. Raises ConfigurationError if a point has too many steps, or no trace for a drive
+    that needs one.
     """
     steps = np.array([_steps(point, dt) for point in points])
     pulses = [point.pulses for point in points]
@@ -127,18 +120,9 @@ def _earliest_end(point: OperatingPoint, dt: float) -> int:
 def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt: float) -> tuple[Ints, Ints, Floats]:
     """Places of the points' first turns, and steps and origins of all turns, as in `Courses`.
 
-    Parameters
-    ----------
-    pulses : (2, energisings)
-        Starts and ends [s], those of each point in order; a point without any has one that does not matter.
-    count : (points,) int
-        Energisings of each point.
-    at : ((points,), (points,)) of int
-        Row of the times, and number of steps.
-    times : (clocks, steps)
-        [s].
-    dt : float
-        [s].
+    `pulses` (2, energisings): starts and ends [s], those of each point in order; a point without any has one that does
+    not matter; `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row of the times,
+    and number of steps; `times` (clocks, steps): [s]; `dt`: [s].
     """
     point, place = np.repeat(np.arange(len(count)), count), np.arange(pulses.shape[1])
     ordinal, row = place - (np.cumsum(count) - count)[point], at[0][point]
@@ -164,16 +148,8 @@ def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
     A step that sees one energising end and the next begin is energised for as long as both together: the next counts
     as begun so much earlier.
 
-    Parameters
-    ----------
-    pulses : (2, energisings)
-        Starts and ends [s].
-    ordinal : (energisings,) int
-        Number of earlier ones of the same point.
-    now : (energisings,)
-        Start of that step [s].
-    dt : float
-        [s].
+    `pulses` (2, energisings): starts and ends [s]; `ordinal` (energisings,) int: number of earlier ones of the same
+    point; `now` (energisings,): start of that step [s]; `dt`: [s].
     """
     lasting = np.zeros(len(now))
     for back in range(int(ordinal.max()), 0, -1):
@@ -197,13 +173,7 @@ def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
 def _means(point: OperatingPoint, dt: float, steps: int, length: int) -> Floats:
     """Means of a traced point over its steps, (length, 4); its last ones stay behind its end.
 
-    Parameters
-    ----------
-    point : OperatingPoint
-    dt : float
-        [s].
-    steps, length : int
-        Steps of the point, and rows.
+    `dt`: [s]; `steps`, `length`: steps of the point, and rows.
     """
     begin: Floats = np.asarray(point.start + dt * np.arange(steps), float)
     means = np.empty((length, 4))

@@ -31,14 +31,8 @@ def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[
 
     In: drawn from the rail. Out: injected, returned. Stored: the volumes that the injector has and the feed pipe.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    states : mapping of str to (steps + 1,)
-        State after every step, by the names of `lanes.trace_paths`.
-    dt : float
-        Time step [s].
+    `states` (mapping of str to (steps + 1,)): state after every step, by the names of `lanes.trace_paths`; `dt`: time
+    step [s].
     """
     c = coefficients_at(injector, point, dt)
     stored = sum(float(states[name][-1] - states[name][0]) for name in _VOLUMES if name in states)
@@ -85,14 +79,8 @@ _PRESSURES = {  # names of the states, those that an injector has
 def read_channels(injector: Injector, point: OperatingPoint, time: Floats, states: States) -> dict[str, Floats]:
     """Channels of a `Solution` of the fast engines.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    time : (samples,)
-        [s].
-    states : mapping of str to (samples,)
-        State at those times, by the names of `lanes.trace_paths`.
+    `time` (samples,): [s]; `states` (mapping of str to (samples,)): state at those times, by the names of
+    `lanes.trace_paths`.
     """
     held = dict(states)
     if isinstance(point.rail_pressure, Trace) and injector.variant.boundary is not Boundary.VOLUME:
@@ -106,12 +94,7 @@ def read_channels(injector: Injector, point: OperatingPoint, time: Floats, state
 def all_channels(c: Any, variant: Variant, states: States, pressures: States) -> dict[str, Floats]:
     """Lifts, the given pressures, and what follows from flux and lift reached, as any engine names them.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the variant's actuation.
-    variant : Variant
-    states, pressures : mapping of str to (samples,)
+    `c`: of the variant's actuation; `states`, `pressures`: (mapping of str to (samples,)).
     """
     wired = wiring(variant)
     body, discharge = wired.body, wired.laws.discharge

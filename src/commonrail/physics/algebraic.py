@@ -73,17 +73,8 @@ def drain_flow(c: Coefficients, chamber: Contents, gap_cda2: float, outlet: floa
     A small volume of liquid at the valve's outlet, which the line's impedance fills within `OUTLET_TIME`, gives the
     pressure there; it holds the vapour pressure while liquid is missing, as the other volumes do.
 
-    Parameters
-    ----------
-    c : Coefficients
-    chamber : Contents
-        Of the control chamber.
-    gap_cda2 : float
-        (c_d A)² of the valve's gap [m⁴].
-    outlet : float
-        Of `Core` [Pa]; not used where there is no line.
-    wave : float
-        That arrives in the line; the tank's pressure where there is no line [Pa].
+    `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: of `Core` [Pa]; not used where there is no line; `wave`:
+    that arrives in the line; the tank's pressure where there is no line [Pa].
     """
     z = c.return_line.impedance
     behind = pressure_behind(c, outlet, wave)
@@ -100,18 +91,8 @@ def coil_rates(
 ) -> solenoid.State:
     """Rates of both fluxes [V]: N dφ/dt = v − R i, Eq. (11), and dφ_f/dt = (φ − φ_f)/τ; of either actuation.
 
-    Parameters
-    ----------
-    c, outside
-        Coefficients, and what comes from outside.
-    law : law
-        Of the drive.
-    s : State
-        Of the solenoid.
-    gap : float
-        Air gap that the armature leaves [m].
-    lags : (float, float)
-        Of a rising and of a falling flux [s]; the first is zero for none.
+    `c`, `outside`: coefficients, and what comes from outside; `gap`: air gap that the armature leaves [m]; `lags`
+    (float, float): of a rising and of a falling flux [s]; the first is zero for none.
     """
     rising, falling = lags
     now = solenoid.circuit(c.solenoid, s.flux, gap)
@@ -141,14 +122,8 @@ def feed(c: Coefficients, law: Any, at: Inlet, accumulation: float, control: flo
 
     The Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge.
 
-    Parameters
-    ----------
-    c : Coefficients
-    law : law
-        `inlet_law` of a variant.
-    at : Inlet
-    accumulation, control : float
-        Pressures in accumulation volume and control chamber [Pa].
+    `law`: `inlet_law` of a variant; `accumulation`, `control`: pressures in accumulation volume and control chamber
+    [Pa].
     """
     z_flow = 0.0
     inlet = at.rail
@@ -167,16 +142,7 @@ def feed(c: Coefficients, law: Any, at: Inlet, accumulation: float, control: flo
 def past_limit(c: Any, peak: float, conducting: float, flux: float, gap: float) -> float:
     """Positive once the PWM's current has passed the limit at which it switches; relative to its band.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of either actuation.
-    peak, conducting : float
-        As in `Outside`.
-    flux : float
-        Linked by the coil [Wb].
-    gap : float
-        Air gap that the armature leaves [m].
+    `flux`: linked by the coil [Wb]; `gap`: air gap that the armature leaves [m]; `peak`, `conducting`: as in `Outside`.
     """
     in_peak = peak > 0.5
     mean = c.drive.peak_current if in_peak else c.drive.hold_current

@@ -30,12 +30,7 @@ def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
     p_rail − p_inlet = q²/(2 ρ (c_d A)²) with p_inlet = wave + Z (q − q_Z) is a quadratic in q: the law
     of `orifice` with an offset of ρ (c_d A)² Z.
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    wave : float
-        Arriving at the inlet [Pa].
+    `wave`: arriving at the inlet [Pa].
     """
     z = c.feed_pipe.impedance
     z_flow = c.control_chamber.z_inlet_fraction * s.control_chamber.z_flow

@@ -63,15 +63,7 @@ class Hydraulics(NamedTuple):
 def pipe_rates(y: Any, dy: Any, cells: int, c: Any, inlet: float, end: float) -> None:
     """Rates of the feed pipe, Eq. (6), as flow–pressure pairs: face 0, cell 0, face 1, …, cell n−1, face n.
 
-    Parameters
-    ----------
-    y, dy : array
-        The vector and its rates.
-    cells : int
-    c : Coefficients
-        Of either actuation.
-    inlet, end : float
-        Pressures at both ends [Pa].
+    `y`, `dy`: the vector and its rates; `inlet`, `end`: pressures at both ends [Pa].
     """
     z = c.feed_pipe.impedance
     per_cell = cells / c.feed_pipe.travel_time
@@ -91,17 +83,8 @@ def pipe_rates(y: Any, dy: Any, cells: int, c: Any, inlet: float, end: float) ->
 def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflow: float, low: float) -> None:
     """Rates of the return line, Eq. (6), as pressure–flow pairs: cell 0, face 1, …, cell n−1, face n at the tank.
 
-    Parameters
-    ----------
-    y, dy : array
-        The vector and its rates.
-    place : (int, int)
-        First place of the line in it, and its cells.
-    c : Coefficients
-    inflow : float
-        Behind the valve [kg/s].
-    low : float
-        Pressure of the tank [Pa].
+    `y`, `dy`: the vector and its rates; `place` (int, int): first place of the line in it, and its cells; `inflow`:
+    behind the valve [kg/s]; `low`: pressure of the tank [Pa].
     """
     z, (first, cells) = c.return_line.impedance, place
     per_cell = 2.0 * cells / c.return_line.round_trip
@@ -278,17 +261,8 @@ def _make_direct_rates(variant: Variant) -> Callable[..., None]:
 def store_chain(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v: Nine, friction: Any) -> None:
     """Write the chain's accelerations, less the guides' friction, behind the velocities.
 
-    Parameters
-    ----------
-    dy : array
-        Rates.
-    first : int
-        First place of plunger and needle.
-    c : Coefficients
-    a, v : Nine
-        Accelerations [m/s²] and velocities [m/s].
-    friction : (9, 2)
-        Dry friction [N] and viscous coefficient [N s/m] of the guides on each mass.
+    `dy`: rates; `first`: first place of plunger and needle; `a`, `v`: accelerations [m/s²] and velocities [m/s];
+    `friction` (9, 2): dry friction [N] and viscous coefficient [N s/m] of the guides on each mass.
     """
     for i in range(9):
         resistance = bench_friction(friction[i, 0], friction[i, 1], v[i])
@@ -299,10 +273,7 @@ def store_chain(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v:
 def store_rigid(dy: Any, first: int, c: plunger_needle.Coefficients, a: float, v: float, friction: Any) -> None:
     """Write the rigid body's acceleration, less the friction on all masses, whose speed is its own.
 
-    Parameters
-    ----------
-    dy, first, c, a, v, friction
-        As of `store_chain`.
+    Arguments as in `store_chain`.
     """
     resistance = 0.0
     for i in range(9):

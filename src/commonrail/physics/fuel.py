@@ -66,12 +66,8 @@ def coefficient(polynomial: Sequence[float], temperature: ArrayLike) -> Floats:
 def saturating_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats) -> Floats:
     """Return K1 + (1 - exp(-p/K2)) K3 p^K4, the density and bulk modulus of Eq. (2).
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, >= 0, in the unit that the coefficients were fitted in.
-    k1, k2, k3, k4 : arrays
-        Coefficients at the wanted temperature; K2 = 0 means the limit in which the bracket is 1.
+    `p`: pressure, >= 0, in the unit that the coefficients were fitted in; `k1`, `k2`, `k3`, `k4`: coefficients at the
+    wanted temperature; K2 = 0 means the limit in which the bracket is 1.
     """
     p = np.asarray(p, dtype=np.float64)
     return np.asarray(k1 + _bracket(p, k2) * k3 * _power(p, k4))
@@ -80,12 +76,8 @@ def saturating_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats)
 def saturating_slope(p: ArrayLike, k2: Floats, k3: Floats, k4: Floats) -> Floats:
     """Return the derivative of `saturating_law` with respect to pressure.
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, > 0, in the unit that the coefficients were fitted in.
-    k2, k3, k4 : arrays
-        Coefficients at the wanted temperature, as in `saturating_law`.
+    `p`: pressure, > 0, in the unit that the coefficients were fitted in; `k2`, `k3`, `k4`: coefficients at the wanted
+    temperature, as in `saturating_law`.
     """
     p = np.asarray(p, dtype=np.float64)
     rise = (1.0 - _bracket(p, k2)) / np.where(k2 > 0.0, k2, np.inf)
@@ -95,12 +87,8 @@ def saturating_slope(p: ArrayLike, k2: Floats, k3: Floats, k4: Floats) -> Floats
 def power_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats) -> Floats:
     """Return K1 + K2 p^K3, the kinematic viscosity of Eq. (2).
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, >= 0, in the unit that the coefficients were fitted in.
-    k1, k2, k3 : arrays
-        Coefficients at the wanted temperature.
+    `p`: pressure, >= 0, in the unit that the coefficients were fitted in; `k1`, `k2`, `k3`: coefficients at the wanted
+    temperature.
     """
     return np.asarray(k1 + k2 * power(p, k3))
 
@@ -111,12 +99,8 @@ def log_compression(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats
     It integrates d(rho)/dp = rho/K by 48 Gauss points in the cube root of pressure, which removes
     the weak singularity of p^K4 at zero; the result is exact to rounding (about 1e-13).
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, >= 0, in the unit that the coefficients were fitted in.
-    k1, k2, k3, k4 : arrays
-        Coefficients of the modulus, as in `saturating_law`.
+    `p`: pressure, >= 0, in the unit that the coefficients were fitted in; `k1`, `k2`, `k3`, `k4`: coefficients of the
+    modulus, as in `saturating_law`.
     """
     p = np.asarray(p, dtype=np.float64)[..., None]
     modulus = saturating_law(p * _NODES * _NODES * _NODES, *(np.asarray(k)[..., None] for k in (k1, k2, k3, k4)))

@@ -36,10 +36,7 @@ def physics(law: _Law) -> _Law:
 def offer_laws(offer: Callable[[Callable[..., Any]], None]) -> None:
     """Let one more kind of machine inline all laws, those to come too.
 
-    Parameters
-    ----------
-    offer : function (law) -> None
-        Called with every law.
+    `offer` (function (law) -> None): called with every law.
     """
     _MACHINES.append(offer)
     for law in _LAWS:

@@ -59,13 +59,7 @@ class Layout:
     def _law(self, head: str, lines: list[str], names: dict[str, Any]) -> Callable[..., Any]:
         """Law of a text, which only what compiles it asks for.
 
-        Parameters
-        ----------
-        head : str
-            Name and arguments.
-        lines : list of str
-        names : dict
-            Types that the lines name.
+        `head`: name and arguments; `names`: types that the lines name.
         """
         names["__name__"] = __name__
         text = "\n".join([f"def {head}:", "    i = start", *lines, ""])
@@ -77,14 +71,8 @@ class Layout:
 def field_paths(kind: type, choices: Choices = (), prefix: str = "") -> Iterator[str]:
     """Dotted names of the float fields of a nested NamedTuple.
 
-    Parameters
-    ----------
-    kind : type
-        NamedTuple, or float itself.
-    choices : tuple of (field name, type)
-        Types of the fields annotated ``Any``.
-    prefix : str
-        In front of each name.
+    `kind`: NamedTuple, or float itself; `choices` (tuple of (field name, type)): types of the fields annotated ``Any``;
+    `prefix`: in front of each name.
     """
     if kind is float:
         yield prefix
@@ -104,12 +92,8 @@ def _fields(kind: type, choices: Choices) -> tuple[tuple[str, type], ...]:
 def layout_of(kind: type, choices: Choices = ()) -> Layout:
     """Layout of a nested NamedTuple type, one for all who ask.
 
-    Parameters
-    ----------
-    kind : type
-        A NamedTuple whose fields are float or such NamedTuples, or float itself.
-    choices : tuple of (field name, type)
-        Types of the fields annotated ``Any``, such as ``(("body", rigid_body.State),)``.
+    `kind`: A NamedTuple whose fields are float or such NamedTuples, or float itself; `choices` (tuple of (field name,
+    type)): types of the fields annotated ``Any``, such as ``(("body", rigid_body.State),)``.
     """
     return Layout(kind, choices)
 

@@ -36,15 +36,8 @@ _READ_OF_DRIVE = {  # fields of `drive.Parameters` that each law of the drive re
 def unread_inputs(variant: Variant) -> tuple[str, ...]:
     """Inputs that a variant does not read while it is simulated.
 
-    Parameters
-    ----------
-    variant : Variant
-
-    Returns
-    -------
-    tuple of str
-        Of "rail_pressure" (that at rest is always read), "return_pressure", "drive" (a measured voltage or current) and
-        "command" (energisings; with a measured drive they only say where an injection begins).
+    Returns tuple of str: of "rail_pressure" (that at rest is always read), "return_pressure", "drive" (a measured
+    voltage or current) and "command" (energisings; with a measured drive they only say where an injection begins).
     """
     traced = variant.drive in _TRACED
     unread = {
@@ -58,12 +51,7 @@ def unread_inputs(variant: Variant) -> tuple[str, ...]:
 
 @functools.cache
 def unread_parameters(variant: Variant) -> frozenset[str]:
-    """Dotted names of the parameters that a variant does not read.
-
-    Parameters
-    ----------
-    variant : Variant
-    """
+    """Dotted names of the parameters that a variant does not read."""
     servo = variant.actuation is Actuation.SERVO
     unread = {"drive": {*drive.Parameters._fields}.difference(_READ_OF_DRIVE[variant.drive])}
     if servo and variant.boundary is Boundary.IDEAL:
@@ -76,10 +64,7 @@ def unread_parameters(variant: Variant) -> frozenset[str]:
 def reader_of(name: str) -> str:
     """Words for the variants that read an input or a parameter, with their suffix of a model's name.
 
-    Parameters
-    ----------
-    name : str
-        Input, or dotted name of a parameter.
+    `name`: input, or dotted name of a parameter.
     """
     if name in _READERS:
         return _READERS[name]

@@ -32,14 +32,7 @@ GIVE = 2e-3
 
 @physics
 def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
-    """Coefficients of every part; wave speeds and laminar offsets at the rail pressure of time zero.
-
-    Parameters
-    ----------
-    p : Parameters
-    f : FuelCoefficients
-    at : Setting
-    """
+    """Coefficients of every part; wave speeds and laminar offsets at the rail pressure of time zero."""
     density = fuel.density(f, at.rail)
     speed = fuel.sound_speed(f, density)
     viscosity = density * fuel.kinematic_viscosity(f, at.rail)
@@ -73,15 +66,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
 
 @physics
 def lag_fraction(lag: float, dt: float) -> float:
-    """Share of a first-order lag that a step makes up [1].
-
-    Parameters
-    ----------
-    lag : float
-        τ [s], ≥ 0; zero for no lag.
-    dt : float
-        Step [s].
-    """
+    """Share of a first-order lag that a step makes up [1]; `lag`: τ [s], ≥ 0; zero for no lag; `dt`: step [s]."""
     return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
 
 

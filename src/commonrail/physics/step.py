@@ -96,16 +96,8 @@ class AccumulationFlows(NamedTuple):
 def mean_departure_of(here: Contents, balance: Flow, before: float, after: float, dt: float) -> float:
     """Implicit mean over the step of p − p_n [Pa] in a volume; each flow's mean is q_n + s (p − p_n).
 
-    Parameters
-    ----------
-    here : Contents
-        At t_n.
-    balance : Flow
-        Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)].
-    before, after : float
-        Volume at both ends of the step [m³].
-    dt : float
-        Step [s].
+    `here`: at t_n; `balance`: Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
+    `before`, `after`: volume at both ends of the step [m³]; `dt`: step [s].
     """
     growth = here.density * (after - before) / dt
     return mean_departure(balance.mass_flow, balance.slope, here.stiffness, middle(before, after), growth, dt)
@@ -128,14 +120,7 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.State:
     """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
 
-    Parameters
-    ----------
-    c, s
-        Coefficients and state.
-    gap_cda2 : float
-        (c_d A)² of the seat's gap at its start [m⁴].
-    dt : float
-        Step [s].
+    `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `dt`: step [s].
     """
     pressure = seat_pressure(c, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
     return valve.advance(c.valve, s.valve, solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux), pressure, dt)
@@ -145,15 +130,7 @@ def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.S
 def advance_flux(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[float, float]:
     """Flux after the step [Wb], Eq. (11): N dφ/dt = v − R i, and the PWM's transistor; of either actuation.
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    gap : AirGap
-    drive_law : law
-        Of the variant: mean of dφ/dt over the step, implicit in the flux.
-    dt : float
-        Step [s].
+    `drive_law`: of the variant: mean of dφ/dt over the step, implicit in the flux; `dt`: step [s].
     """
     now = solenoid.circuit(c.solenoid, s.solenoid.flux, gap.middle, gap.closing)
     supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
@@ -167,16 +144,7 @@ def magnetise(
 ) -> tuple[solenoid.State, float]:
     """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    lift : float
-        Armature's at mid-step [m].
-    drive_law : law
-        Of the variant.
-    dt : float
-        Step [s].
+    `lift`: armature's at mid-step [m]; `dt`: step [s].
     """
     flux, conducting = advance_flux(c, s, u, AirGap(c.valve.lift - lift, lift - s.valve.lift), drive_law, dt)
     fraction = c.delays.eddy_lag_fraction
@@ -188,15 +156,7 @@ def magnetise(
 def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geometry: StepGeometry) -> SacFlows:
     """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, both by Eq. (4); of either actuation.
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients and state, of either actuation, and inputs.
-    upstream : float
-        Pressure in the accumulation volume [Pa].
-    discharge : float
-        Discharge coefficient of the nozzle [1].
-    geometry : StepGeometry
+    `upstream`: pressure in the accumulation volume [Pa]; `discharge`: discharge coefficient of the nozzle [1].
     """
     here, before, dt = s.sac, s.accumulation.fuel.density, geometry.dt
     # balance at t_n, and its slopes in the SAC's pressure: −s_seat of the inflow, s_nozzle of the outflow
@@ -246,16 +206,8 @@ def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2:
     The return line answers the A-hole's flow q with the pressure `filling` + Z q, or with the vapour pressure where
     that is higher; q is taken linear in it.
 
-    Parameters
-    ----------
-    c, s
-        Coefficients and state.
-    feed : float
-        Pressure in front of the Z-hole [Pa].
-    filling : float
-        Pressure behind the valve without flow [Pa].
-    gap_cda2 : float
-        (c_d A)² of the valve's gap [m⁴].
+    `feed`: pressure in front of the Z-hole [Pa]; `filling`: pressure behind the valve without flow [Pa]; `gap_cda2`:
+    (c_d A)² of the valve's gap [m⁴].
     """
     here, hole, behind = s.control_chamber.fuel, c.control_chamber, s.return_line.pressure
     density = ambient_density(c.source, feed)
@@ -278,13 +230,7 @@ def fill_control_chamber(
 ) -> ChamberFlows:
     """Control chamber, Eq. (3) in mass: dm/dt = q_Z − q_A − q_leak, by Eq. (4), (4) and (5).
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    feed, filling : float
-        As of `hole_flows` [Pa].
-    geometry : StepGeometry
+    `feed`, `filling`: as of `hole_flows` [Pa].
     """
     here, dt = s.control_chamber.fuel, geometry.dt
     # balance at t_n, and its slopes in the chamber's pressure
@@ -307,17 +253,8 @@ def fill_accumulation(
 
     The pipe's end follows Eq. (6) by characteristics: q_pipe = (wave − p)/Z.
 
-    Parameters
-    ----------
-    c, s
-        Coefficients and state, of either actuation.
-    wave : float
-        Arriving in the feed pipe, its friction taken off [Pa].
-    outflow : float
-        Mean flow into SAC and Z-hole, known before [kg/s].
-    leak : Flow
-        Of the needle's guide at t_n, Eq. (5); none in a direct-acting injector.
-    geometry : StepGeometry
+    `wave`: arriving in the feed pipe, its friction taken off [Pa]; `outflow`: mean flow into SAC and Z-hole, known
+    before [kg/s]; `leak`: of the needle's guide at t_n, Eq. (5); none in a direct-acting injector.
     """
     here, admittance, dt = s.accumulation.fuel, c.feed_pipe.admittance, geometry.dt
     # balance at t_n, and its slopes in the volume's pressure

@@ -50,13 +50,8 @@ class Held:
     def command(self, on: bool, now: float, planned_since: float) -> None:
         """Switch the energising on or off.
 
-        Parameters
-        ----------
-        on : bool
-        now : float
-            Instant [s].
-        planned_since : float
-            Time for which the operating point's energising lasts already [s], negative where none does.
+        `now`: instant [s]; `planned_since`: time for which the operating point's energising lasts already [s], negative
+        where none does.
         """
         if self.on is None and planned_since >= 0.0:
             self.on, self.since = True, now - planned_since
@@ -69,11 +64,7 @@ class Held:
     def apply(self, inputs: Floats, now: Floats) -> None:
         """Write what is held over the planned inputs.
 
-        Parameters
-        ----------
-        inputs : (steps, 6)
-        now : (steps,)
-            Beginnings of the steps [s].
+        `inputs`: (steps, 6); `now` (steps,): beginnings of the steps [s].
         """
         for column, value in self.values.items():
             inputs[:, column] = value
@@ -141,15 +132,8 @@ class CoursePlan:
 def refuse_pressures(injector: Injector, inputs: Floats) -> None:
     """Refuse boundary pressures that the fuel or the parts' laws do not cover.
 
-    Parameters
-    ----------
-    injector : Injector
-    inputs : (steps, 6)
-
-    Raises
-    ------
-    ConfigurationError
-        If one lies outside the fuel's range, or cylinder or return pressure reach the rail's.
+    `inputs`: (steps, 6). Raises ConfigurationError if one lies outside the fuel's range, or cylinder or return pressure
+    reach the rail's.
     """
     low, high = injector.fuel.pressure_range
     for name, column in zip(PRESSURES, inputs.T, strict=False):
@@ -170,16 +154,7 @@ def traced_input(injector: Injector) -> str | None:
 
 
 def names_of(value: object, known: tuple[str, ...], what: str) -> tuple[str, ...]:
-    """Read a list of names.
-
-    Parameters
-    ----------
-    value : object
-    known : tuple of str
-        To choose from.
-    what : str
-        "input" or "output".
-    """
+    """Read a list of names; `known`: to choose from; `what`: "input" or "output"."""
     names = sequence(value, f"{what}s", f'["{known[0]}"]')
     for name in names:
         if not isinstance(name, str) or name not in known:

@@ -122,15 +122,7 @@ class _Coordinate(NamedTuple):
 
 
 def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearModel:
-    """Linear model of a sample.
-
-    Parameters
-    ----------
-    o : Operation
-    dt : float
-        Time step [s].
-    inputs, outputs : tuple of str
-    """
+    """Linear model of a sample; `dt`: time step [s]."""
     states = _states(o, o.steps)
     after = [one.at for one in _states(o, o.steps + len(o.inputs))]
     driven = [_Coordinate(name, COLUMNS[name], _difference(name, 0.0)) for name in inputs]

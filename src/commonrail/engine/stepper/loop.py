@@ -17,24 +17,15 @@ from commonrail.physics.variants import Variant, wiring
 
 
 class Loop(NamedTuple):
-    """Compiled functions of a variant, and where its memory holds its state.
+    """Compiled functions of a variant, and where its memory holds its state."""
 
-    Attributes
-    ----------
-    march : function (memory, ring, first, theta, settings, inputs)
-        Without `inputs` it puts the memory to rest; else it takes one step for each row of them, the first of them
-        with the number `first`.
-    rows : Rows
-    state : tuple of str
-        Names of the rows of the state, which begin at `rows.state`; behind them are the three waves that leave.
-    parameters : int
-        Length of `theta`.
-    """
-
+    # function (memory, ring, first, theta, settings, inputs): without `inputs` it puts the memory to rest; else it
+    # takes one step for each row of them, the first of them with the number `first`
     march: Callable[..., Any]
     rows: Any
+    # names of the rows of the state, which begin at `rows.state`; behind them are the three waves that leave
     state: tuple[str, ...]
-    parameters: int
+    parameters: int  # length of `theta`
 
     def size(self, ring: int) -> int:
         """Numbers in the memory of an injector whose rings have so many slots."""
@@ -52,14 +43,7 @@ def make_loop(variant: Variant) -> Loop:
 
 
 def make_march(variant: Variant, rows: Any) -> Callable[..., None]:
-    """The loop over steps, to be compiled.
-
-    Parameters
-    ----------
-    variant : Variant
-    rows : Rows
-        Of one lane.
-    """
+    """The loop over steps, to be compiled; `rows`: of one lane."""
     from commonrail.compiler.numba import exchange_rounding
 
     begin, advance = make_begin(variant, rows), make_advance(variant, rows, any_vectors)

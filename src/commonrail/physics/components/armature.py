@@ -63,13 +63,6 @@ def coefficients(p: Parameters) -> Coefficients:
 def free_force(c: Coefficients, position: float, magnetic_force: float) -> float:
     """Force of magnet and spring [N], positive when opening.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this armature.
-    position : float
-        Travel from the rest [m].
-    magnetic_force : float
-        Magnetic force [N], ≥ 0.
+    `position`: travel from the rest [m]; `magnetic_force`: magnetic force [N], ≥ 0.
     """
     return magnetic_force - c.spring_preload - c.spring_stiffness * position

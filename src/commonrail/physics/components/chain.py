@@ -41,14 +41,8 @@ class Seven(NamedTuple):
 def each(kind: type, law: Callable[..., float], shared: str = "") -> Callable[..., Any]:
     """Function of the same arguments as `law` that takes `kind`s, applies it field by field, and returns a `kind`.
 
-    Parameters
-    ----------
-    kind : type
-        `Nine` or `Seven`.
-    law : function of float
-        Law of one mass or one cylinder.
-    shared : str
-        Names of the arguments that are one number for all.
+    `kind`: `Nine` or `Seven`; `law` (function of float): law of one mass or one cylinder; `shared`: names of the
+    arguments that are one number for all.
     """
     arguments = law.__code__.co_varnames[: law.__code__.co_argcount]
     one = ", ".join(name if name in shared.split() else f"{name}.{{0}}" for name in arguments)
@@ -63,10 +57,7 @@ def each(kind: type, law: Callable[..., float], shared: str = "") -> Callable[..
 def across(z: Nine) -> Seven:
     """Differences over each cylinder: the upper mass's value less the lower's, in its unit.
 
-    Parameters
-    ----------
-    z : Nine
-        Positions [m] or velocities [m/s].
+    `z`: positions [m] or velocities [m/s].
     """
     return Seven(
         i1=z.i1 - z.i2,
@@ -81,13 +72,7 @@ def across(z: Nine) -> Seven:
 
 @physics
 def around(m: Seven) -> Nine:
-    """Sums over the cylinders that end at each mass, in the unit of the cylinders' values.
-
-    Parameters
-    ----------
-    m : Seven
-        Masses [kg].
-    """
+    """Sums over the cylinders that end at each mass, in the unit of the cylinders' values; `m`: masses [kg]."""
     return Nine(
         i1=m.i1,
         i2=m.i1 + m.i2,
@@ -105,12 +90,8 @@ def around(m: Seven) -> Nine:
 def nodal_forces(s: Seven, joint: float) -> Nine:
     """Forces on the masses [N], positive when opening, from those in the cylinders and in the joint.
 
-    Parameters
-    ----------
-    s : Seven
-        Forces in the cylinders [N], positive in tension.
-    joint : float
-        Force between plunger and needle [N], positive in tension; masses that touch give zero or less.
+    `s`: forces in the cylinders [N], positive in tension; `joint`: force between plunger and needle [N], positive in
+    tension; masses that touch give zero or less.
     """
     return Nine(
         i1=-s.i1,

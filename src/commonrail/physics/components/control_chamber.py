@@ -66,15 +66,7 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
-    """Coefficients of the holes, Eq. (4).
-
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    dynamic_viscosity : float
-        η at the rail pressure of time zero [Pa s].
-    """
+    """Coefficients of the holes, Eq. (4); `dynamic_viscosity`: η at the rail pressure of time zero [Pa s]."""
     z_area = pipe_area(p.z_hole_diameter)
     a_area = pipe_area(p.a_hole_diameter)
     reynolds = p.transition_reynolds

@@ -89,10 +89,7 @@ def coefficients(p: Parameters) -> Coefficients:
 def lifts(z: Pair) -> Motion:
     """Lifts of the armature, as the top, and of the needle, as shoulder and tip; also their velocities [m/s].
 
-    Parameters
-    ----------
-    z : Pair
-        Positions [m].
+    `z`: positions [m].
     """
     return Motion(z.armature, z.needle, z.needle)
 
@@ -101,16 +98,8 @@ def lifts(z: Pair) -> Motion:
 def contact_along_path(depth: float, move: float, stiffness: float, factor: float) -> Contact:
     """Contact force and damping with the overlap averaged along the path of a leapfrog step.
 
-    Parameters
-    ----------
-    depth : float
-        Overlap δ in the middle of the path [m], negative where the bodies are apart.
-    move : float
-        Half the path [m]; zero for the contact at an instant.
-    stiffness : float
-        k [N/m].
-    factor : float
-        Hunt–Crossley factor β [s/m].
+    `depth`: overlap δ in the middle of the path [m], negative where the bodies are apart; `move`: half the path [m];
+    zero for the contact at an instant; `stiffness`: k [N/m]; `factor`: Hunt–Crossley factor β [s/m].
     """
     elastic = stiffness * mean_overlap(depth, move)
     return Contact(elastic, elastic * factor)
@@ -118,19 +107,7 @@ def contact_along_path(depth: float, move: float, stiffness: float, factor: floa
 
 @physics
 def contacts(m: Masses, seat: SeatContact, z: Pair, path: Pair) -> Contacts:
-    """All four contacts.
-
-    Parameters
-    ----------
-    m : Masses
-        The two masses.
-    seat : SeatContact
-        Contact of the needle seat.
-    z : Pair
-        Positions [m].
-    path : Pair
-        Half the paths of the step [m], zero at an instant.
-    """
+    """All four contacts; `z`: positions [m]; `path`: half the paths of the step [m], zero at an instant."""
     a = m.armature
     k, factor = a.contact_stiffness, a.contact_damping
     return Contacts(
@@ -143,19 +120,7 @@ def contacts(m: Masses, seat: SeatContact, z: Pair, path: Pair) -> Contacts:
 
 @physics
 def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
-    """Forces on both masses without damping [N], positive when opening.
-
-    Parameters
-    ----------
-    m : Masses
-        The two masses.
-    z : Pair
-        Positions [m].
-    load : Loads
-        Of magnet and pressures.
-    at : Contacts
-        Their contacts.
-    """
+    """Forces on both masses without damping [N], positive when opening; `z`: positions [m]."""
     spring = m.needle.spring_preload + m.needle.spring_stiffness * z.needle
     return Pair(
         armature.free_force(m.armature, z.armature, load.magnetic) + at.rest.force - at.stop.force - at.push.force,
@@ -165,21 +130,7 @@ def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
 
 @physics
 def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step.
-
-    Parameters
-    ----------
-    m : Masses
-        The two masses.
-    seat : SeatContact
-        Contact of the needle seat.
-    s : State
-        State before.
-    load : Loads
-        Forces of magnet and pressures at t_n.
-    dt : float
-        Step [s].
-    """
+    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step; `dt`: step [s]."""
     at = contacts(m, seat, s.z, Pair(dt * s.v.armature, dt * s.v.needle))
     force = forces(m, s.z, load, at)
     a, n = dt * m.armature.per_mass, dt * m.needle.per_mass
@@ -200,14 +151,7 @@ def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> S
 def accelerations(m: Masses, seat: SeatContact, z: Pair, v: Pair, load: Loads) -> Pair:
     """Accelerations [m/s²], for a solver that has positions and velocities at one time.
 
-    Parameters
-    ----------
-    m, seat, load
-        As in `advance`.
-    z : Pair
-        Positions [m].
-    v : Pair
-        Velocities [m/s].
+    `z`: positions [m]; `v`: velocities [m/s]; `m`, `seat`, `load`: as in `advance`.
     """
     at = contacts(m, seat, z, Pair(0.0, 0.0))
     force = forces(m, z, load, at)
@@ -221,14 +165,7 @@ def accelerations(m: Masses, seat: SeatContact, z: Pair, v: Pair, load: Loads) -
 def at_rest(m: Masses, seat: SeatContact, load: Loads) -> State:
     """Both masses at rest, armature on its rest and needle on its seat, in closed form.
 
-    Parameters
-    ----------
-    m : Masses
-        The two masses; the idle stroke keeps them apart.
-    seat : SeatContact
-        Contact of the needle seat.
-    load : Loads
-        Of the pressures; no magnetic force.
+    `m`: the two masses; the idle stroke keeps them apart; `load`: of the pressures; no magnetic force.
     """
     a, n = m.armature, m.needle
     held_a = a.spring_preload / (a.contact_stiffness + a.spring_stiffness)

@@ -46,14 +46,7 @@ class Travelling(NamedTuple):
 def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficients:
     """Coefficients of the pipe, Eq. (6), constant during a simulation.
 
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    density : float
-        ρ at the rail pressure of time zero [kg/m³].
-    sound_speed : float
-        a at that pressure [m/s].
+    `density`: ρ at the rail pressure of time zero [kg/m³]; `sound_speed`: a at that pressure [m/s].
     """
     z = impedance(sound_speed, pipe_area(p.diameter))
     return Coefficients(
@@ -68,12 +61,7 @@ def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficie
 def end_loss(c: Coefficients, flow: float) -> float:
     """Share of the friction ∫ R q|q| dx/L that Simpson's rule gives to the flow at one end [Pa].
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    flow : float
-        q at that end [kg/s]; the loss has its sign.
+    `flow`: q at that end [kg/s]; the loss has its sign.
     """
     return SIXTH * c.resistance * flow * abs(flow)
 
@@ -86,14 +74,7 @@ def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
     flow there, (down − up)/(2 Z), corrected for the friction up to the middle. That friction is computed
     from the flows at the ends: exact for a steady flow.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    ends : State
-        Flows at both ends [kg/s].
-    down, up : float
-        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    `ends`: flows at both ends [kg/s]; `down`, `up`: waves p + Z q and p − Z q [Pa] that arrive, as they left.
     """
     near = end_loss(c, ends.inlet_flow) + end_loss(c, ends.end_flow)
     flow = 0.5 * c.admittance * (down - up - 2.0 * near)
@@ -104,14 +85,7 @@ def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
 def arrive(c: Coefficients, ends: State, down: float, up: float) -> Travelling:
     """Waves at the ends that they reach, the friction of Eq. (6) taken off but for that of the flow there now.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    ends : State
-        Flows at both ends [kg/s].
-    down, up : float
-        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    `ends`: flows at both ends [kg/s]; `down`, `up`: waves p + Z q and p − Z q [Pa] that arrive, as they left.
     """
     mid_pipe_loss = middle_loss(c, ends, down, up)
     return Travelling(
@@ -123,14 +97,8 @@ def arrive(c: Coefficients, ends: State, down: float, up: float) -> Travelling:
 def leave(c: Coefficients, ends: State, inlet: float, end: float) -> Travelling:
     """Waves that leave both ends, the friction of the flow there taken off.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    ends : State
-        Mean flows at both ends over the step [kg/s].
-    inlet, end : float
-        Mean pressures at both ends over the step [Pa].
+    `ends`: mean flows at both ends over the step [kg/s]; `inlet`, `end`: mean pressures at both ends over the step
+    [Pa].
     """
     z = c.impedance
     return Travelling(

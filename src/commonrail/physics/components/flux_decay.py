@@ -26,14 +26,8 @@ class Parameters(NamedTuple):
 def lagged(flux: float, pulling: float, rising: float, falling: float) -> float:
     """Pulling flux φ_f [Wb] after a step.
 
-    Parameters
-    ----------
-    flux : float
-        φ, mean over the step [Wb].
-    pulling : float
-        φ_f before the step [Wb].
-    rising, falling : float
-        Share of the difference that a step makes up, 1 − exp(−dt/τ), for either direction [1].
+    `flux`: φ, mean over the step [Wb]; `pulling`: φ_f before the step [Wb]; `rising`, `falling`: share of the
+    difference that a step makes up, 1 − exp(−dt/τ), for either direction [1].
     """
     ahead = flux - pulling
     return pulling + (rising if ahead > 0.0 else falling) * ahead
@@ -43,12 +37,7 @@ def lagged(flux: float, pulling: float, rising: float, falling: float) -> float:
 def rate(flux: float, pulling: float, rising: float, falling: float) -> float:
     """dφ_f/dt [V], for a solver that has both fluxes at one time.
 
-    Parameters
-    ----------
-    flux, pulling : float
-        φ and φ_f [Wb].
-    rising, falling : float
-        Lags τ of either direction [s], > 0.
+    `flux`, `pulling`: φ and φ_f [Wb]; `rising`, `falling`: lags τ of either direction [s], > 0.
     """
     ahead = flux - pulling
     return ahead / (rising if ahead > 0.0 else falling)

@@ -40,15 +40,7 @@ class Coefficients(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
-    """Coefficients of gap and contact.
-
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    dynamic_viscosity : float
-        η at the rail pressure of time zero [Pa s].
-    """
+    """Coefficients of gap and contact; `dynamic_viscosity`: η at the rail pressure of time zero [Pa s]."""
     sine, cosine = math.sin(0.5 * p.cone_angle), math.cos(0.5 * p.cone_angle)
     return Coefficients(
         pipe_area(p.diameter),
@@ -64,12 +56,7 @@ def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
 def gap_cda2(c: Coefficients, lift: float) -> float:
     """(c_d A)² of the seat gap, for Eq. (4) [m⁴]: frustum A = π z sin(α/2) (d − z sin(α/2) cos(α/2)).
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this seat.
-    lift : float
-        z of the needle's tip [m]; shut at zero and below.
+    `lift`: z of the needle's tip [m]; shut at zero and below.
     """
     z = max(lift, 0.0)
     effective = z * (c.gap_slope - c.gap_curvature * z)

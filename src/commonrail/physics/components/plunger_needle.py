@@ -143,14 +143,7 @@ class SeatContact(NamedTuple):
 def cylinder_stiffness(elastic_modulus: float, diameter: float, length: float) -> float:
     """Axial stiffness of a cylinder k = E A/l0 [N/m], Eq. (8).
 
-    Parameters
-    ----------
-    elastic_modulus : float
-        E [Pa].
-    diameter : float
-        Of the cylinder [m].
-    length : float
-        l0 [m].
+    `elastic_modulus`: E [Pa]; `diameter`: of the cylinder [m]; `length`: l0 [m].
     """
     return elastic_modulus * pipe_area(diameter) / length
 
@@ -159,14 +152,7 @@ def cylinder_stiffness(elastic_modulus: float, diameter: float, length: float) -
 def cylinder_mass(density: float, diameter: float, length: float) -> float:
     """Mass of a cylinder ρ A l0 [kg].
 
-    Parameters
-    ----------
-    density : float
-        ρ of the steel [kg/m³].
-    diameter : float
-        Of the cylinder [m].
-    length : float
-        l0 [m].
+    `density`: ρ of the steel [kg/m³]; `diameter`: of the cylinder [m]; `length`: l0 [m].
     """
     return density * pipe_area(diameter) * length
 
@@ -175,14 +161,7 @@ def cylinder_mass(density: float, diameter: float, length: float) -> float:
 def damper(damping_ratio: float, stiffness: float, mass: float) -> float:
     """Damping coefficient of a cylinder c = 2 ξ sqrt(k M) [N s/m], text below Eq. (8).
 
-    Parameters
-    ----------
-    damping_ratio : float
-        ξ [1], ≥ 0.
-    stiffness : float
-        k [N/m].
-    mass : float
-        M of the cylinder [kg].
+    `damping_ratio`: ξ [1], ≥ 0; `stiffness`: k [N/m]; `mass`: M of the cylinder [kg].
     """
     return 2.0 * damping_ratio * math.sqrt(stiffness * mass)
 
@@ -194,15 +173,7 @@ _scaled = each(Nine, lambda factor, x: factor * x, shared="factor")
 
 @physics
 def coefficients(p: Parameters, dt: float) -> Coefficients:
-    """Coefficients of chain, guides, spring and stop.
-
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    dt : float
-        Step of the leapfrog [s].
-    """
+    """Coefficients of chain, guides, spring and stop; `dt`: step of the leapfrog [s]."""
     k = Seven(i1=p.k1, i2=p.k2, i3=p.k3, i4=p.k4, i5=p.k5, i6=p.k6, i7=p.k7)
     m = Seven(i1=p.m1, i2=p.m2, i3=p.m3, i4=p.m4, i5=p.m5, i6=p.m6, i7=p.m7)
     per_mass = _inverse(around(m))
@@ -235,20 +206,9 @@ def coefficients(p: Parameters, dt: float) -> Coefficients:
 def loads(g: Guides, seat_area: float, control: float, accumulation: float, sac: float, low: float) -> Loads:
     """Forces F1…F9 of Eq. (10): pressure on every area normal to the axis, positive when opening.
 
-    Parameters
-    ----------
-    g : Guides
-        Areas and spring.
-    seat_area : float
-        Of the needle seat [m²].
-    control : float
-        Pressure in the control chamber [Pa].
-    accumulation : float
-        Pressure in the accumulation volume [Pa].
-    sac : float
-        Pressure in the SAC [Pa].
-    low : float
-        Return pressure, between plunger and needle [Pa].
+    `seat_area`: of the needle seat [m²]; `control`: pressure in the control chamber [Pa]; `accumulation`: pressure in
+    the accumulation volume [Pa]; `sac`: pressure in the SAC [Pa]; `low`: return pressure, between plunger and needle
+    [Pa].
     """
     return Loads(
         -control * g.plunger_area,
@@ -266,16 +226,7 @@ _in_cylinders = each(Seven, lambda k, c, stretch, speed: k * stretch + c * speed
 def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
     """Sum of spring, damper and pressure forces on each mass [N], Eq. (10), without seat and stop.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the chain.
-    z : Nine
-        Positions [m].
-    v : Nine
-        Velocities [m/s] at the same time.
-    load : Loads
-        Pressure forces.
+    `z`: positions [m]; `v`: velocities [m/s] at the same time.
     """
     joint = c.joint_stiffness * min(z.i6 - z.i7, 0.0)
     f = nodal_forces(_in_cylinders(c.k, c.c, across(z), across(v)), joint)
@@ -297,14 +248,7 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
 def with_ends(f: Nine, top: float, tip: float) -> Nine:
     """Forces [N] with those on the ends, where stop and seat act, replaced.
 
-    Parameters
-    ----------
-    f : Nine
-        Forces on the masses [N].
-    top : float
-        Force on mass 1 [N].
-    tip : float
-        Force on mass 9 [N].
+    `f`: forces on the masses [N]; `top`: force on mass 1 [N]; `tip`: force on mass 9 [N].
     """
     return Nine(i1=top, i2=f.i2, i3=f.i3, i4=f.i4, i5=f.i5, i6=f.i6, i7=f.i7, i8=f.i8, i9=tip)
 
@@ -319,18 +263,7 @@ def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, 
     Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger rings on after an injection;
     the phase of its waves decides the pressure in the control chamber at which the next one begins.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the chain.
-    seat : SeatContact
-        Contact of the needle seat.
-    z : Nine
-        Positions [m].
-    gain : Nine
-        dt times the accelerations [m/s].
-    dt : float
-        Step [s].
+    `z`: positions [m]; `gain`: dt times the accelerations [m/s]; `dt`: step [s].
     """
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
     rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
@@ -343,29 +276,13 @@ _extrapolated = each(Nine, lambda v, before: 1.5 * v - 0.5 * before)
 
 @physics
 def at_stop(g: Guides, top: float) -> Contact:
-    """Contact with the upper stop.
-
-    Parameters
-    ----------
-    g : Guides
-        Of plunger and needle.
-    top : float
-        Lift of the plunger's top [m].
-    """
+    """Contact with the upper stop; `top`: lift of the plunger's top [m]."""
     return contact(top - g.stop_lift, g.stop_stiffness, g.stop_damping)
 
 
 @physics
 def on_seat(seat: SeatContact, tip: float) -> Contact:
-    """Contact with the needle seat.
-
-    Parameters
-    ----------
-    seat : SeatContact
-        Contact of the needle seat.
-    tip : float
-        Lift of the needle's tip [m].
-    """
+    """Contact with the needle seat; `tip`: lift of the needle's tip [m]."""
     return contact(-tip, seat.stiffness, seat.damping)
 
 
@@ -378,18 +295,7 @@ _sum = each(Nine, lambda x, y: x + y)
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
     """State after one leapfrog step; dampers see the velocity extrapolated to t_n.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the chain.
-    seat : SeatContact
-        Contact of the needle seat.
-    s : State
-        State before.
-    load : Loads
-        Pressure forces at t_n.
-    dt : float
-        Step [s].
+    `load`: pressure forces at t_n; `dt`: step [s].
     """
     f = forces(c, s.z, _extrapolated(s.v, s.v_before), load)
     stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
@@ -410,14 +316,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
     """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that has z and v at one time.
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `advance`.
-    z : Nine
-        Positions [m].
-    v : Nine
-        Velocities [m/s].
+    `z`: positions [m]; `v`: velocities [m/s]; `c`, `seat`, `load`: as in `advance`.
     """
     f = forces(c, z, v, load)
     stop, rest = at_stop(c.guides, z.i1), on_seat(seat, z.i9)
@@ -431,13 +330,7 @@ Positions = Nine
 
 @physics
 def lifts(z: Nine) -> Motion:
-    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses.
-
-    Parameters
-    ----------
-    z : Nine
-        Positions [m].
-    """
+    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses; `z`: positions [m]."""
     return Motion(z.i1, z.i8, z.i9)
 
 
@@ -445,10 +338,7 @@ def lifts(z: Nine) -> Motion:
 def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
     """Chain at rest on its seat under static loads, in closed form (spring by spring).
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `advance`; the loads press the needle into its seat.
+    `c`, `seat`, `load`: as in `advance`; the loads press the needle into its seat.
     """
     k = c.k
     push = -load.top  # compression of k1…k5

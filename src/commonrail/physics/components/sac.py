@@ -18,13 +18,7 @@ class Parameters(NamedTuple):
 def volume(p: Parameters, seat_area: float, tip_lift: float) -> float:
     """SAC volume V of Eq. (3) [m³].
 
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    seat_area : float
-        Area inside the seat line [m²].
-    tip_lift : float
-        Lift of the needle's tip [m]; below zero it is elastic flattening of the seat and does not shrink the SAC.
+    `seat_area`: area inside the seat line [m²]; `tip_lift`: lift of the needle's tip [m]; below zero it is elastic
+    flattening of the seat and does not shrink the SAC.
     """
     return p.volume + seat_area * max(tip_lift, 0.0)

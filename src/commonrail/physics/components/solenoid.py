@@ -93,16 +93,8 @@ def circuit(c: Coefficients, flux: float, armature_gap: float, closing: float = 
 
     Magnetisation curve H_s(B) = B/(μ0 μ_r) · (1 + (B/B_k)⁸): linear far below the knee B_k, then steep.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this circuit.
-    flux : float
-        φ through one turn [Wb]; the current has its sign.
-    armature_gap : float
-        Part of the air gap that the armature leaves open [m], ≥ 0.
-    closing : float
-        Decrease of that gap in half a step [m].
+    `flux`: φ through one turn [Wb]; the current has its sign; `armature_gap`: part of the air gap that the armature
+    leaves open [m], ≥ 0; `closing`: decrease of that gap in half a step [m].
     """
     air = c.gap_reluctance * (c.residual_gap + armature_gap)
     b2 = flux * flux * c.per_knee_squared
@@ -116,11 +108,6 @@ def circuit(c: Coefficients, flux: float, armature_gap: float, closing: float = 
 def magnetic_force(c: Coefficients, pulling_flux: float) -> float:
     """Magnetic force on the armature F_ev of Eq. (12) [N], never negative: it opens the valve.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this circuit.
-    pulling_flux : float
-        φ_f [Wb], behind the eddy currents.
+    `pulling_flux`: φ_f [Wb], behind the eddy currents.
     """
     return c.force * pulling_flux * pulling_flux

@@ -87,14 +87,7 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
-    """Coefficients of every part; wave speed and laminar offsets at the rail pressure of time zero.
-
-    Parameters
-    ----------
-    p : Parameters
-    f : FuelCoefficients
-    at : Setting
-    """
+    """Coefficients of every part; wave speed and laminar offsets at the rail pressure of time zero."""
     density = fuel.density(f, at.rail)
     viscosity = density * fuel.kinematic_viscosity(f, at.rail)
     feed = feed_pipe.coefficients(p.feed_pipe, density, fuel.sound_speed(f, density))
@@ -130,24 +123,14 @@ def moving_masses(c: Coefficients) -> direct_needle.Masses:
 def accumulation_volume(c: Coefficients, tip: float) -> float:
     """Accumulation volume [m³]: the needle that rises out of the seat takes as much of it as it leaves to the SAC.
 
-    Parameters
-    ----------
-    c : Coefficients
-    tip : float
-        Lift of the needle [m].
+    `tip`: lift of the needle [m].
     """
     return c.accumulation.volume - c.needle_seat.area * max(tip, 0.0)
 
 
 @physics
 def rest(c: Coefficients, at: Setting) -> State:
-    """Accumulation at rail pressure, SAC at cylinder pressure, armature and needle on their seats.
-
-    Parameters
-    ----------
-    c : Coefficients
-    at : Setting
-    """
+    """Accumulation at rail pressure, SAC at cylinder pressure, armature and needle on their seats."""
     load = direct_needle.Loads(0.0, -c.needle_seat.area * (at.rail - at.cylinder))
     body = direct_needle.at_rest(moving_masses(c), seat_contact(c), load)
     return State(

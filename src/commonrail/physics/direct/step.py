@@ -57,16 +57,7 @@ def magnetise(
 ) -> tuple[solenoid.State, float]:
     """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    position : float
-        Armature's at mid-step [m].
-    drive_law : law
-        Of the variant.
-    dt : float
-        Step [s].
+    `position`: armature's at mid-step [m]; `dt`: step [s].
     """
     gap = AirGap(c.armature.travel - position, position - s.body.z.armature)
     flux, conducting = advance_flux(c, s, u, gap, drive_law, dt)

@@ -11,14 +11,8 @@ from commonrail.physics.law import physics
 def gap_conductance(diameter: float, gap: float, length: float) -> float:
     """π d g³/(12 l), the geometry of Eq. (5) [m³]: concentric gap, laminar, fully developed flow.
 
-    Parameters
-    ----------
-    diameter : float
-        Diameter d of the guide [m].
-    gap : float
-        Radial gap g [m], ≥ 0, small against d.
-    length : float
-        Length l of the guide [m], > 0.
+    `diameter`: diameter d of the guide [m]; `gap`: radial gap g [m], ≥ 0, small against d; `length`: length l of the
+    guide [m], > 0.
     """
     return pi * diameter * gap * gap * gap / (12.0 * length)
 
@@ -29,11 +23,6 @@ def leakage_slope(conductance: float, fluidity: float) -> float:
 
     Eq. (5) times the density: ρ π d g³/(12 η l) = conductance/ν, since η = ρ ν.
 
-    Parameters
-    ----------
-    conductance : float
-        `gap_conductance` [m³].
-    fluidity : float
-        1/ν at the gap's mean pressure [s/m²].
+    `conductance`: `gap_conductance` [m³]; `fluidity`: 1/ν at the gap's mean pressure [s/m²].
     """
     return conductance * fluidity

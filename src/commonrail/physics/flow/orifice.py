@@ -42,14 +42,9 @@ def square(x: float) -> float:
 def laminar_offset(dynamic_viscosity: float, transition_reynolds: float, area_per_diameter: float) -> float:
     """Half the mass flow at which viscous and inertial loss are equal, q_h [kg/s].
 
-    Parameters
-    ----------
-    dynamic_viscosity : float
-        η = ρ ν at a reference pressure [Pa s].
-    transition_reynolds : float
-        Reynolds number Re_t at which the two losses are equal [1].
-    area_per_diameter : float
-        A/D_h summed over the holes [m]: N π d/4 for round holes, π d/2 for a ring gap of diameter d.
+    `dynamic_viscosity`: η = ρ ν at a reference pressure [Pa s]; `transition_reynolds`: Reynolds number Re_t at which
+    the two losses are equal [1]; `area_per_diameter`: A/D_h summed over the holes [m]: N π d/4 for round holes, π d/2
+    for a ring gap of diameter d.
     """
     return 0.5 * dynamic_viscosity * transition_reynolds * area_per_diameter
 
@@ -65,14 +60,8 @@ class Jet(NamedTuple):
 def jet(cda2_dp: float, density: float, offset: float) -> Jet:
     """Mass flow through an orifice, Eq. (4) with a laminar limit.
 
-    Parameters
-    ----------
-    cda2_dp : float
-        (c_d A)² Δp [m⁴ Pa]; its sign is that of the flow.
-    density : float
-        ρ of the upstream fluid [kg/m³], > 0.
-    offset : float
-        q_h of `laminar_offset` [kg/s], > 0.
+    `cda2_dp`: (c_d A)² Δp [m⁴ Pa]; its sign is that of the flow; `density`: ρ of the upstream fluid [kg/m³], > 0;
+    `offset`: q_h of `laminar_offset` [kg/s], > 0.
     """
     root = math.sqrt(offset * offset + 2.0 * density * abs(cda2_dp))
     magnitude = root - offset
@@ -83,14 +72,8 @@ def jet(cda2_dp: float, density: float, offset: float) -> Jet:
 def orifice(through: Restriction, density: float, offset: float) -> Flow:
     """Mass flow through an orifice as of `jet`, with its slope.
 
-    Parameters
-    ----------
-    through : Restriction
-        (c_d A)² Δp and its derivative.
-    density : float
-        ρ of the upstream fluid [kg/m³], > 0.
-    offset : float
-        q_h of `laminar_offset` [kg/s], > 0.
+    `through`: (c_d A)² Δp and its derivative; `density`: ρ of the upstream fluid [kg/m³], > 0; `offset`: q_h of
+    `laminar_offset` [kg/s], > 0.
     """
     flow = jet(through.cda2_dp, density, offset)
     return Flow(flow.mass_flow, density * through.cda2 / flow.root)
@@ -105,14 +88,9 @@ def orifice_pair(
 ) -> tuple[Flow, Flow]:
     """Mass flows [kg/s] and slopes [kg/(s Pa)] of two orifices as of `orifice`, with one division.
 
-    Parameters
-    ----------
-    first, second : Restriction
-        (c_d A)² Δp of each and its derivative.
-    density : (float, float)
-        ρ of the fluid upstream of the first [kg/m³] and of the second [kg/m³], > 0.
-    offset : (float, float)
-        q_h of the first [kg/s] and of the second [kg/s], > 0.
+    `first`, `second`: (c_d A)² Δp of each and its derivative; `density` (float, float): ρ of the fluid upstream of the
+    first [kg/m³] and of the second [kg/m³], > 0; `offset` (float, float): q_h of the first [kg/s] and of the second
+    [kg/s], > 0.
     """
     one, two = jet(first.cda2_dp, density[0], offset[0]), jet(second.cda2_dp, density[1], offset[1])
     per_one, per_two = reciprocals(one.root, two.root)
@@ -129,12 +107,8 @@ def choked(free: Restriction, cavitating: Restriction) -> Restriction:
     A cavitating orifice passes q = C_c A sqrt(2 ρ (p₁ − p_v)) whatever the pressure behind it
     (Nurick 1976, doi:10.1115/1.3448452). Reverse flow is not limited.
 
-    Parameters
-    ----------
-    free : Restriction
-        (c_d A)² Δp without cavitation, and its derivative in the pressure of interest.
-    cavitating : Restriction
-        (C_c A)² (p₁ − p_v), and its derivative in the same pressure.
+    `free`: (c_d A)² Δp without cavitation, and its derivative in the pressure of interest; `cavitating`: (C_c A)² (p₁ −
+    p_v), and its derivative in the same pressure.
     """
     limited = free.cda2_dp > cavitating.cda2_dp
     return Restriction(cavitating.cda2_dp if limited else free.cda2_dp, cavitating.cda2 if limited else free.cda2)
@@ -144,9 +118,6 @@ def choked(free: Restriction, cavitating: Restriction) -> Restriction:
 def series(first: float, second: float) -> float:
     """(c_d A)² of two orifices one behind the other [m⁴]; zero when either is shut.
 
-    Parameters
-    ----------
-    first, second : float
-        (c_d A)² of each [m⁴], ≥ 0, not both zero.
+    `first`, `second`: (c_d A)² of each [m⁴], ≥ 0, not both zero.
     """
     return first * second / (first + second)

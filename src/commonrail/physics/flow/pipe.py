@@ -15,13 +15,7 @@ from commonrail.physics.law import physics
 
 @physics
 def pipe_area(diameter: float) -> float:
-    """Cross-section A of a round bore [m²].
-
-    Parameters
-    ----------
-    diameter : float
-        D [m].
-    """
+    """Cross-section A of a round bore [m²]; `diameter`: D [m]."""
     return 0.25 * pi * diameter * diameter
 
 
@@ -29,12 +23,7 @@ def pipe_area(diameter: float) -> float:
 def impedance(sound_speed: float, area: float) -> float:
     """Z = a/A, pressure per mass flow of a travelling wave [Pa s/kg] (Joukowsky: Δp = ρ a Δu).
 
-    Parameters
-    ----------
-    sound_speed : float
-        a [m/s].
-    area : float
-        A [m²], > 0.
+    `sound_speed`: a [m/s]; `area`: A [m²], > 0.
     """
     return sound_speed / area
 
@@ -43,14 +32,8 @@ def impedance(sound_speed: float, area: float) -> float:
 def friction_resistance(friction_factor: float, length: float, diameter: float, density: float) -> float:
     """f L/(2 D ρ A²), pressure loss of the whole pipe per q|q| in Eq. (6) [Pa s²/kg²].
 
-    Parameters
-    ----------
-    friction_factor : float
-        Darcy's f [1], ≥ 0, constant.
-    length, diameter : float
-        L and D of the pipe [m].
-    density : float
-        ρ [kg/m³], constant along the pipe.
+    `friction_factor`: Darcy's f [1], ≥ 0, constant; `length`, `diameter`: L and D of the pipe [m]; `density`: ρ
+    [kg/m³], constant along the pipe.
     """
     area = pipe_area(diameter)
     return friction_factor * length / (2.0 * diameter * density * area * area)

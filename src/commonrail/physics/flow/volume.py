@@ -23,10 +23,7 @@ from commonrail.physics.law import physics
 def relaxation(y: float) -> float:
     """φ1(y) = (1 + y/6)/(1 + 2y/3 + y²/6) ≈ (1 − e^(−y))/y: change over a step, divided by dt times its first rate [1].
 
-    Parameters
-    ----------
-    y : float
-        Step over relaxation time [1], ≥ 0.
+    `y`: step over relaxation time [1], ≥ 0.
     """
     return (1.0 + y * (1.0 / 6.0)) / (1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0)))
 
@@ -35,20 +32,9 @@ def relaxation(y: float) -> float:
 def mean_departure(net_flow: float, slope: float, stiffness: float, volume: float, growth: float, dt: float) -> float:
     """Mean over the step of p − p_n [Pa].
 
-    Parameters
-    ----------
-    net_flow : float
-        Σ q at the start of the step [kg/s], positive into the volume.
-    slope : float
-        S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)].
-    stiffness : float
-        dp/dρ = K/ρ [Pa m³/kg].
-    volume : float
-        V in mid-step [m³], > 0.
-    growth : float
-        ρ dV/dt [kg/s], subtracted from the net flow.
-    dt : float
-        Step [s].
+    `net_flow`: Σ q at the start of the step [kg/s], positive into the volume; `slope`: S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
+    `stiffness`: dp/dρ = K/ρ [Pa m³/kg]; `volume`: V in mid-step [m³], > 0; `growth`: ρ dV/dt [kg/s], subtracted from
+    the net flow; `dt`: step [s].
     """
     spring = dt * stiffness  # V² times numerator and denominator of φ2: one division
     yv = spring * slope  # y V
@@ -75,14 +61,7 @@ def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Conten
     Below the vapour pressure the volume holds vapour: the pressure stays there, dp/dρ is zero, and the
     missing mass is kept in the state until fuel has filled the cavity.
 
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    mass : float
-        m [kg].
-    per_volume : float
-        1/V [1/m³].
+    `mass`: m [kg]; `per_volume`: 1/V [1/m³].
     """
     density = mass * per_volume
     liquid = fuel.pressure_and_stiffness(f, density)
@@ -97,15 +76,5 @@ def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Conten
 
 @physics
 def filled(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
-    """Contents of a volume at a given pressure.
-
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    pressure : float
-        p [Pa], above the vapour pressure.
-    volume : float
-        V [m³].
-    """
+    """Contents of a volume at a given pressure; `pressure`: p [Pa], above the vapour pressure; `volume`: V [m³]."""
     return contents(f, fuel.density(f, pressure) * volume, 1.0 / volume)

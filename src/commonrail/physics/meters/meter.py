@@ -43,16 +43,8 @@ class LowPass(StrEnum):
 def low_pass(signal: Floats, interval: float, law: LowPass, order: int, cutoff: float) -> Floats:
     """Filtered signals; each rests at zero before its first sample and after its last.
 
-    Parameters
-    ----------
-    signal : (..., samples)
-    interval : float
-        Time between samples [s].
-    law : LowPass
-    order : int
-        n, 1 or greater.
-    cutoff : float
-        f_c [Hz]; infinite for no filter. A Butterworth filter above 0.49 of the sampling frequency takes that.
+    `signal`: (..., samples). `interval`: time between samples [s]. `order`: n, 1 or greater. `cutoff`: f_c [Hz];
+    infinite for no filter. A Butterworth filter above 0.49 of the sampling frequency takes that.
     """
     if math.isinf(cutoff):
         return signal
@@ -71,13 +63,8 @@ def first_order(signal: Floats, decay: float, rest: float = 0.0) -> Floats:
     Both cases have the same recursion, with e = exp(−d) and m = (1 − e)/d:
     y_k = (1 − m) u_k + (m − e) u_(k−1) + e y_(k−1).
 
-    Parameters
-    ----------
-    signal : (..., samples)
-    decay : float
-        d, interval over time constant; infinite for no lag.
-    rest : float
-        Value before the first sample.
+    `signal`: (..., samples); `decay`: d, interval over time constant; infinite for no lag; `rest`: value before the
+    first sample.
     """
     if math.isinf(decay):
         return signal
@@ -91,10 +78,7 @@ def first_order(signal: Floats, decay: float, rest: float = 0.0) -> Floats:
 def look_ahead(law: LowPass, order: int, cutoff: float) -> float:
     """Time [s] that a filter sees ahead of a sample; zero for a causal one.
 
-    Parameters
-    ----------
-    law, order, cutoff
-        As in `low_pass`.
+    Arguments as in `low_pass`.
     """
     if law is not LowPass.ZERO_PHASE or math.isinf(cutoff):
         return 0.0
@@ -171,10 +155,7 @@ def parts_of(name: str) -> tuple[str, str]:
 def known_quantity(name: str) -> Q:
     """Unit, meaning and domain of a free parameter, of an injector or of a meter.
 
-    Raises
-    ------
-    KeyError
-        If there is none of that name.
+    Raises KeyError if there is none of that name.
     """
     return QUANTITIES[parts_of(name)[1]] if is_of_meter(name) else parameter_quantities()[name]
 

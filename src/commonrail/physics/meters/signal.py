@@ -34,12 +34,7 @@ class Flow(NamedTuple):
 def given_values(meter: Meter, columns: Mapping[str, Floats], candidates: int) -> dict[str, Floats]:
     """Values of a meter's quantities for each candidate; those without value and default are absent.
 
-    Parameters
-    ----------
-    meter : Meter
-    columns : mapping of str to (candidates,)
-        Quantities that vary.
-    candidates : int
+    `columns` (mapping of str to (candidates,)): quantities that vary.
     """
     known = {key: q.default for key, q in QUANTITIES.items() if q.default is not None} | dict(meter.values)
     return {key: np.full(candidates, value) for key, value in known.items()} | dict(columns)
@@ -48,17 +43,8 @@ def given_values(meter: Meter, columns: Mapping[str, Floats], candidates: int) -
 def shown_rates(meter: Meter, given: Given, flow: Flow, bounds: Floats) -> Floats:
     """Rates (candidates, samples) that a meter shows, means between the bounds of the samples.
 
-    Parameters
-    ----------
-    meter : Meter
-    given : mapping of str to (candidates,)
-        Of `given_values`.
-    flow : Flow
-    bounds : (samples + 1,)
-        [s].
+    `given` (mapping of str to (candidates,)): of `given_values`; `bounds` (samples + 1,): [s].
 
-    Notes
-    -----
     Between steps the cumulated flow is a cubic with continuous slope (Catmull–Rom), so that a sample is a smooth
     function of the delay; with linear interpolation J has a kink at every step.
     """
@@ -78,12 +64,7 @@ def shown_rates(meter: Meter, given: Given, flow: Flow, bounds: Floats) -> Float
 def shown_quantities(given: Given, quantities: Floats) -> Floats:
     """Quantities per stroke (candidates, points) that a meter shows of true ones, by gain and offset.
 
-    Parameters
-    ----------
-    given : mapping of str to (candidates,)
-        Of `given_values`.
-    quantities : (candidates, points)
-        [m³].
+    `given` (mapping of str to (candidates,)): of `given_values`; `quantities` (candidates, points): [m³].
     """
     return np.asarray(given["gain"][:, None] * quantities + given["quantity_offset"][:, None])
 
