@@ -16,9 +16,8 @@ from scipy.sparse import diags
 
 from commonrail.base.arrays import Floats
 from commonrail.engine.explicit import Instants
-from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.operating_point import OperatingPoint, Trace, courses
 from commonrail.engine.reference import Model, Resolution
-from commonrail.engine.schedule import courses
 from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
 

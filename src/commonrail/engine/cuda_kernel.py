@@ -21,8 +21,16 @@ from numba import cuda
 
 from commonrail.base.choices import Precision
 from commonrail.compiler.numba import offer_overloads
-from commonrail.engine.block import INPUTS, Machine, any_vectors, make_simulate
-from commonrail.engine.feed import Inlets, Memory, copy_number, gather_number
+from commonrail.engine.block import (
+    INPUTS,
+    Inlets,
+    Machine,
+    Memory,
+    any_vectors,
+    copy_number,
+    gather_number,
+    make_simulate,
+)
 from commonrail.engine.job import Job, Samples
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.recorder import at, make_rows, record

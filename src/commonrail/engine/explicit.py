@@ -17,16 +17,14 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
-from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.schedule import courses, knots, segments, value_at
-from commonrail.physics.algebraic import AT, past_limit
+from commonrail.engine.operating_point import OperatingPoint, courses, knots, segments, value_at
 from commonrail.physics.components.drive import turned
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
-from commonrail.physics.equations import make_air_gap, make_rates, make_sac_rate
+from commonrail.physics.equations import AT, make_air_gap, make_rates, make_sac_rate, past_limit
 from commonrail.physics.law import physics
 from commonrail.physics.model import Coefficients
 from commonrail.physics.state_vector import core_of, make_frame
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import Variant, kernel_name, wiring
 
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
@@ -120,7 +118,7 @@ def compiled_march(variant: Variant) -> Callable[..., bool]:
     """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded)."""
     from commonrail.compiler.numba import kernel
 
-    return kernel(_make_march(variant), f"march: {variant.label}")  # type: ignore[no-any-return]
+    return kernel(_make_march(variant), f"march: {kernel_name(variant)}")  # type: ignore[no-any-return]
 
 
 @physics

@@ -29,7 +29,7 @@ from commonrail.compiler.target import (
     package_version,
 )
 from commonrail.engine.job import Vector
-from commonrail.physics.variants import Variant
+from commonrail.physics.variants import Variant, kernel_name
 
 # Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
 #
@@ -151,7 +151,7 @@ class MachineCode(NamedTuple):
 
 def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> str:
     """Name of a loop in an object or a library; `exact`: of one that is compiled for a `Processor` that is exact."""
-    words = "_".join(choice.value for choice in variant)
+    words = "_".join(filter(None, (str(getattr(choice, "value", choice)) for choice in variant)))
     return f"cr_{'exact_' if exact else ''}{precision.value}_{re.sub('[^a-z]+', '_', words)}"
 
 
@@ -191,7 +191,7 @@ def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[b
         return compile_object(make_entry(variant, vector), symbol, processor, vector.real)
 
     symbol = symbol_of(variant, vector.precision, processor.exact)
-    key = repr((symbol, vector.lanes, processor, lane_settings()))
+    key = repr((symbol, kernel_name(variant), vector.lanes, processor, lane_settings()))
     return kept_or_made(hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING, make), bool(made)
 
 

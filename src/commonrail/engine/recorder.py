@@ -9,8 +9,7 @@ import numpy as np
 
 from commonrail.base.choices import Actuation
 from commonrail.physics.connections import CLEAR_LIFT, RELAXED, REOPENED
-from commonrail.physics.law import physics
-from commonrail.physics.layout import layout_of
+from commonrail.physics.law import layout_of, physics
 from commonrail.physics.model import Inputs, Waves
 from commonrail.physics.variants import MODELS, Variant, wiring
 

@@ -18,20 +18,27 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.explicit import Fixed, Instants, Problem, march
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import OperatingPoint, courses, segments, value_at, values_at
 from commonrail.engine.plan import coefficients_at, reference_density
-from commonrail.engine.schedule import courses, segments, value_at
 from commonrail.engine.solution import Solution, all_channels, relative_to_injected
 from commonrail.engine.status import Status, check_point, note_limits
-from commonrail.physics.algebraic import AT, Inlet, feed, inlet_law, past_limit
 from commonrail.physics.components import drive
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
-from commonrail.physics.equations import make_air_gap, make_hydraulics, make_rates
-from commonrail.physics.flow.volume import contents
+from commonrail.physics.equations import (
+    AT,
+    Inlet,
+    feed,
+    inlet_law,
+    make_air_gap,
+    make_hydraulics,
+    make_rates,
+    past_limit,
+)
+from commonrail.physics.flow import contents
 from commonrail.physics.injector import Injector
 from commonrail.physics.model import Setting
 from commonrail.physics.state_vector import core_of, make_frame, start_vector, typical_sizes, vector_states
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import Variant, kernel_name, wiring
 
 # Crossings of the needle's seat that a reference engine has recorded, and the instants that follow from them.
 
@@ -86,7 +93,7 @@ def _compiled_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
     from commonrail.compiler.numba import kernel
 
-    return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
+    return kernel(make_rates(variant), f"rates: {kernel_name(variant)}")  # type: ignore[no-any-return]
 
 
 class _Crawling(Exception):
@@ -300,7 +307,8 @@ class Model:
         """States as a `Solution`."""
         named = vector_states(self.variant, states, self.cells)
         injected = named["nozzle.injected"]
-        channels = all_channels(self.c, self.variant, named, self._pressures(time, states))
+        cylinder = values_at(self.point.cylinder_pressure, time)
+        channels = all_channels(self.c, self.variant, named, self._pressures(time, states), cylinder)
         still = channels["needle_lift"][-1] > 0.0
         status = Status.STILL_INJECTING if still else Status.OK
         if not finished:
@@ -326,7 +334,7 @@ class Model:
         hydraulics, masses, c = make_hydraulics(self.variant), wiring(self.variant).positions, self.c
         control: list[float] = []
         needle_side: list[tuple[float, float]] = []
-        rail = np.array([value_at(self.point.rail_pressure, t) for t in time])
+        rail = values_at(self.point.rail_pressure, time)
         inlet = rail.copy()
         for i, y in enumerate(states):
             core = self.core.load(y, self.at.core, 1)

@@ -18,7 +18,7 @@ from commonrail.base.hooks import note
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.components import feed_pipe, nozzle
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.reads import DRIVE, RETURN, reader_of, unread_inputs
+from commonrail.physics.variants import DRIVE, RETURN, reader_of, unread_inputs
 
 
 class Status(IntEnum):
@@ -131,6 +131,8 @@ def check_point(injector: Injector, point: OperatingPoint) -> None:
 
 def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
     """Say where a law of an injector's own values is held at its limit, each sentence once in a process."""
+    if injector.variant.nozzle_law:
+        return
     pressures = [point.at_start(point.rail_pressure) for point in points]
     for pressure in sorted({min(pressures), max(pressures)}, reverse=True):
         greatest = greatest_discharge(injector, pressure)

@@ -6,15 +6,12 @@ import math
 from typing import Any, NamedTuple
 
 from commonrail.physics import fuel_kernel as fuel
-from commonrail.physics.components import needle_seat, sac, valve
+from commonrail.physics.components import needle_seat, valve
 from commonrail.physics.components.nozzle import RESIDUAL_LIFT
 from commonrail.physics.components.plunger_needle import Motion
-from commonrail.physics.flow.leakage import leakage_slope
-from commonrail.physics.flow.orifice import Flow, Restriction, choked, jet, orifice, series
-from commonrail.physics.flow.volume import Contents
+from commonrail.physics.flow import Contents, Flow, Restriction, choked, jet, leakage_slope, orifice, series
 from commonrail.physics.law import physics, reciprocals
-from commonrail.physics.model import Coefficients
-from commonrail.physics.setup import accumulation_volume, control_volume
+from commonrail.physics.model import Coefficients, accumulation_volume, control_volume
 
 # Pressure drop below which the film on the valve's land counts as at this one, for a finite quotient [Pa].
 LEAST_DROP = 1.0
@@ -73,7 +70,7 @@ def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
     return Volumes(
         control_volume(c, lifts),
         accumulation_volume(c, lifts),
-        sac.volume(c.sac, c.needle_seat.area, lifts.tip),
+        needle_seat.sac_volume(c.sac, c.needle_seat.area, lifts.tip),
     )
 
 

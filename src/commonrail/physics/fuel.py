@@ -238,13 +238,13 @@ class Fuel:
             If a temperature lies outside `temperature_range` (so do all methods of this class).
         """
         held, tension, at = self._read(p, temperature)
-        stretch = exp(tension / self._modulus(held, at))
-        return np.asarray(self._density(held, at) * stretch)
+        stretch = exp(tension / _modulus(self, held, at))
+        return np.asarray(_density(self, held, at) * stretch)
 
     def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isothermal bulk modulus rho dp/d(rho) [Pa]; shapes as in `density`."""
         held, _, at = self._read(p, temperature)
-        return np.asarray(_MPA * self._modulus(held, at))
+        return np.asarray(_MPA * _modulus(self, held, at))
 
     def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isentropic bulk modulus [Pa], the one that waves feel."""
@@ -266,19 +266,6 @@ class Fuel:
     def vapour_pressure(self, temperature: ArrayLike) -> Floats:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""
         return np.asarray(exp(self.vapour_law.at(self._temperature(temperature))[0]))
-
-    def _density(self, held: Floats, temperature: ArrayLike) -> Floats:
-        if self.bulk_modulus_law is None:
-            return saturating_law(held, *self.density_law.at(temperature))
-        compression = log_compression(held, *self.bulk_modulus_law.at(temperature))
-        return np.asarray(self.density_law.at(temperature)[0] * exp(compression))
-
-    def _modulus(self, held: Floats, temperature: ArrayLike) -> Floats:
-        """Isothermal modulus [MPa] at pressures inside the range [MPa]."""
-        if self.bulk_modulus_law is not None:
-            return saturating_law(held, *self.bulk_modulus_law.at(temperature))
-        _, k2, k3, k4 = self.density_law.at(temperature)
-        return self._density(held, temperature) / saturating_slope(held, k2, k3, k4)
 
     def _read(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Pressure held at the range's lower end, what lies below it, both in MPa, and temperature [K]."""
@@ -310,3 +297,19 @@ class Fuel:
                 f"{wrong:g} K: give an absolute temperature inside this range, or another fuel."
             )
         return asked
+
+
+def _density(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
+    """Density [kg/m3] at pressures inside the range [MPa]."""
+    if fuel.bulk_modulus_law is None:
+        return saturating_law(held, *fuel.density_law.at(temperature))
+    compression = log_compression(held, *fuel.bulk_modulus_law.at(temperature))
+    return np.asarray(fuel.density_law.at(temperature)[0] * exp(compression))
+
+
+def _modulus(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
+    """Isothermal modulus [MPa] at pressures inside the range [MPa]."""
+    if fuel.bulk_modulus_law is not None:
+        return saturating_law(held, *fuel.bulk_modulus_law.at(temperature))
+    _, k2, k3, k4 = fuel.density_law.at(temperature)
+    return _density(fuel, held, temperature) / saturating_slope(held, k2, k3, k4)

@@ -14,8 +14,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Actuation
 from commonrail.physics.components import nozzle, solenoid, valve
-from commonrail.physics.law import physics
-from commonrail.physics.layout import Layout, layout_of
+from commonrail.physics.law import Layout, layout_of, physics
 from commonrail.physics.model import CumulativeFlows, Setting
 from commonrail.physics.variants import Variant, wiring
 

@@ -17,11 +17,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from commonrail.physics.components import (
-    accumulation,
     control_chamber,
     drive,
     feed_pipe,
-    flux_decay,
+    needle_seat,
     nozzle,
     return_line,
     solenoid,
@@ -40,12 +39,68 @@ from commonrail.physics.connections import (
     volumes_of,
     z_hole_cda2,
 )
-from commonrail.physics.flow.orifice import Flow, jet, orifice_pair
-from commonrail.physics.flow.volume import Contents, contents, mean_departure
+from commonrail.physics.flow import Contents, Flow, Restriction, contents, jet, mean_departure, orifice, orifice_pair
 from commonrail.physics.law import physics, three_reciprocals
-from commonrail.physics.model import Coefficients, CumulativeFlows, Inputs, State, Waves
-from commonrail.physics.protocols import Advance, Discharge, Draw, DriveLaw, Inlet, ValveGap
-from commonrail.physics.setup import ambient_density, seat_contact
+from commonrail.physics.model import (
+    Advance,
+    Coefficients,
+    CumulativeFlows,
+    DischargeLaw,
+    DrawLaw,
+    DriveLaw,
+    GapLaw,
+    InletLaw,
+    Inputs,
+    State,
+    Waves,
+    ambient_density,
+    seat_contact,
+)
+
+# Sources of the feed pipe: an ideal rail that holds the measured pressure, or a rail volume behind a throttle.
+
+
+class Inlet(NamedTuple):
+    """Mean over the step at the pipe's inlet: pressure [Pa], flow into the pipe [kg/s]."""
+
+    pressure: float
+    flow: float
+
+
+@physics
+def ideal_rail(c: Any, s: Any, u: Inputs, wave: float) -> Inlet:
+    """The inlet holds the measured rail pressure whatever flows."""
+    return Inlet(u.rail, (u.rail - wave) * c.feed_pipe.admittance)
+
+
+@physics
+def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
+    """Rail volume behind a throttle, then the pipe: throttle loss and pipe impedance solved together.
+
+    p_rail − p_inlet = q²/(2 ρ (c_d A)²) with p_inlet = wave + Z (q − q_Z) is a quadratic in q: the law
+    of `orifice` with an offset of ρ (c_d A)² Z.
+
+    `wave`: arriving at the inlet [Pa].
+    """
+    z = c.feed_pipe.impedance
+    z_flow = c.control_chamber.z_inlet_fraction * s.control_chamber.z_flow
+    cda2 = c.rail.throttle_cda2
+    through = Restriction(cda2 * (s.rail.pressure - wave + z * z_flow), cda2)
+    total = orifice(through, s.rail.density, s.rail.density * cda2 * z)
+    flow = total.mass_flow - z_flow
+    return Inlet(wave + z * flow, flow)
+
+
+@physics
+def draw_nothing(c: Coefficients, s: State, drawn: float) -> Contents:
+    """An ideal rail is inexhaustible."""
+    return s.rail
+
+
+@physics
+def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
+    """Rail after `drawn` [kg] have left it; the pump delivers nothing during an injection."""
+    return contents(c.fuel, s.rail.mass - drawn, 1.0 / c.rail.volume)
 
 
 class StepGeometry(NamedTuple):
@@ -127,29 +182,18 @@ def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.S
 
 
 @physics
-def advance_flux(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[float, float]:
-    """Flux after the step [Wb], Eq. (11): N dφ/dt = v − R i, and the PWM's transistor; of either actuation.
+def magnetise(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[solenoid.State, float]:
+    """Fluxes after the step and the PWM's transistor; of either actuation.
 
-    `drive_law`: of the variant: mean of dφ/dt over the step, implicit in the flux; `dt`: step [s].
+    Eq. (11), N dφ/dt = v − R i, by the mean of dφ/dt over the step, implicit in φ; dφ_f/dt = (φ − φ_f)/τ exactly.
     """
     now = solenoid.circuit(c.solenoid, s.solenoid.flux, gap.middle, gap.closing)
     supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
     change = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
-    return s.solenoid.flux + dt * change.flux_rate, change.conducting
-
-
-@physics
-def magnetise(
-    c: Coefficients, s: State, u: Inputs, lift: float, drive_law: DriveLaw, dt: float
-) -> tuple[solenoid.State, float]:
-    """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
-
-    `lift`: armature's at mid-step [m]; `dt`: step [s].
-    """
-    flux, conducting = advance_flux(c, s, u, AirGap(c.valve.lift - lift, lift - s.valve.lift), drive_law, dt)
-    fraction = c.delays.eddy_lag_fraction
-    lagged = flux_decay.lagged(middle(s.solenoid.flux, flux), s.solenoid.pulling_flux, fraction, fraction)
-    return solenoid.State(flux, lagged if fraction < 1.0 else flux), conducting
+    flux = s.solenoid.flux + dt * change.flux_rate
+    rising, falling = c.delays.rising_lag_fraction, c.delays.falling_lag_fraction
+    pulling = solenoid.lagged(s.solenoid.flux, flux, s.solenoid.pulling_flux, rising, falling)
+    return solenoid.State(flux, pulling), change.conducting
 
 
 @physics
@@ -288,10 +332,10 @@ class StepLaws(NamedTuple):
     advance: Advance
     lifts: Callable[[Any], Motion]
     drive: DriveLaw
-    inlet: Inlet
-    draw: Draw
-    discharge: Discharge
-    gap_cda2: ValveGap
+    inlet: InletLaw
+    draw: DrawLaw
+    discharge: DischargeLaw
+    gap_cda2: GapLaw
 
 
 def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
@@ -305,7 +349,8 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         # valve (Newton's second law) and solenoid, Eq. (11), (12)
         moved_valve = move_valve(c, s, gap_law(c, here, behind, s.valve.lift), dt)
         lift = middle(s.valve.lift, moved_valve.lift)
-        magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
+        gap = AirGap(c.valve.lift - lift, lift - s.valve.lift)
+        magnet, conducting = magnetise(c, s, u, gap, drive_law, dt)
 
         # plunger and needle, Eq. (10)
         body = advance(c.plunger_needle, seat_contact(c), s.body, body_loads(c, s, u.low), dt)
@@ -318,7 +363,7 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         # here, not above: the compiler orders as it reads, and f32 took 11 % longer with the geometry first
         gap_cda2 = gap_law(c, here, behind, lift)
         geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), gap_cda2, dt)
-        passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
+        passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)), s.sac.pressure, u.cylinder)
         sac = fill_sac(c, s, u, upstream, passing, geometry)
 
         # feed pipe, Eq. (6), at its inlet
@@ -350,7 +395,7 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
             solenoid=magnet,
             drive=drive.State(conducting),
             return_line=outlet,
-            accumulation=accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
+            accumulation=needle_seat.AccumulationState(contents(c.fuel, filled.mass, per_store), store.pressure),
             body=body,
             sac=contents(c.fuel, sac.mass, per_sac),
             nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * sac.nozzle),

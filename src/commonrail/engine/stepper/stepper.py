@@ -15,12 +15,20 @@ from commonrail.engine.operating_point import LONGEST, OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.solution import all_channels
 from commonrail.engine.status import Status
-from commonrail.engine.stepper.inputs import COLUMNS, CoursePlan, Held, names_of, refuse_pressures, traced_input
 from commonrail.engine.stepper.linear import LinearModel, Operation, linearise
-from commonrail.engine.stepper.loop import Loop, make_loop
+from commonrail.engine.stepper.loop import (
+    COLUMNS,
+    CoursePlan,
+    Held,
+    Loop,
+    make_loop,
+    names_of,
+    refuse_pressures,
+    traced_input,
+)
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step, step_advice
 from commonrail.physics.injector import Injector
-from commonrail.physics.reads import COMMAND, RAIL, RETURN, reader_of, unread_inputs
+from commonrail.physics.variants import COMMAND, RAIL, RETURN, reader_of, unread_inputs
 
 # State of a stepper that its caller keeps.
 
@@ -331,5 +339,5 @@ class Stepper:
         pressures = {name: states[path] for name, path in _PRESSURES.items() if path in states}
         volume = self._variant.boundary is Boundary.VOLUME and self._variant.actuation is Actuation.SERVO
         pressures["rail_pressure"] = states["rail.pressure"] if volume else u[:1]
-        channels = all_channels(self._coefficients, self._variant, states, pressures)
+        channels = all_channels(self._coefficients, self._variant, states, pressures, u[1:2])
         return {name: float(values[0]) for name, values in channels.items()}

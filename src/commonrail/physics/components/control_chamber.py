@@ -5,9 +5,7 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.orifice import laminar_offset, square
-from commonrail.physics.flow.pipe import pipe_area
-from commonrail.physics.flow.volume import Contents
+from commonrail.physics.flow import Contents, laminar_offset, pipe_area, square
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 

@@ -11,11 +11,70 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.components import armature
+from commonrail.physics.components.contact import Contact, mean_overlap
 from commonrail.physics.components.plunger_needle import Motion, SeatContact
-from commonrail.physics.flow.contact import Contact, mean_overlap
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
+
+
+class ArmatureParameters(NamedTuple):
+    """Mass, travel, spring and contacts of the armature."""
+
+    mass: Annotated[float, Q("kg", "mass of the armature", usual=(0.1e-3, 0.1))]
+    idle_stroke: Annotated[
+        float, Q("m", "travel of the armature until it meets the needle", Domain.NON_NEGATIVE, usual=(2e-6, 1e-3))
+    ]
+    lift: Annotated[float, Q("m", "travel from the needle to the stop", usual=(5e-6, 1e-3))]
+    spring_preload: Annotated[
+        float, Q("N", "force of the armature's spring at rest", Domain.NON_NEGATIVE, usual=(0.1, 300.0))
+    ]
+    spring_stiffness: Annotated[
+        float, Q("N/m", "stiffness of the armature's spring", Domain.NON_NEGATIVE, 0.0, usual=(100.0, 5e5))
+    ]
+    damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
+    contact_stiffness: Annotated[
+        float, Q("N/m", "stiffness of rest, stop and needle contact", Domain.POSITIVE, 3e7, usual=(1e6, 1e10))
+    ]
+    contact_damping: Annotated[
+        float, Q("s/m", "Hunt–Crossley factor of rest, stop and needle contact", Domain.NON_NEGATIVE, 0.5)
+    ]
+
+
+class ArmatureCoefficients(NamedTuple):
+    """Inverse mass [1/kg], idle stroke and travel to the stop [m], spring, damper, contacts."""
+
+    per_mass: float
+    idle_stroke: float
+    travel: float
+    spring_preload: float
+    spring_stiffness: float
+    damping: float
+    contact_stiffness: float
+    contact_damping: float
+
+
+@physics
+def armature_coefficients(p: ArmatureParameters) -> ArmatureCoefficients:
+    """Coefficients of the armature."""
+    return ArmatureCoefficients(
+        per_mass=1.0 / p.mass,
+        idle_stroke=p.idle_stroke,
+        travel=p.idle_stroke + p.lift,
+        spring_preload=p.spring_preload,
+        spring_stiffness=p.spring_stiffness,
+        damping=p.damping,
+        contact_stiffness=p.contact_stiffness,
+        contact_damping=p.contact_damping,
+    )
+
+
+@physics
+def armature_force(c: ArmatureCoefficients, position: float, magnetic_force: float) -> float:
+    """Force of magnet and spring [N], positive when opening.
+
+    `position`: travel from the rest [m]; `magnetic_force`: magnetic force [N], ≥ 0.
+    """
+    return magnetic_force - c.spring_preload - c.spring_stiffness * position
 
 
 class Parameters(NamedTuple):
@@ -55,7 +114,7 @@ class State(NamedTuple):
 class Masses(NamedTuple):
     """Coefficients of the two masses."""
 
-    armature: armature.Coefficients
+    armature: ArmatureCoefficients
     needle: Coefficients
 
 
@@ -123,7 +182,7 @@ def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
     """Forces on both masses without damping [N], positive when opening; `z`: positions [m]."""
     spring = m.needle.spring_preload + m.needle.spring_stiffness * z.needle
     return Pair(
-        armature.free_force(m.armature, z.armature, load.magnetic) + at.rest.force - at.stop.force - at.push.force,
+        armature_force(m.armature, z.armature, load.magnetic) + at.rest.force - at.stop.force - at.push.force,
         load.pressure - spring + at.push.force + at.seat.force,
     )
 

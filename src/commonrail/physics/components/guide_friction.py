@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 
 from commonrail.physics.components import plunger_needle, rigid_body
-from commonrail.physics.components.chain import Nine
-from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, SeatContact
+from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, Nine, SeatContact
 from commonrail.physics.law import physics, reciprocals
 
 ROUNDED = 0.01  # v_0: half of the dry friction acts at this speed [m/s]

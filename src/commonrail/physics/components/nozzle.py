@@ -5,8 +5,7 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.orifice import laminar_offset, square
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.flow import laminar_offset, pipe_area, square
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
@@ -183,14 +182,15 @@ def quarter_sine(s: float) -> float:
 
 
 @physics
-def discharge(c: Coefficients, lift_reached: float) -> float:
+def discharge(c: Coefficients, lift_reached: float, sac: float = 0.0, cylinder: float = 0.0) -> float:
     """Discharge coefficient c_d of Eq. (9) [1].
 
     A needle that turns before zM closes with the coefficient it had reached, which Eq. (9), written for a
     full opening, leaves open.
 
     `lift_reached`: largest lift of this injection [m], ≥ 0: while the needle rises it is the lift itself (opening
-    branches), after that it stays (closing branch, c_d constant).
+    branches), after that it stays (closing branch, c_d constant); `sac`, `cylinder`: pressures [Pa], not read by this
+    law; one of another package may.
     """
     z = max(lift_reached, RESIDUAL_LIFT)
     rising = quarter_sine(min(z * c.per_lift_transition, 1.0))
@@ -213,11 +213,11 @@ def change(s: Shape, lift_reached: float) -> float:
 
 
 @physics
-def shaped_discharge(c: Coefficients, lift_reached: float) -> float:
+def shaped_discharge(c: Coefficients, lift_reached: float, sac: float = 0.0, cylinder: float = 0.0) -> float:
     """Discharge coefficient c_d of Eq. (9) times 1 + its change over lift, at most 1 [1].
 
     Eq. (9) rises as a sine and then as a ramp; measured quantity maps show a finer shape.
 
     Arguments as in `discharge`.
     """
-    return min(discharge(c, lift_reached) * (1.0 + change(c.shape, lift_reached)), 1.0)
+    return min(discharge(c, lift_reached, sac, cylinder) * (1.0 + change(c.shape, lift_reached)), 1.0)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from commonrail.physics.components.contact import next_velocity
 from commonrail.physics.components.plunger_needle import Coefficients, Loads, Motion, SeatContact, at_stop, on_seat
-from commonrail.physics.flow.contact import next_velocity
 from commonrail.physics.law import physics
 
 

@@ -6,8 +6,8 @@ import math
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.contact import contact, contact_over_step, next_velocity
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.components.contact import contact, contact_over_step, next_velocity
+from commonrail.physics.flow import pipe_area
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
