@@ -215,7 +215,7 @@ def laws() -> dict[str, Law]:
 
 def documented(law: Law) -> dict[str, list[str]]:
     """Units of each parameter: those behind "`name`:" in the docstring; "as in `other`" leads to another law."""
-    stated: dict[str, list[str]] = {}
+    stated = {"dt": ["s"]}  # of every law
     for names, text in _stated(law):
         other = re.match(r"as in `(\w+)`", text)
         source = documented(getattr(inspect.getmodule(law), other[1])) if other else {}

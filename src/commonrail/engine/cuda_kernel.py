@@ -50,10 +50,7 @@ class Table(NamedTuple):
 
 @functools.cache
 def compiled(variant: Variant, precision: Precision, traced: bool) -> Any:
-    """The kernel of a variant, compiled for the device of this process at its first call.
-
-    Arguments as in `make_march`.
-    """
+    """The kernel of a variant, compiled for the device of this process at its first call."""
     march = make_march(variant, precision, traced)
     if numba.config.ENABLE_CUDASIM:
         return cuda.jit(march)

@@ -137,7 +137,7 @@ def _type_of(described: Any, real: Any) -> Any:
         number = real if described.kind == "real" else described.kind
         return types.Array(getattr(types, np.dtype(number).name), described.dimensions, "C")
     if isinstance(described, tuple):
-        return types.NamedTuple([_type_of(inner, real) for inner in described], type(described))
+        return types.NamedTuple([_type_of(inner, real) for inner in described], type(described))  # type: ignore[attr-defined]
     return types.float64 if described == "real" else types.int64
 
 
@@ -145,7 +145,7 @@ def _value_of(context: Any, builder: Any, kind: Any, entries: Iterator[Any]) -> 
     """Value of a type from the next entries of the table; `entries`: it gives each entry once, in order."""
     if isinstance(kind, types.Array):
         return _array(context, builder, kind, entries)
-    if isinstance(kind, types.NamedTuple):
+    if isinstance(kind, types.NamedTuple):  # type: ignore[attr-defined]
         return context.make_tuple(builder, kind, [_value_of(context, builder, inner, entries) for inner in kind])
     entry = next(entries)
     return builder.bitcast(entry, context.get_value_type(kind)) if kind == types.float64 else entry

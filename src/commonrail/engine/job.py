@@ -71,32 +71,17 @@ class Courses(NamedTuple):
 
 
 class Job(NamedTuple):
-    """All that a run needs, as arrays.
+    """All that a run needs, as arrays."""
 
-    Attributes
-    ----------
-    theta : (candidates, parameters + fuel coefficients)
-    courses : Courses
-        Or those of another machine, such as `cuda_kernel.Table`.
-    points, candidates : (blocks, lanes) int
-        Operating point and candidate of each lane. All lanes of a block have the same `times`.
-    dt : float
-        [s].
-    ring : int
-        Slots of a ring buffer, a power of two above the longest delay.
-    check_every : int
-        Steps between checks of health and rest.
-    checks_at_rest : int
-        Checks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
-    """
-
-    theta: Floats
-    courses: Any
+    theta: Floats  # (candidates, parameters + fuel coefficients)
+    courses: Any  # or those of another machine, such as `cuda_kernel.Table`
+    # (blocks, lanes) int: Operating point and candidate of each lane. All lanes of a block have the same `times`
     points: Ints
     candidates: Ints
-    dt: float
-    ring: int
-    check_every: int
+    dt: float  # [s]
+    ring: int  # slots of a ring buffer, a power of two above the longest delay
+    check_every: int  # steps between checks of health and rest
+    # checks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon
     checks_at_rest: int
 
 
@@ -123,22 +108,13 @@ class Array(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Sizes that a kernel was made for; one that is given others refuses.
+    """Sizes that a kernel was made for; one that is given others refuses."""
 
-    Attributes
-    ----------
-    rows, lanes : int
-        Of the working memory.
-    columns : int
-        Of theta.
-    size : int
-        Bytes of a number.
-    """
-
+    # of the working memory
     rows: Any
     lanes: Any
-    columns: Any
-    size: Any
+    columns: Any  # of theta
+    size: Any  # bytes of a number
 
 
 class Scratch(NamedTuple):
@@ -150,24 +126,13 @@ class Scratch(NamedTuple):
 
 
 class Given(NamedTuple):
-    """All that the loop is given; it does every `stride`th block from `first` on.
-
-    Attributes
-    ----------
-    shape : Shape
-    job : Job
-    samples : Samples
-    trace : (blocks or 0, steps + 1, rows, lanes)
-    out : (blocks, lanes, figures)
-    scratch : Scratch
-    first, stride : int
-    """
+    """All that the loop is given; it does every `stride`th block from `first` on."""
 
     shape: Any
     job: Any
     samples: Any
-    trace: Any
-    out: Any
+    trace: Any  # (blocks or 0, steps + 1, rows, lanes)
+    out: Any  # (blocks, lanes, figures)
     scratch: Any
     first: Any
     stride: Any
@@ -336,7 +301,7 @@ def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt
 
     `pulses` (2, energisings): starts and ends [s], those of each point in order; a point without any has one that does
     not matter; `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row of the times,
-    and number of steps; `times` (clocks, steps): [s]; `dt`: [s].
+    and number of steps; `times` (clocks, steps): [s].
     """
     point, place = np.repeat(np.arange(len(count)), count), np.arange(pulses.shape[1])
     ordinal, row = place - (np.cumsum(count) - count)[point], at[0][point]
@@ -363,7 +328,7 @@ def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
     as begun so much earlier.
 
     `pulses` (2, energisings): starts and ends [s]; `ordinal` (energisings,) int: number of earlier ones of the same
-    point; `now` (energisings,): start of that step [s]; `dt`: [s].
+    point; `now` (energisings,): start of that step [s].
     """
     lasting = np.zeros(len(now))
     for back in range(int(ordinal.max()), 0, -1):
@@ -387,7 +352,7 @@ def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
 def _means(point: OperatingPoint, dt: float, steps: int, length: int) -> Floats:
     """Means of a traced point over its steps, (length, 4); its last ones stay behind its end.
 
-    `dt`: [s]; `steps`, `length`: steps of the point, and rows.
+    `steps`, `length`: steps of the point, and rows.
     """
     begin: Floats = np.asarray(point.start + dt * np.arange(steps), float)
     means = np.empty((length, 4))

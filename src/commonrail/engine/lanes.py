@@ -102,25 +102,16 @@ _FIRST_CALL = threading.Lock()
 
 
 class Misfit(NamedTuple):
-    """Samples to compare with, per operating point.
+    """Samples to compare with, per operating point."""
 
-    Attributes
-    ----------
-    bound_count : (points,) int
-        Sample bounds used, 0 where there are none.
-    bounds : (points, bounds)
-        Sample bounds in steps after time zero; a sample is the mean flow between two bounds.
-    target, weight : (points, bounds)
-        Measured mean flow by volume [m³/s] and weight of the sample that ends at a bound.
-    density : (1 or candidates, points)
-        Density that makes a volume of a simulated mass [kg/m³]; NaN for the candidate's own, see `own_where_open`.
-        With ones the targets are masses [kg/s].
-    """
-
-    bound_count: Ints
+    bound_count: Ints  # (points,) int: sample bounds used, 0 where there are none
+    # (points, bounds): sample bounds in steps after time zero; a sample is the mean flow between two bounds
     bounds: Floats
+    # (points, bounds): measured mean flow by volume [m³/s] and weight of the sample that ends at a bound
     target: Floats
     weight: Floats
+    # (1 or candidates, points): Density that makes a volume of a simulated mass [kg/m³]; NaN for the candidate's own,
+    # see `own_where_open`. With ones the targets are masses [kg/s]
     density: Floats
 
     @classmethod
@@ -132,8 +123,7 @@ class Misfit(NamedTuple):
     def samples(self, dt: float, steps: Ints) -> Samples:
         """The samples as a loop over steps takes them.
 
-        `dt`: time step [s]. `steps` (points,) int: of each point. A bound that rounding puts behind the last step is
-        taken at its end.
+        `steps` (points,) int: of each point. A bound that rounding puts behind the last step is taken at its end.
         """
         within = np.minimum(self.bounds, steps[:, None])
         # in the first step whose end reaches the bound, and in order
@@ -185,7 +175,7 @@ def run(
 
     `misfit` (Misfit, optional): samples to compare with; `traced`: keep the state after every step; `threads`: the
     result does not depend on it; `injected_only`: of a traced run, keep only the mass injected: one row, some hundredth
-    of the memory; `same_bits`: as in `compiled`.
+    of the memory.
 
     Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: of a block that there are
     not enough simulations for, only their lanes are kept.

@@ -106,8 +106,7 @@ def columns(names: tuple[str, ...], actuation: Actuation = Actuation.SERVO) -> I
 def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> Bools:
     """True for candidates in the domain of their parameters, and in the fuel's range of temperature: (candidates,).
 
-    `fuel` (Fuel, optional): its range of temperature is not asked where it is left out; `names`, `values`: as in
-    `candidate_matrix`.
+    `fuel` (Fuel, optional): its range of temperature is not asked where it is left out.
     """
     inside = np.isfinite(values)
     if fuel is not None and FUEL_TEMPERATURE in names:
@@ -179,7 +178,7 @@ def _largest(course: Course) -> float:
 
 
 def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Any:
-    """Coefficients of an injector at a point, those of its actuation; `dt`: time step [s]."""
+    """Coefficients of an injector at a point, those of its actuation."""
     fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
     return wiring(injector.variant).setup(injector.parameters, fuel, Setting(*point.initial_pressures(), dt))
 
@@ -194,8 +193,7 @@ def reference_densities(
 ) -> Floats:
     """`reference_density` of candidates, each at its own fuel temperature [kg/m³].
 
-    `names`, `values`: as in `candidate_matrix`; the temperature must lie in the fuel's range; `injector`, `points`: as
-    in `prepare`.
+    `names`, `values`: as in `candidate_matrix`; the temperature must lie in the fuel's range.
 
     Returns `densities` (1 or candidates, points): one row where all candidates have the injector's own temperature.
     """
@@ -307,7 +305,7 @@ def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome
 def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lifts: Floats) -> Bools:
     """True for (candidates, points) whose step is too long at the point's own rail pressure and largest lift.
 
-    `lifts` (candidates, points): [m]; `names`, `theta`, `prepared`: as in `statuses_of`.
+    `lifts` (candidates, points): [m].
     """
     injector, dt, points = prepared.injector, prepared.dt, lifts.shape[1]
     # fuel is stiffest at the largest pressure: what bears the step there, at its largest lift, bears it at every point

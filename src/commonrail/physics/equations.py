@@ -170,35 +170,11 @@ def past_limit(c: Any, peak: float, conducting: float, flux: float, gap: float) 
 
 
 @physics
-def regulated(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
-    """Ideal regulator."""
-    return drive.regulated(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
-
-
-@physics
-def free_wheeling(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
-    """Ideal regulator with a free-wheel diode."""
-    return drive.free_wheel(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
-
-
-@physics
 def switched(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
     """PWM whose transistor is set by the solver's events; after the end −boost until the current is gone."""
     live = drive.applied(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
     off = drive.switched_off(c.drive, c.solenoid, now).flux_rate
     return live if outside.on > 0.5 else off
-
-
-@physics
-def by_voltage(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
-    """Measured voltage."""
-    return drive.applied(c.solenoid, supply.trace, now).flux_rate
-
-
-@physics
-def by_current(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
-    """Measured current."""
-    return drive.current_trace(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
 
 
 def inlet_law(variant: Variant) -> Callable[..., float]:
@@ -207,14 +183,16 @@ def inlet_law(variant: Variant) -> Callable[..., float]:
 
 
 def coil_law(variant: Variant) -> Callable[..., float]:
-    """Law of the coil's flux rate."""
-    return {
-        Drive.REGULATED: regulated,
-        Drive.PWM: switched,
-        Drive.VOLTAGE: by_voltage,
-        Drive.CURRENT: by_current,
-        Drive.FREE_WHEEL: free_wheeling,
-    }[variant.drive]
+    """Law of the coil's flux rate: that of the drive for a step of no length, but for the PWM, which events switch."""
+    if variant.drive is Drive.PWM:
+        return switched
+    law = wiring(variant).laws.drive
+
+    @physics
+    def flux_rate(c: Any, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+        return law(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate  # type: ignore[no-any-return]
+
+    return flux_rate
 
 
 SHORTEST_LAG = 1e-9  # in place of a lag of zero in one direction [s]: the flux follows within a thousandth of a step

@@ -212,7 +212,7 @@ def mean_departure(net_flow: float, slope: float, stiffness: float, volume: floa
 
     `net_flow`: Σ q at the start of the step [kg/s], positive into the volume; `slope`: S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
     `stiffness`: dp/dρ = K/ρ [Pa m³/kg]; `volume`: V in mid-step [m³], > 0; `growth`: ρ dV/dt [kg/s], subtracted from
-    the net flow; `dt`: step [s].
+    the net flow.
     """
     spring = dt * stiffness  # V² times numerator and denominator of φ2: one division
     yv = spring * slope  # y V

@@ -2,7 +2,7 @@
 
 `physics` marks every small scalar law and returns the plain Python function, so debuggers, coverage and dimensional
 tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.numba`, the CUDA kernels) is told of them by
-`offer_laws`; nothing here needs Numba.
+`offer_laws`; nothing here needs Numba. In all laws `dt` is the time step [s], `c` the coefficients and `s` the state.
 
 An engine keeps everything behind one base pointer, so the compiler can prove that lanes do not overlap: a nested
 NamedTuple of numbers lies in one column of a (rows × lanes) array. Physics never sees a row number: `Layout.load` gives

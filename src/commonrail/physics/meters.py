@@ -297,17 +297,10 @@ _ECHOES = ("echo", "second_echo")
 
 
 class Flow(NamedTuple):
-    """Simulated flow of candidates.
+    """Simulated flow of candidates."""
 
-    Attributes
-    ----------
-    rates : (candidates, steps)
-        Means over the steps; not finite for a failed simulation.
-    start, step : float
-        Begin of the first step and length of each [s].
-    """
-
-    rates: Floats
+    rates: Floats  # (candidates, steps): means over the steps; not finite for a failed simulation
+    # begin of the first step and length of each [s]
     start: float
     step: float
 

@@ -271,7 +271,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
 
 @physics
 def lag_fraction(lag: float, dt: float) -> float:
-    """Share of a first-order lag that a step makes up [1]; `lag`: τ [s], ≥ 0; zero for no lag; `dt`: step [s]."""
+    """Share of a first-order lag that a step makes up [1]; `lag`: τ [s], ≥ 0; zero for no lag."""
     return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
 
 

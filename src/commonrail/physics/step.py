@@ -152,7 +152,7 @@ def mean_departure_of(here: Contents, balance: Flow, before: float, after: float
     """Implicit mean over the step of p − p_n [Pa] in a volume; each flow's mean is q_n + s (p − p_n).
 
     `here`: at t_n; `balance`: Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
-    `before`, `after`: volume at both ends of the step [m³]; `dt`: step [s].
+    `before`, `after`: volume at both ends of the step [m³].
     """
     growth = here.density * (after - before) / dt
     return mean_departure(balance.mass_flow, balance.slope, here.stiffness, middle(before, after), growth, dt)
@@ -175,7 +175,7 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.State:
     """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
 
-    `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `dt`: step [s].
+    `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴].
     """
     pressure = seat_pressure(c, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
     return valve.advance(c.valve, s.valve, solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux), pressure, dt)
@@ -313,29 +313,17 @@ def fill_accumulation(
 
 
 class StepLaws(NamedTuple):
-    """Laws in which variants differ.
+    """Laws in which variants differ."""
 
-    Attributes
-    ----------
-    advance, lifts : law
-        Motion of plunger and needle, and its lifts.
-    drive : law
-        Flux rate of the solenoid's drive.
-    inlet, draw : law
-        Boundary at the rail, and what it takes from the rail.
-    discharge : law
-        Discharge coefficient of the nozzle.
-    gap_cda2 : law
-        (c_d A)² of the valve's seat.
-    """
-
+    # motion of plunger and needle, and its lifts
     advance: Advance
     lifts: Callable[[Any], Motion]
-    drive: DriveLaw
+    drive: DriveLaw  # flux rate of the solenoid's drive
+    # boundary at the rail, and what it takes from the rail
     inlet: InletLaw
     draw: DrawLaw
-    discharge: DischargeLaw
-    gap_cda2: GapLaw
+    discharge: DischargeLaw  # discharge coefficient of the nozzle
+    gap_cda2: GapLaw  # (c_d A)² of the valve's seat
 
 
 def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:

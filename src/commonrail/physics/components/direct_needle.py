@@ -189,7 +189,7 @@ def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
 
 @physics
 def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step; `dt`: step [s]."""
+    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step."""
     at = contacts(m, seat, s.z, Pair(dt * s.v.armature, dt * s.v.needle))
     force = forces(m, s.z, load, at)
     a, n = dt * m.armature.per_mass, dt * m.needle.per_mass
@@ -210,7 +210,7 @@ def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> S
 def accelerations(m: Masses, seat: SeatContact, z: Pair, v: Pair, load: Loads) -> Pair:
     """Accelerations [m/s²], for a solver that has positions and velocities at one time.
 
-    `z`: positions [m]; `v`: velocities [m/s]; `m`, `seat`, `load`: as in `advance`.
+    `z`: positions [m]; `v`: velocities [m/s].
     """
     at = contacts(m, seat, z, Pair(0.0, 0.0))
     force = forces(m, z, load, at)

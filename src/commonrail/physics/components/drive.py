@@ -109,8 +109,7 @@ def clamp(x: float, low: float, high: float) -> float:
 def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> Schedule:
     """Mean of the schedule over a step.
 
-    `since_start`, `since_end`: start of the step after start and end of energising [s]; negative before them; `dt`:
-    step [s].
+    `since_start`, `since_end`: start of the step after start and end of energising [s]; negative before them.
     """
     per_step = 1.0 / dt
     begun = clamp(since_start * per_step + 1.0, 0.0, 1.0)
@@ -136,26 +135,20 @@ def relaxed(rate: Rate, dt: float) -> float:
     by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
     (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
 
-    `rate`: rate at the start of the step, its value with the gap of the end, and its decay; `dt`: step [s].
+    `rate`: rate at the start of the step, its value with the gap of the end, and its decay.
     """
     return risen(rate, dt) / damped(rate, dt)
 
 
 @physics
 def risen(rate: Rate, dt: float) -> float:
-    """Numerator of `relaxed` [V].
-
-    Arguments as in `relaxed`.
-    """
+    """Numerator of `relaxed` [V]."""
     return rate.flux_rate + dt * rate.decay * (1.0 / 6.0) * rate.at_end
 
 
 @physics
 def damped(rate: Rate, dt: float) -> float:
-    """Denominator of `relaxed` [1].
-
-    Arguments as in `relaxed`.
-    """
+    """Denominator of `relaxed` [1]."""
     y = dt * rate.decay
     return 1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0))
 
@@ -180,7 +173,7 @@ def regulated(
     Peak, hold and off count by their shares of the step, so a switching may fall anywhere inside it: the
     current is a smooth function of the parameters, as a fit needs it.
 
-    `supply`: schedule, and measured trace; `now`: current with the gap of mid-step; `dt`: step [s].
+    `supply`: schedule, and measured trace; `now`: current with the gap of mid-step.
     """
     return _held(p, c, Backward(p.quench_voltage, p.boost_voltage), supply, now, dt)
 
@@ -192,8 +185,6 @@ def free_wheel(
     """Ideal regulator without a voltage backwards: a current that must fall decays through a diode.
 
     It does so from the peak to the hold current and after the end of energising: N dφ/dt = −R i − V_d until i = 0.
-
-    Arguments as in `regulated`.
     """
     return _held(p, c, Backward(p.diode_voltage, p.diode_voltage), supply, now, dt)
 
@@ -204,7 +195,7 @@ def _held(
 ) -> Change:
     """Mean flux rate of an ideal regulator with given voltages backwards.
 
-    `backward`: voltages that reduce the current; `p`, `c`, `supply`, `now`, `dt`: as in `regulated`.
+    `backward`: voltages that reduce the current.
     """
     plan = supply.schedule
     peak = _towards(c, p.peak_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
@@ -267,8 +258,6 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     its limit where the step begins and where energising or the step ends. The instant at which it meets the limit is
     interpolated between them, and the voltage averaged. Where the rest of the step would carry the current past the
     other limit too, it switches in turn there: on the average it stays at that limit.
-
-    Arguments as in `regulated`.
     """
     plan = supply.schedule
     in_peak = plan.peak >= 0.5 * plan.on
@@ -299,10 +288,7 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
 def voltage_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
-    """Mean flux rate under a measured coil voltage v(t).
-
-    Arguments as in `regulated`.
-    """
+    """Mean flux rate under a measured coil voltage v(t)."""
     return Change(relaxed(applied(c, supply.trace, now), dt), 1.0)
 
 
@@ -310,8 +296,5 @@ def voltage_trace(
 def current_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
-    """Mean flux rate that follows a measured coil current i(t), by the regulator without limits of voltage.
-
-    Arguments as in `regulated`.
-    """
+    """Mean flux rate that follows a measured coil current i(t), by the regulator without limits of voltage."""
     return Change(relaxed(_towards(c, supply.trace, p.regulator_gain, -UNLIMITED, UNLIMITED, now), dt), 1.0)

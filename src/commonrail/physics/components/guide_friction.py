@@ -1,8 +1,10 @@
 """Friction of plunger and needle in their guides: F = −v (c_v + F_c/(|v| + v_0)), on mass 1 and on mass 7.
 
 The viscous part stands for the oil film, the dry part for lateral forces; v_0 rounds the dry part at standstill, so
-that a needle at rest is not held. The rigid body carries both. The paper neglects it. The virtual test bench, whose
-truth no fitted model holds, rounds otherwise (`bench_friction`).
+that a needle at rest is not held. The rigid body carries both. The paper neglects it.
+
+The virtual test bench rounds otherwise (`bench_friction`), and on any mass: on purpose. Its truth must be none that a
+fitted model can reach, or the bench would not show how a calibration copes with a wrong model.
 """
 
 from __future__ import annotations
@@ -45,8 +47,6 @@ def advance_chain(
 
     Friction is implicit and never makes the step unstable: the damping coefficient of the speed at t_n times the mean
     of the velocities half a step before and after.
-
-    `dt`: step [s]; `c`, `seat`, `s`, `load`: as in `plunger_needle.advance`.
     """
     after, m = plunger_needle.advance(c, seat, s, load, dt), c.impulse
     per1, per7 = reciprocals(speed_at_step(s.v.i1, s.v_before.i1), speed_at_step(s.v.i7, s.v_before.i7))
@@ -73,7 +73,7 @@ def with_guided(x: Nine, top: float, head: float) -> Nine:
 def accelerate_chain(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
     """Right-hand side of Eq. (10) [m/s²] with seat, stop and friction, for a solver that has z and v at one time.
 
-    `z`: positions [m]; `v`: velocities [m/s]; `c`, `seat`, `load`: as in `plunger_needle.advance`.
+    `z`: positions [m]; `v`: velocities [m/s].
     """
     a = plunger_needle.accelerations(c, seat, z, v, load)
     top = guide_damping(c.guides, 1.0 / (abs(v.i1) + ROUNDED)) * v.i1
@@ -86,8 +86,6 @@ def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: 
     """State of the rigid body after one leapfrog step [m], [m/s], friction of both guides implicit.
 
     The body keeps no older velocity: the speed at t_n is the mean of those before the step and after a first one.
-
-    `dt`: step [s]; `c`, `seat`, `s`, `load`: as in `rigid_body.advance`.
     """
     free = rigid_body.advance(c, seat, s, load, dt).v
     per_mass = dt / c.total_mass
@@ -115,7 +113,7 @@ def _slowed(g: Guides, v: float, free: float, touching: float, friction: tuple[f
 def accelerate_body(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
     """Acceleration of the rigid body with seat, stop and friction of both guides [m/s²].
 
-    `z`: lift [m]; `v`: velocity [m/s]; `c`, `seat`, `load`: as in `rigid_body.advance`.
+    `z`: lift [m]; `v`: velocity [m/s].
     """
     both = 2.0 * guide_damping(c.guides, 1.0 / (abs(v) + ROUNDED)) * v
     return rigid_body.accelerations(c, seat, z, v, load) - both / c.total_mass

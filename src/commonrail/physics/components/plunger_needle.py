@@ -272,7 +272,7 @@ _scaled = each(Nine, lambda factor, x: factor * x, shared="factor")
 
 @physics
 def coefficients(p: Parameters, dt: float) -> Coefficients:
-    """Coefficients of chain, guides, spring and stop; `dt`: step of the leapfrog [s]."""
+    """Coefficients of chain, guides, spring and stop."""
     k = Seven(i1=p.k1, i2=p.k2, i3=p.k3, i4=p.k4, i5=p.k5, i6=p.k6, i7=p.k7)
     m = Seven(i1=p.m1, i2=p.m2, i3=p.m3, i4=p.m4, i5=p.m5, i6=p.m6, i7=p.m7)
     per_mass = _inverse(around(m))
@@ -362,7 +362,7 @@ def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, 
     Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger rings on after an injection;
     the phase of its waves decides the pressure in the control chamber at which the next one begins.
 
-    `z`: positions [m]; `gain`: dt times the accelerations [m/s]; `dt`: step [s].
+    `z`: positions [m]; `gain`: dt times the accelerations [m/s].
     """
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
     rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
@@ -392,10 +392,7 @@ _sum = each(Nine, lambda x, y: x + y)
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; dampers see the velocity extrapolated to t_n.
-
-    `load`: pressure forces at t_n; `dt`: step [s].
-    """
+    """State after one leapfrog step; dampers see the velocity extrapolated to t_n; `load`: pressure forces at t_n."""
     f = forces(c, s.z, _extrapolated(s.v, s.v_before), load)
     stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
     m = c.impulse
@@ -415,7 +412,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
     """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that has z and v at one time.
 
-    `z`: positions [m]; `v`: velocities [m/s]; `c`, `seat`, `load`: as in `advance`.
+    `z`: positions [m]; `v`: velocities [m/s].
     """
     f = forces(c, z, v, load)
     stop, rest = at_stop(c.guides, z.i1), on_seat(seat, z.i9)

@@ -49,10 +49,7 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, sound_speed: float, dt: float) -> Coefficients:
-    """Coefficients of the line, Eq. (6) without friction.
-
-    `sound_speed`: a at the return pressure [m/s]; `dt`: step [s].
-    """
+    """Coefficients of the line, Eq. (6) without friction; `sound_speed`: a at the return pressure [m/s]."""
     z = impedance(sound_speed, pipe_area(p.diameter)) if p.length > 0.0 else 0.0
     return Coefficients(z, z / dt, dt / z if p.length > 0.0 else 0.0, 2.0 * p.length / sound_speed)
 

@@ -27,7 +27,7 @@ def force(c: Coefficients, z: float, load: Loads) -> float:
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; `load`: pressure forces at t_n; `dt`: step [s]."""
+    """State after one leapfrog step; `load`: pressure forces at t_n."""
     stop, rest = at_stop(c.guides, s.z), on_seat(seat, s.z)
     per_mass = dt / c.total_mass
     impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
@@ -40,7 +40,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 def accelerations(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
     """Acceleration with seat and stop [m/s²], for a solver that has z and v at one time.
 
-    `z`: lift [m], positive when opening; `v`: velocity [m/s]; `c`, `seat`, `load`: as in `advance`.
+    `z`: lift [m], positive when opening; `v`: velocity [m/s].
     """
     stop, rest = at_stop(c.guides, z), on_seat(seat, z)
     resting = rest.force - stop.force - (rest.damping + stop.damping) * v

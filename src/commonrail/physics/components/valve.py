@@ -108,7 +108,7 @@ def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: flo
     """State after one leapfrog step.
 
     `s`: lift at t_n, velocity half a step before; `magnetic_force`: magnetic force F_ev at t_n [N]; `seat_pressure`:
-    excess over the return pressure on the seat area [Pa]; `dt`: step [s].
+    excess over the return pressure on the seat area [Pa].
     """
     force, damping = forces_over_step(c, s, magnetic_force, seat_pressure, dt)
     per_mass = dt * c.per_mass
@@ -146,8 +146,8 @@ def forces_over_step(
 ) -> tuple[float, float]:
     """Force [N] and damping coefficient [N s/m] over a leapfrog step: `forces` with the nearer contact averaged.
 
-    `s`: lift at the start of the step, velocity half a step before; `dt`: step [s]; `c`, `magnetic_force`,
-    `seat_pressure`: as in `forces`.
+    `s`: lift at the start of the step, velocity half a step before; `c`, `magnetic_force`, `seat_pressure`: as in
+    `forces`.
     """
     middle = 0.5 * c.lift
     side = s.lift - middle
