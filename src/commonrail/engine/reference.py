@@ -123,8 +123,8 @@ def simulate_reference(
         _refuse_friction(injector, friction)
     model = Model(injector, point, resolution, friction)
     if resolution.method == "explicit":
-        return _solution(model, time, *march(model.problem, time, resolution.step))
-    return _solution(model, time, *model.run(time))
+        return solution(model, time, *march(model.problem, time, resolution.step))
+    return solution(model, time, *model.run(time))
 
 
 def _check(resolution: Resolution) -> None:
@@ -298,7 +298,7 @@ class Model:
         return typical_sizes(self.variant, self.start, self.cells, rail)
 
 
-def _solution(model: Model, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
+def solution(model: Model, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
     """States as a `Solution`."""
     named = vector_states(model.variant, states, model.cells)
     injected = named["nozzle.injected"]
