@@ -276,7 +276,7 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     ConfigurationError
         If a value lies outside its domain.
     """
-    from commonrail.physics.reads import reader_of, unread_parameters
+    from commonrail.physics.variants import reader_of, unread_parameters
 
     if not settings:
         return injector

@@ -40,7 +40,7 @@ from commonrail.data.study_block import Context
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 
 NO_FEATURE = "NO_FEATURE"
 

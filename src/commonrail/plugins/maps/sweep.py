@@ -32,7 +32,7 @@ from commonrail.engine.operating_point import (
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.physics.reads import reader_of, unread_parameters
+from commonrail.physics.variants import reader_of, unread_parameters
 from commonrail.plugins.maps.response import Conditions, simulate_many
 
 # Operating point around which a sweep moves, and the points of many combinations at once.

@@ -19,8 +19,7 @@ from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.physics.components import plunger_needle
-from commonrail.physics.components.chain import Nine
-from commonrail.physics.components.plunger_needle import Loads, SeatContact, State
+from commonrail.physics.components.plunger_needle import Loads, Nine, SeatContact, State
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant
 
