@@ -15,16 +15,7 @@ from commonrail.readers.location import Place, located
 def axes_of_dcm(path: Path, density: float) -> tuple[Floats, Floats]:
     """Rail pressures [Pa] and quantities [m³] of the first map of a DCM file that has such axes.
 
-    Parameters
-    ----------
-    path : Path
-    density : float
-        Reference density [kg/m³], for quantities by mass.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or has no map over a pressure and a quantity.
+    InputError if none has. Quantities by mass are divided by the reference density [kg/m³].
     """
     for table in read_dcm(path):
         for pressure, quantity in ((table.x, table.y), (table.y, table.x)):

@@ -24,26 +24,13 @@ SAME = 1e-6  # relative difference of a parameter from the fit's value that is r
 def with_bands(
     found: InjectionMap, study: Study, best: Mapping[str, float], draws: Floats | None = None
 ) -> InjectionMap:
-    """Map of a calibrated injector with bands by `predict`.
+    """Map of an injector that a study has calibrated, with bands by `predict`; `best` are the values [SI] of the fit.
 
-    The bands are predicted with the conditions and the time step of the map, and lie about its quantities.
+    The bands are predicted with the conditions and the time step of the map, and lie about its quantities: from `draws`
+    (m, d), parameters [SI] of the posterior, or from the linear approximation about the best values.
 
-    Parameters
-    ----------
-    found : InjectionMap
-        Of the injector that the study has calibrated.
-    study : Study
-    best : mapping of str to float
-        Values [SI] of the fit.
-    draws : (m, d), optional
-        Parameters [SI] drawn from the posterior; by default the linear approximation about the best values.
-
-    Raises
-    ------
-    ConfigurationError
-        If the injector of the map does not have the values of the fit, or the study fits no quantity map.
-    SimulationError
-        If the best values cannot be simulated.
+    ConfigurationError if the injector of the map does not have the values of the fit, or the study fits no quantity
+    map; SimulationError if the best values cannot be simulated.
     """
     from commonrail.plugins.prediction.run import LEVELS, predict
 
@@ -120,14 +107,7 @@ def band_sentences(m: InjectionMap) -> list[str]:
 
 
 def band_heats(m: InjectionMap, label: str) -> list[HeatMap]:
-    """Half widths of the widest band, of the inverse and of the quantity map; none where the map has no bands.
-
-    Parameters
-    ----------
-    m : InjectionMap
-    label : str
-        Of the model.
-    """
+    """Half widths of the widest band, of the inverse and of the quantity map; none where the map has no bands."""
     if m.bands is None:
         return []
     level = _widest(m.bands)
@@ -145,18 +125,7 @@ def band_heats(m: InjectionMap, label: str) -> list[HeatMap]:
 
 
 def band_about(m: InjectionMap, row: int, family: int, largest: float) -> tuple[Band, ...]:
-    """Area of the widest band about the curve of a rail pressure, at the energising times of the axis.
-
-    Parameters
-    ----------
-    m : InjectionMap
-    row : int
-        Of the rail pressure.
-    family : int
-        Of the curve.
-    largest : float
-        Largest quantity that is drawn [m³].
-    """
+    """Area of the widest band about the curve of a rail pressure, up to the largest quantity that is drawn [m³]."""
     if m.bands is None:
         return ()
     low, high = (edge[row] for edge in m.bands.quantity[_widest(m.bands)])

@@ -19,22 +19,10 @@ UNKNOWN = "information-not-available"  # of a system that is not named; the form
 
 
 def write_cdfx(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all.
+    """Write maps into one file, whole or not at all; InputError if a cell has no number.
 
     Each map is a SW-INSTANCE of the category MAP with its own two axes; its value groups follow the y axis, the values
     in a group the x axis. The notes of the maps stand in the long name of the tree.
-
-    Parameters
-    ----------
-    path : Path
-    tables : sequence of MapTable
-
-    Raises
-    ------
-    InputError
-        If a cell has no number.
-    OutputError
-        If it cannot be written.
     """
     for table in tables:
         table.require_numbers("A CDFX file")

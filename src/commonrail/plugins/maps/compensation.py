@@ -22,20 +22,11 @@ NARROW = 1e-6  # bracket of the dwell at which two injections fuse [s]
 
 @dataclass(frozen=True)
 class Compensation:
-    """Energising times of a second injection over rail pressure, quantity and dwell.
+    """Energising times of a second injection over dwell, rail pressure and quantity.
 
-    Attributes
-    ----------
-    alone : InjectionMap
-        Map of a single injection over the same pressures and quantities.
-    first_energising_time : float
-        [s].
-    dwell : (d,)
-        End of the first energising to the start of the second [s].
-    energising_time : (d, pressures, quantities)
-        That holds the quantity of the second injection [s].
-    inverses : tuple of Inverse
-        Of each dwell.
+    `alone` is the map of a single injection over the same pressures and quantities; `first_energising_time` [s];
+    `dwell` (d,) lies from the end of the first energising to the start of the second [s]; `energising_time` (d,
+    pressures, quantities) holds the quantity of the second injection [s]; `inverses` has one of each dwell.
     """
 
     alone: InjectionMap
@@ -53,28 +44,11 @@ def compensation(
     conditions: Conditions,
     rules: Rules = Rules(),
 ) -> Compensation:
-    """Energising times of a second injection that hold its quantity.
+    """Energising times of a second injection that hold its quantity, at dwells (d,) [s].
 
-    The quantity is the total less that of the first injection alone; where both are fused there is none.
-
-    Parameters
-    ----------
-    injector : Injector
-    axes : MapAxes
-        Pressures and quantities of the second injection.
-    first_energising_time : float
-        [s].
-    dwell : (d,)
-        [s], not negative.
-    conditions : Conditions
-    rules : Rules
-
-    Raises
-    ------
-    ConfigurationError
-        If a dwell is negative or the first energising time is not greater than zero.
-    SimulationError
-        If no point could be simulated.
+    The quantity is the total less that of the first injection alone; where both are fused there is none. `axes` are
+    those of the second injection. ConfigurationError if a dwell is negative or the first energising time [s] is not
+    greater than zero.
     """
     if not (first_energising_time > 0.0 and np.all(dwell >= 0.0)):
         raise ConfigurationError("The first energising time must be greater than zero, the dwells zero or greater.")
@@ -121,19 +95,9 @@ def fusion_dwell(
 ) -> Floats:
     """Longest dwell (n,) at which two injections fuse into one [s].
 
-    NaN where they do so at the longest that is tried, and where a simulation failed. Halved to 1 us, taking for granted
-    that injections which fuse also fuse at any shorter dwell.
-
-    Parameters
-    ----------
-    injector : Injector
-    rail_pressure : (n,)
-        [Pa].
-    times : (float, float)
-        Energising times of the two injections [s].
-    longest : float
-        Longest dwell that is tried [s].
-    conditions : Conditions
+    Rail pressures (n,) [Pa], energising times of both injections [s]. NaN where they do so at the longest that is tried
+    [s], and where a simulation failed. Halved to 1 us, taking for granted that injections which fuse also fuse at any
+    shorter dwell.
     """
     low, high = np.zeros(len(rail_pressure)), np.full(len(rail_pressure), longest)
 

@@ -27,20 +27,7 @@ _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg",
 
 
 def write_dcm(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-    tables : sequence of MapTable
-
-    Raises
-    ------
-    InputError
-        If a cell has no number.
-    OutputError
-        If it cannot be written.
-    """
+    """Write maps into one file, whole or not at all; InputError if a cell has no number."""
     for table in tables:
         table.require_numbers("A DCM file")
     write_text(path, "\n".join(_lines(tables)) + "\n")
@@ -87,17 +74,9 @@ def _plain(text: str) -> str:
 
 
 def read_dcm(path: Path) -> list[MapTable]:
-    """Maps of a file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; whatever else it holds is passed over.
+    """Maps of a DCM 2.0 file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; whatever else it holds is passed over.
 
-    Parameters
-    ----------
-    path : Path
-        DCM 2.0 in UTF-8 or ASCII.
-
-    Raises
-    ------
-    InputError
-        If it is not DCM, or a map in it is damaged; the message names the line.
+    InputError if it is not DCM in UTF-8 or ASCII, or a map in it is damaged; the message names the line.
     """
     lines = enumerate(read_text(path, LARGEST).splitlines(), start=1)
     content = ((n, line.strip()) for n, line in lines if line.strip() and line.strip()[0] not in "*!.")
@@ -165,13 +144,7 @@ def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: t
 
 
 def facts_of(file: Path) -> dict[str, str]:
-    """Maps in a DCM file, for `commonrail inspect`: size, axes and unit of each by its label.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or holds no map.
-    """
+    """Size, axes and unit of each map of a DCM file by its label, for `inspect`; InputError if it holds none."""
     maps = read_dcm(file)
     if not maps:
         raise InputError(f"{file}: there is no map in this DCM file; single values and curves are passed over.")

@@ -25,33 +25,16 @@ LONGEST_SHEET = 31  # characters of the name of a sheet
 
 
 def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all, in the format of its name's end.
+    """Write maps into one file, whole or not at all, in the format of its name's end (`ENDINGS`); CSV holds one map.
 
-    Parameters
-    ----------
-    path : Path
-        See `ENDINGS`. CSV holds one map.
-    tables : sequence of MapTable
-
-    Raises
-    ------
-    InputError
-        If the ending is unknown, the format cannot hold the maps, or its library is not installed.
-    OutputError
-        If it cannot be written.
+    InputError if the ending is unknown, the format cannot hold the maps, or its library is not installed.
     """
     check_map_file(path)
     _WRITERS[path.suffix.lower()](path, tables)
 
 
 def check_map_file(path: Path) -> None:
-    """Refuse a name whose end tells no format, and a format whose library is missing.
-
-    Raises
-    ------
-    InputError
-        In both cases.
-    """
+    """Refuse a name whose end tells no format, and a format whose library is missing."""
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         raise InputError(f"{path}: maps are written as {', '.join(ENDINGS)}; name a file that ends so.")
@@ -190,14 +173,7 @@ ENDINGS = tuple(_WRITERS)
 
 
 def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
-    """Record of maps by the labels of their models; null where there is no number.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-        Of the first map with measured data.
-    """
+    """Record [SI] of maps by label, the first one compared with measured data; null where there is no number."""
     record: dict[str, Any] = {"schema": 1, "kind": "map", "maps": [_one(label, m) for label, m in found.items()]}
     if compared is not None:
         record["measured"] = {

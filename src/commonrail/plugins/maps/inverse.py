@@ -62,24 +62,9 @@ class _Cells(NamedTuple):
 
 
 def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules) -> tuple[Inverse, list[Line]]:
-    """Energising times for quantities at each of some lines.
+    """Energising times for quantities (k,) [m³] at some lines, and the lines with the samples that were added.
 
-    Parameters
-    ----------
-    simulate : function
-        Simulates lines, given by their indices (n,), at energising times (n,) [s].
-    lines : list of Line
-        Samples of each line.
-    quantity : (k,)
-        Wanted volumes [m³].
-    rules : Rules
-
-    Returns
-    -------
-    inverse : Inverse
-        (lines, quantities).
-    lines : list of Line
-        With the samples that the search has added.
+    `simulate` takes the indices of lines (n,) and energising times (n,) [s].
     """
     shape = len(lines), len(quantity)
     number = np.full(shape, np.nan)

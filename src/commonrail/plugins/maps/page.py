@@ -32,15 +32,7 @@ LEGEND = (
 
 
 def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
-    """Page of one map, or of two with their difference.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-        By label.
-    compared : Comparison, optional
-        Of the first map with measured data.
-    """
+    """Page of one map, the first compared with measured data, or of two with their difference; maps by their labels."""
     maps, curves = map_figures(found, compared)
     first = next(iter(found.values()))
     synthetic = [m.injector.synthetic for m in found.values() if m.injector.synthetic]
@@ -62,13 +54,7 @@ def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = No
 
 
 def map_lines(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[str]:
-    """Sentences: size of the map, what its cells deliver, and which cells are named.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-    """
+    """Sentences: size of the map, what its cells deliver, and which cells are named."""
     lines = [sentence for label, m in found.items() for sentence in _lines(label if len(found) > 1 else "", m)]
     if compared is not None:
         large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
@@ -115,13 +101,7 @@ def _monotonicity(m: InjectionMap) -> str:
 
 
 def map_tables(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[Table]:
-    """Falls, cells that are named, and largest differences.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-    """
+    """Falls, cells that are named, and largest differences."""
     tables = [_falls(found), _named_cells(found), _falls_with_pressure(found)]
     if compared is not None:
         tables.append(_measured_table(compared))
@@ -208,13 +188,7 @@ def _measured_table(compared: Comparison) -> Table:
 def map_figures(
     found: Mapping[str, InjectionMap], compared: Comparison | None = None
 ) -> tuple[list[HeatMap], list[Figure]]:
-    """Heat maps and curves of maps.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-    """
+    """Heat maps and curves of maps."""
     labels = list(found)
     first = found[labels[0]]
     heats = [_inverse_heat(first, labels[0]), _quantity_heat(first, labels[0]), *band_heats(first, labels[0])]

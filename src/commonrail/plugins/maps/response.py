@@ -37,29 +37,11 @@ def simulate_many(
     time_step: float,
     threads: int | None = None,
 ) -> Batch:
-    """Simulate all candidates at all points, some points at a time to save memory.
+    """Simulate all candidates at all points without traces, some points at a time to save memory.
 
-    Many batches are prepared and simulated side by side, each by one thread, so that none waits for another one's end.
-    The bits are those of `simulate_batch`.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-        Without traces.
-    names : sequence of str
-        Parameters that vary.
-    values : (candidates, names), optional
-        Their SI values; one candidate, the injector itself, by default.
-    time_step : float
-        [s].
-    threads : int, optional
-        All usable processors by default.
-
-    Raises
-    ------
-    ConfigurationError
-        If the injector's model or its fuel does not cover a point.
+    Candidates are SI `values` (candidates, names) of parameters; by default the injector itself is the only one. Many
+    batches are prepared and simulated side by side, each by one thread, so that none waits for another one's end. The
+    bits are those of `simulate_batch`. ConfigurationError if the injector's model or its fuel does not cover a point.
     """
     step, threads = check_step(time_step), threads or usable_threads()
     places = [slice(first, first + AT_A_TIME) for first in range(0, len(points), AT_A_TIME)]
@@ -82,20 +64,7 @@ def _joined(parts: Sequence[Batch]) -> Batch:
 
 
 def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
-    """`plan.prepare` of points without traces, which works out each set of pressures and each energising once.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    dt : float
-        Time step [s].
-
-    Raises
-    ------
-    ConfigurationError
-        As `plan.prepare`.
-    """
+    """`plan.prepare` of points without traces, which works out each set of pressures and each energising once."""
     pressures: dict[object, int] = {}
     energisings: dict[object, int] = {}
     by_pressure, by_energising = [], []
@@ -121,14 +90,7 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
 
 
 def _spread(few: Courses, by_pressure: Ints, by_energising: Ints) -> Courses:
-    """Boundary conditions of many points from those of a few.
-
-    Parameters
-    ----------
-    few : Courses
-    by_pressure, by_energising : (points,) int
-        Among the few the points of the same pressures, and of the same energisings.
-    """
+    """Boundary conditions of many points, from the index of the same pressures and energisings among a few."""
     return few._replace(
         settings=few.settings[by_pressure],
         steps=few.steps[by_energising],
@@ -146,17 +108,7 @@ LONGEST_AFTER = 12e-3  # [s]
 
 
 class Conditions(NamedTuple):
-    """Conditions that all points of a map share.
-
-    Attributes
-    ----------
-    cylinder_pressure, return_pressure : float
-        [Pa].
-    time_step : float
-        [s].
-    threads : int or None
-        All usable processors by default.
-    """
+    """Pressures behind the nozzle and of the return line [Pa], time step [s] and threads of all points of a map."""
 
     cylinder_pressure: float = 5e6
     return_pressure: float = 0.5e6
@@ -164,15 +116,7 @@ class Conditions(NamedTuple):
     threads: int | None = None
 
     def point(self, rail_pressure: float, energisings: Iterable[tuple[float, float]] | float) -> OperatingPoint:
-        """Operating point with these pressures.
-
-        Parameters
-        ----------
-        rail_pressure : float
-            [Pa].
-        energisings : iterable of (start, duration), or float
-            [s]; a number is a single energising time.
-        """
+        """Operating point at a rail pressure [Pa], with one energising time [s] or several (start, duration) [s]."""
         pulses = [(0.0, energisings)] if isinstance(energisings, float) else list(energisings)
         horizon = pulses[-1][0] + (1.0 + AFTER[1]) * pulses[-1][1] + AFTER[0]
         return OperatingPoint(
@@ -182,14 +126,9 @@ class Conditions(NamedTuple):
 
 @dataclass(frozen=True)
 class Response:
-    """Simulated injections, arrays of one shape.
+    """Simulated injections: volume at the reference density [m³] and largest needle lift [m], arrays of one shape.
 
-    Attributes
-    ----------
-    volume : array
-        Injected volume at the reference density [m³], NaN where the simulation failed or the needle did not close.
-    lift : array
-        Largest needle lift [m].
+    A volume is NaN where the simulation failed or the needle did not close.
     """
 
     volume: Floats
@@ -202,19 +141,9 @@ def density_at(injector: Injector, conditions: Conditions) -> float:
 
 
 def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, conditions: Conditions) -> Response:
-    """Simulate single injections.
+    """Simulate single injections at rail pressures [Pa] and energising times [s], arrays of one shape.
 
-    Parameters
-    ----------
-    injector : Injector
-    rail_pressure, energising_time : arrays of one shape
-        [Pa], [s].
-    conditions : Conditions
-
-    Raises
-    ------
-    ConfigurationError
-        If a point lies outside what the injector's model covers.
+    ConfigurationError if a point lies outside what the injector's model covers.
     """
     pairs = zip(rail_pressure.ravel().tolist(), energising_time.ravel().tolist(), strict=True)
     found = simulate_points(injector, [conditions.point(rail, time) for rail, time in pairs], conditions)
@@ -224,12 +153,7 @@ def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, 
 def simulate_points(injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions) -> Response:
     """Simulate operating points; one whose needle is still open at its end is repeated with a longer horizon.
 
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    conditions : Conditions
-        Time step and number of threads; the pressures are those of the points.
+    Of the conditions, the time step and the threads count.
     """
     volume, lift, status = _simulated(injector, points, conditions)
     open_ = np.flatnonzero(status == STILL_INJECTING).tolist()
@@ -240,20 +164,7 @@ def simulate_points(injector: Injector, points: Sequence[OperatingPoint], condit
 
 
 def require_some(injector: Injector, points: Sequence[OperatingPoint], found: Response, conditions: Conditions) -> None:
-    """Refuse a response without a single sound simulation, with the reason of its first one.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    found : Response
-    conditions : Conditions
-
-    Raises
-    ------
-    SimulationError
-        If all of them failed.
-    """
+    """Refuse a response without a single sound simulation by a SimulationError with the reason of its first one."""
     if np.all(np.isnan(found.volume)):
         status = _simulated(injector, points[:1], conditions)[2]
         raise SimulationError(f"{injector.name}: no point could be simulated. {Status(int(status[0])).sentence}")
@@ -286,16 +197,9 @@ FALL = 0.01e-9  # smallest fall of the quantity that is named [m³]: half the to
 
 
 class Fall(NamedTuple):
-    """Energising times between which the quantity falls though the injector is energised longer.
+    """Fall of the quantity, though the injector is energised longer.
 
-    Attributes
-    ----------
-    rail_pressure : float
-        [Pa].
-    start, end : float
-        Energising times at the largest and the smallest quantity [s].
-    high, low : float
-        Quantities there [m³].
+    Rail pressure [Pa], energising times at the largest and at the smallest quantity [s], and these quantities [m³].
     """
 
     rail_pressure: float
@@ -317,15 +221,7 @@ class Line(NamedTuple):
     lift: Floats
 
     def joined(self, time: Floats, found: Response) -> Line:
-        """Line with more samples.
-
-        Parameters
-        ----------
-        time : (n,)
-            [s].
-        found : Response
-            Of those times.
-        """
+        """Line with more samples, at times (n,) [s]."""
         times = np.concatenate([self.time, time])
         order = np.argsort(times, kind="stable")
         volume = np.concatenate([self.volume, found.volume])[order]
@@ -349,14 +245,7 @@ def knots_of(times: Floats) -> Floats:
 
 
 def falls_of(line: Line, smallest: float = FALL) -> Iterator[Fall]:
-    """Falls of the quantity along a line, each from its largest to its smallest quantity.
-
-    Parameters
-    ----------
-    line : Line
-    smallest : float
-        Smaller falls are passed over [m³].
-    """
+    """Falls of the quantity along a line from `smallest` [m³] on, each from its largest to its smallest quantity."""
     sound = np.flatnonzero(np.isfinite(line.volume))
     time, volume = line.time[sound], line.volume[sound]
     peak = trough = 0

@@ -39,17 +39,11 @@ BALLISTIC = 0.98  # share of the largest lift at a rail pressure below which a n
 
 
 class MapBands(NamedTuple):
-    """Edges between which measured quantities are expected, by the share of them that a band is to hold.
+    """Edges between which measured quantities are expected [m³], by the share of them that a band is to hold.
 
-    Attributes
-    ----------
-    estimator : str
-        Estimator of the bands, as `Prediction.estimator`.
-    quantity : mapping of float to (lower, upper)
-        Of the quantity map, (pressures, energising times) each [m³].
-    delivered : mapping of float to (lower, upper)
-        Of what the energising times of the inverse deliver, (pressures, quantities) each [m³]; NaN in cells that hold
-        no simulated time.
+    `estimator` is that of the `Prediction`; `quantity` are edges (pressures, energising times) of the quantity map,
+    `delivered` edges (pressures, quantities) of what the energising times of the inverse deliver; NaN in cells that
+    hold no simulated time.
     """
 
     estimator: str
@@ -128,26 +122,10 @@ def injection_map(
     rules: Rules = Rules(),
     progress: Callable[[str], None] | None = None,
 ) -> InjectionMap:
-    """Simulate the quantity map of an injector and its inverse.
+    """Simulate the quantity map of an injector and its inverse, by default over the axes of a control unit.
 
-    Parameters
-    ----------
-    injector : Injector
-    axes : MapAxes, optional
-        By default those of a control unit.
-    conditions : Conditions
-        Pressures behind the nozzle and of the return line, time step, threads.
-    rules : Rules
-        For cells with several energising times, and with none.
-    progress : function, optional
-        Called with a line of text before each stage.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, or a pressure lies outside what the model covers.
-    SimulationError
-        If no point could be simulated.
+    `progress` is called with a line of text before each stage. ConfigurationError if an argument is of another kind, or
+    a pressure lies outside what the model covers; SimulationError if no point could be simulated.
     """
     instance(injector, Injector, "injector")
     axes = usual_axes(injector) if axes is None else instance(axes, MapAxes, "axes")

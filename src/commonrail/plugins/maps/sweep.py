@@ -41,19 +41,10 @@ AFTER = 5e-3  # simulated after the last energising; it ends early once the need
 
 
 class Base(NamedTuple):
-    """Operating point around which a sweep moves; SI values.
+    """Operating point around which a sweep moves.
 
-    Attributes
-    ----------
-    rail_pressure : float
-        [Pa].
-    energising_time : float
-        Of the injection, or of the second of two [s].
-    first_energising_time : float
-        Of the first of two injections; 0 for a single one [s].
-    dwell : float
-        End of the first energising to the start of the second [s].
-    conditions : Conditions
+    Rail pressure [Pa]; energising time of the injection, or of the second of two [s]; that of the first of two, 0 for a
+    single one [s]; dwell from the end of the first energising to the start of the second [s].
     """
 
     rail_pressure: float
@@ -63,15 +54,7 @@ class Base(NamedTuple):
     conditions: Conditions
 
     def point(self, changed: Mapping[str, float], alone: bool = False) -> OperatingPoint:
-        """Operating point with some variables changed.
-
-        Parameters
-        ----------
-        changed : mapping of str to float
-            Values by the names of `OPERATING`.
-        alone : bool
-            With the first of two injections alone.
-        """
+        """Operating point with some variables changed, or with the first of two injections alone."""
         own = self._asdict() | self.conditions._asdict() | dict(changed)
         first, second = own["first_energising_time"], own["energising_time"]
         pulses = [(0.0, first)] if first > 0.0 else []
@@ -84,16 +67,8 @@ class Base(NamedTuple):
     def points(self, changed: Mapping[str, Floats], count: int, alone: bool = False) -> Points:
         """Operating points as `point` makes each of them, in a tenth of the time, and made when they are needed.
 
-        All values are compared with the limits of operating points at once. A point outside is made by `point`, which
-        says what is wrong with it.
-
-        Parameters
-        ----------
-        changed : mapping of str to (count,)
-            Values by the names of `OPERATING`.
-        count : int
-        alone : bool
-            With the first of two injections alone.
+        All values (count,) are compared with the limits of operating points at once. A point outside is made by
+        `point`, which says what is wrong with it.
         """
         own = self._asdict() | self.conditions._asdict() | dict(changed)
         names = ("rail_pressure", "cylinder_pressure", "return_pressure")
@@ -119,14 +94,8 @@ class Base(NamedTuple):
 class Points(Sequence[OperatingPoint]):
     """Operating points of many combinations; those of a slice are made when it is taken.
 
-    Parameters
-    ----------
-    rows : (points, 7)
-        Checked values: three pressures, first energising, start and length of the last, horizon.
-    alone : bool
-        With the first of two injections alone.
-    others : mapping of int to OperatingPoint
-        Points that are not made of their rows.
+    Checked rows (points, 7): three pressures, first energising, start and length of the last, horizon. `others` are
+    points that are not made of their rows.
     """
 
     def __init__(self, rows: Floats, alone: bool, others: Mapping[int, OperatingPoint]) -> None:
@@ -270,13 +239,7 @@ def table_unit(unit: str) -> str:
 
 
 def unit_of(name: str) -> tuple[str, str]:
-    """Full name and SI unit of a variable.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such variable or parameter.
-    """
+    """Full name and SI unit of a variable; ConfigurationError if there is no such variable or parameter."""
     plain = name.replace("-", "_")
     if plain in OPERATING:
         return plain, OPERATING[plain]
@@ -290,23 +253,10 @@ def unit_of(name: str) -> tuple[str, str]:
 
 
 def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Sweep:
-    """Simulate all combinations of the values of one to three variables.
+    """Simulate all combinations of the values of one to three variables about a base.
 
-    Parameters
-    ----------
-    injector : Injector
-    variables : sequence of Variable
-    base : Base
-        Values of what is not varied.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are too many variables or combinations, one is named twice, or a point or a value is refused.
-    InputError
-        If the fuel is not defined at a temperature.
-    SimulationError
-        If all simulations failed.
+    ConfigurationError if there are too many variables or combinations, one is named twice, or a point or a value is
+    refused; InputError if the fuel is not defined at a temperature; SimulationError if all simulations failed.
     """
     _check(variables, base)
     _check_values(injector, variables)
@@ -357,15 +307,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
 
 
 def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
-    """Distinct points with the first of two injections alone, and the place of each given point among them.
-
-    Parameters
-    ----------
-    base : Base
-    columns : mapping of str to (count,)
-        Values of the given points by the names of `OPERATING`.
-    count : int
-    """
+    """Distinct points with the first of two injections alone, and of each given point the index among them."""
     own = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
     if not own:
         return [base.point({}, alone=True)], np.zeros(count, np.intp)
@@ -436,15 +378,9 @@ def _columns(variables: Sequence[Variable]) -> dict[str, Floats]:
 def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
     """Simulations (candidates, points) whose needle is open when the second of two energisings would open it.
 
-    A needle that bounces when it closes counts as one that closes once.
-
-    Parameters
-    ----------
-    batch : Batch
-    starts : (points,)
-        Starts of the second energising [s]; the first one starts at 0.
-    delay : (candidates, points)
-        From energising to opening, as the first injection alone has it [s]; NaN where it stays shut.
+    `starts` (points,) are those of the second energising [s], the first one starts at 0; `delay` (candidates, points)
+    is from energising to opening, as the first injection alone has it [s], NaN where it stays shut. A needle that
+    bounces when it closes counts as one that closes once.
     """
     return np.asarray(np.isfinite(delay) & (batch.first_closing > starts + delay))
 
@@ -453,16 +389,9 @@ def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
 
 
 class WithoutNumber(NamedTuple):
-    """Combinations that have no number for one reason.
+    """Combinations that have no number for one reason: their number, and the variables [SI] at the first of them.
 
-    Attributes
-    ----------
-    status : Status
-    combinations : int
-    first : mapping of str to float
-        Values of the variables at the first of them [SI].
-    alone : bool
-        The first of two injections failed alone, so that the second one's quantity alone is not known.
+    `alone`: the first of two injections failed alone, so that the second one's quantity alone is not known.
     """
 
     status: Status

@@ -20,18 +20,7 @@ from commonrail.plugins.maps.table import notes_of
 
 
 def write_sweep(path: Path, found: Sweep) -> None:
-    """Write a row for each combination.
-
-    Parameters
-    ----------
-    path : Path
-    found : Sweep
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a row for each combination."""
     head = [f"{v.name} [{table_unit(v.unit)}]" for v in found.variables] + ["quantity [mm3]"]
     if found.two:
         head += ["second_quantity [mm3]", "fused"]
@@ -51,18 +40,7 @@ def _rows(found: Sweep) -> Iterator[Sequence[str]]:
 
 
 def write_compensation(path: Path, found: Compensation) -> None:
-    """Write a row for each rail pressure, quantity and dwell.
-
-    Parameters
-    ----------
-    path : Path
-    found : Compensation
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a row for each rail pressure, quantity and dwell."""
     head = ["dwell [us]", "rail_pressure [MPa]", "quantity [mm3]", "energising_time [us]", "alone [us]", "state"]
     axes = found.alone.axes
 
@@ -82,13 +60,9 @@ def write_compensation(path: Path, found: Compensation) -> None:
 
 
 def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> dict[str, Any]:
-    """Record of a sweep [SI]; null where there is no number.
+    """Record of a sweep [SI], with rail pressures [Pa] and the dwells below which two injections fuse [s].
 
-    Parameters
-    ----------
-    found : Sweep
-    fusion : sequence of (float, float)
-        Rail pressures [Pa] and the dwells below which two injections fuse [s].
+    Null where there is no number.
     """
     conditions = found.base.conditions
     return {

@@ -27,14 +27,7 @@ DWELL = "Dwell: from the end of the first energising to the start of the second.
 
 
 def sweep_html(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> str:
-    """Page of a sweep.
-
-    Parameters
-    ----------
-    found : Sweep
-    fusion : sequence of (float, float)
-        Rail pressures [Pa] and the dwells below which two injections fuse [s].
-    """
+    """Page of a sweep, with rail pressures [Pa] and the dwells below which two injections fuse [s]."""
     figures = sweep_figures(found)
     tables = [fusion_table(fusion)] if fusion else []
     injector = found.injector

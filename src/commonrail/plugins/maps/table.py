@@ -54,25 +54,9 @@ class Layer(NamedTuple):
 class MapTable:
     """Map as files hold it.
 
-    Attributes
-    ----------
-    label : str
-        Name in the control unit.
-    title : str
-        What it is, in one line.
-    name : str
-        Name of the values, such as "energising_time".
-    unit : str
-        Of the values.
-    x, y : Axis
-    values : (y, x)
-        In `unit`, rounded to what is written; NaN where there is no number.
-    states : (y, x) of str
-        State of each cell in words.
-    notes : tuple of str
-        Model, conditions and rules.
-    layers : tuple of Layer
-        Edges of bands, where a fit tells them; DCM and CDFX hold none.
+    `label` is its name in the control unit, `title` what it is, `name` and `unit` are those of its values (y, x), which
+    are rounded to what is written and NaN where there is no number. `states` (y, x) are words, `notes` tell model,
+    conditions and rules, `layers` are edges of bands, where a fit tells them; DCM and CDFX hold none.
     """
 
     label: str
@@ -87,13 +71,7 @@ class MapTable:
     layers: tuple[Layer, ...] = ()
 
     def require_numbers(self, what: str) -> None:
-        """Refuse a cell without a number, which a format cannot hold.
-
-        Raises
-        ------
-        InputError
-            That names the first such cell.
-        """
+        """Raise an InputError that names the first cell without a number, which a format cannot hold."""
         missing = np.argwhere(~np.isfinite(self.values))
         if len(missing):
             y, x = missing[0]
@@ -108,10 +86,7 @@ class MapTable:
 def check_label(label: str) -> str:
     """Return a name that a control unit can have.
 
-    Raises
-    ------
-    InputError
-        If it holds anything but letters without accents, digits, underscores, points and indices in brackets.
+    InputError if it holds anything but letters without accents, digits, underscores, points and indices in brackets.
     """
     if len(label) <= LONGEST_LABEL and _LABEL.fullmatch(label):
         return label
@@ -124,16 +99,7 @@ def check_label(label: str) -> str:
 def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
     """Energising time over rail pressure (x) and quantity (y).
 
-    Parameters
-    ----------
-    found : InjectionMap
-    label : str
-    units : MapUnits
-
-    Raises
-    ------
-    InputError
-        If a unit is unknown or of another kind, or the label cannot be used.
+    InputError if a unit is unknown or of another kind, or the label cannot be used.
     """
     x, y = (
         _pressure_axis(found, units),
@@ -158,17 +124,7 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
 def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
     """Energising time of the second injection over rail pressure (x) and quantity (y), a table for each dwell.
 
-    Parameters
-    ----------
-    found : Compensation
-    label : str
-        The dwell in µs joins it: ``label_600us``.
-    units : MapUnits
-
-    Raises
-    ------
-    InputError
-        As `inverse_table`.
+    The dwell in µs joins the label: ``label_600us``. InputError as `inverse_table`.
     """
     tables = []
     for dwell, inverse in zip(found.dwell.tolist(), found.inverses, strict=True):
@@ -184,19 +140,7 @@ def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_U
 
 
 def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
-    """Quantity over rail pressure (x) and energising time (y).
-
-    Parameters
-    ----------
-    found : InjectionMap
-    label : str
-    units : MapUnits
-
-    Raises
-    ------
-    InputError
-        As `inverse_table`.
-    """
+    """Quantity over rail pressure (x) and energising time (y). InputError as `inverse_table`."""
     times = _rounded(convert(found.axes.energising_time, "s", units.time))
     states = np.where(np.isfinite(found.volume), np.where(found.ballistic, "ballistic", "reached"), "failed").T
     return MapTable(
