@@ -25,13 +25,7 @@ HEADER = (
 
 
 def write_plan(path: Path, plan: Plan) -> None:
-    """Write a measuring plan, one line for each measurement.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
+    """Write a measuring plan, one line for each measurement."""
     rows = [[str(k), *_row(one)] for k, one in enumerate(plan.measurements, 1)]
     write_csv(path, ["commonrail measuring plan", *plan.notes], HEADER, rows)
 

@@ -49,12 +49,6 @@ def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
     """Positions (s, d): the most likely ones, then draws of the normal distribution that the curvature there gives.
 
     Draws beyond bounds and constraints are pulled back to them.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    many : int
-    seed : int
     """
     own, unit = estimate.likelihood, estimate.unit
     tangents = own.whiten(estimate.slopes)
@@ -68,18 +62,7 @@ def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
 
 
 def posterior_draws(estimate: Estimate, points: Floats, many: int, seed: int) -> Floats:
-    """Positions (s, d): the most likely ones, then draws from the posterior, none twice.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    points : (m, d)
-        Drawn from the posterior [SI].
-    many : int
-        Largest number s.
-    seed : int
-        Of the choice among them.
-    """
+    """Positions (s, d), at most `many`: the most likely, then some of the posterior's (m, d) [SI], none twice."""
     chosen = np.random.default_rng(seed).permutation(len(points))[: many - 1]
     return np.vstack([estimate.unit, estimate.likelihood.space.to_unit(points[chosen])])
 
@@ -93,16 +76,9 @@ KEPT = 0.999  # share of a discrepancy's variance that its loads hold
 
 
 def bench_loads(data: DataSet, simulator: Simulator, point: Floats, names: Sequence[str]) -> Floats:
-    """Changes (m, n) of a data set's residuals for one standard deviation of each uncertain quantity.
+    """Changes (m, n) of a data set's residuals at a point [SI] for one standard deviation of each uncertain quantity.
 
-    Parameters
-    ----------
-    data : DataSet
-    simulator : Simulator
-    point : (d,)
-        [SI].
-    names : sequence of str
-        Of the quantities, as `Nuisance.name`; one that has no effect on the data set has zeros.
+    They are named as `Nuisance.name`; one that has no effect on the data set has zeros.
     """
     n = len(data.measured)
     if not names:
@@ -120,14 +96,9 @@ def bench_loads(data: DataSet, simulator: Simulator, point: Floats, names: Seque
 
 
 def common_loads(block: Block, places: Floats) -> Floats:
-    """Loads (k, n + c) of a map's stated discrepancy on its n values and on values at other places.
+    """Loads (k, n + c) of a map's stated discrepancy on its n values and on values at c other places.
 
-    Parameters
-    ----------
-    block : Block
-        Of the map.
-    places : (c, 2)
-        Energising times [s] and rail pressures [Pa].
+    Places (c, 2) are energising times [s] and rail pressures [Pa].
     """
     both = np.concatenate([block.places, places])
     loads = replace(block, rows=slice(0, len(both)), places=both).stated_courses()
@@ -138,15 +109,7 @@ def common_loads(block: Block, places: Floats) -> Floats:
 
 
 def decorrelated(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
-    """Whitened derivatives (…, n) of a curve, with its stated discrepancy as part of the noise.
-
-    Parameters
-    ----------
-    tangents : (…, n)
-        Whitened by the noise alone.
-    block : Block
-    noise : FittedNoise
-    """
+    """Derivatives (…, n) of a curve, whitened by the noise alone, with its stated discrepancy as part of the noise."""
     loads = noise.whiten(block.stated_courses())
     if not len(loads):
         return tangents
@@ -163,20 +126,11 @@ STEP = 5e-3  # of a central difference, in positions between the bounds, as in `
 class Response(NamedTuple):
     """Measurement that could be made, as a linear model at each draw.
 
-    Attributes
-    ----------
-    candidate : Candidate
-    value : float
-        Quantity at the most likely values [m³]; NaN where that is not the kind's value or the simulation failed.
-    scale : float
-        Unit of the rows, for a quantity: tolerance [m³]; NaN for a curve.
-    rows : (s, r, d + m)
-        Derivatives of the whitened values with respect to the positions, then their changes for one standard deviation
-        of each uncertain quantity of the bench; zero at draws that fail.
-    plain : (s, d)
-        Derivatives of a quantity in tolerances; zero for a curve.
-    failed : int
-        Draws at which a simulation failed.
+    `value` is the quantity at the most likely values [m³], NaN where that is not the kind's value or the simulation
+    failed; `scale` the unit of the rows, for a quantity its tolerance [m³], NaN for a curve. `rows` (s, r, d + m) are
+    derivatives of the whitened values with respect to the positions, then their changes for one standard deviation of
+    each uncertain quantity of the bench, zero at the `failed` draws; `plain` (s, d) are derivatives of a quantity in
+    tolerances, zero for a curve.
     """
 
     candidate: Candidate
@@ -188,16 +142,7 @@ class Response(NamedTuple):
 
 
 def slopes_of(values: Callable[[Floats], Floats], space: Space, unit: Floats) -> Floats:
-    """Derivatives (s, d, n) of values with respect to positions, NaN where a simulation failed.
-
-    Parameters
-    ----------
-    values : function of (m, d) [SI]
-        Values (m, n).
-    space : Space
-    unit : (s, d)
-        Positions.
-    """
+    """Derivatives (s, d, n) of values (m, n) of points (m, d) [SI] by positions (s, d); NaN where one failed."""
     s, d = unit.shape
     moves = STEP * np.eye(d)
     ahead, behind = (np.clip(unit[:, None] + sign * moves, 0.0, 1.0) for sign in (1.0, -1.0))
@@ -208,17 +153,9 @@ def slopes_of(values: Callable[[Floats], Floats], space: Space, unit: Floats) ->
 
 
 class Responder(NamedTuple):
-    """Simulation of candidates.
+    """Simulation of candidates at positions (s, d), the most likely first.
 
-    Attributes
-    ----------
-    simulator : Simulator
-        Of the parameters of the space.
-    space : Space
-    unit : (s, d)
-        Draws, the most likely positions first.
-    uncertain : tuple of str
-        Names of the uncertain quantities of the bench.
+    The simulator has the parameters of the space; `uncertain` are names of uncertain quantities of the bench.
     """
 
     simulator: Simulator
@@ -234,16 +171,7 @@ class Responder(NamedTuple):
     def of(
         self, candidates: Sequence[Candidate], data: Sequence[DataSet], noises: Mapping[str, FittedNoise]
     ) -> list[Response]:
-        """Responses of candidates, in order.
-
-        Parameters
-        ----------
-        candidates : sequence of Candidate
-        data : sequence of DataSet
-            That there are.
-        noises : mapping of str to FittedNoise
-            Noise of a measurement of each kind.
-        """
+        """Responses of candidates, in order; `noises` are those of a measurement of each kind."""
         found: dict[int, Response] = {}
         for kind in dict.fromkeys(one.kind for one in candidates):
             which = [i for i, one in enumerate(candidates) if one.kind == kind]
@@ -300,23 +228,11 @@ def problem_of(
     responses: Sequence[Response],
     aim: tuple[Criterion, Sequence[int]],
 ) -> Problem:
-    """Problem of design about draws.
+    """Problem of design about draws (s, d), of candidates with these responses.
 
-    The unknowns are the positions, the uncertain quantities of the bench, and the loads of stated discrepancies.
-
-    Parameters
-    ----------
-    found : Estimate
-    likelihood : Likelihood
-        With the noise that is taken for granted.
-    data : sequence of DataSet
-        In the order of the likelihood's blocks.
-    unit : (s, d)
-        Draws.
-    responses : sequence of Response
-        Of the candidates.
-    aim : (Criterion, sequence of int)
-        Criterion, and the columns of the parameters that it is about.
+    The unknowns are the positions, the uncertain quantities of the bench, and the loads of stated discrepancies. Data
+    sets are in the order of the likelihood's blocks, whose noise is taken for granted. The aim is the criterion, and
+    the columns of the parameters that it is about.
     """
     loads, planned = _discrepancies(likelihood, data, responses)
     rows = _rows(responses, planned, [likelihood.noises[_first(data, one)].scale for one in responses])

@@ -43,20 +43,10 @@ OTHER_STARTS = 8  # plans that begin with the second, third … best first measu
 class Rules(NamedTuple):
     """Limits of a plan.
 
-    Attributes
-    ----------
-    costs : (c,)
-        Of each candidate.
-    levels : (c,) int
-        Setting of the bench, such as a rail pressure, that each candidate needs.
-    level_cost : float
-        Cost of every setting that a plan uses, however many of its points.
-    blocked : (c, c) bool
-        Candidates that exclude each other; on the diagonal, that may not be repeated.
-    most : int
-        Largest number of measurements.
-    budget : float
-        Largest cost.
+    `costs` (c,) are those of the candidates; `levels` (c,) settings of the bench that they need, such as a rail
+    pressure, of which each that a plan uses costs `level_cost`; `blocked` (c, c) marks candidates that exclude each
+    other, and on the diagonal those that may not be repeated; `most` is the largest number of measurements, `budget`
+    the largest cost.
     """
 
     costs: Floats
@@ -83,30 +73,13 @@ class Rules(NamedTuple):
 
 
 def too_close(places: Floats, others: Floats, least: Floats) -> Bools:
-    """Mask (n, m) of pairs of places (n, q), (m, q) that are closer than allowed in every coordinate.
-
-    Parameters
-    ----------
-    places, others : (n, q), (m, q)
-    least : (q,)
-        Smallest distances; places at exactly that distance are far enough.
-    """
+    """Mask (n, m) of pairs of places (n, q), (m, q) that are closer in every coordinate than `least` (q,)."""
     apart = np.abs(places[:, None] - others[None])
     return np.asarray((apart < least * (1.0 - 1e-9)).all(axis=-1))
 
 
 def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cost: bool = True) -> list[int]:
-    """Measurements one after the other, each the best next one.
-
-    Parameters
-    ----------
-    problem : Problem
-    rules : Rules
-    first : sequence of int
-        Measurements that the plan begins with.
-    per_cost : bool
-        Judge the fall of the criterion per cost; otherwise the fall alone.
-    """
+    """Measurements after `first`, each the best next one by the fall of the criterion, per cost or alone."""
     chosen = list(first)
     while len(chosen) < rules.most:
         fall = problem.score(chosen) - problem.scores(chosen)
@@ -120,14 +93,7 @@ def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cos
 
 
 def exchange(problem: Problem, rules: Rules, chosen: Sequence[int]) -> list[int]:
-    """Plan with measurements exchanged, the best exchange first, until none improves it.
-
-    Parameters
-    ----------
-    problem : Problem
-    rules : Rules
-    chosen : sequence of int
-    """
+    """Plan with measurements exchanged, the best exchange first, until none improves it."""
     plan = list(chosen)
     for _ in range(MOST_EXCHANGES):
         before = problem.score(plan)
@@ -218,16 +184,10 @@ class DesignSettings:
 class Measurement(NamedTuple):
     """Measurement of a plan.
 
-    Attributes
-    ----------
-    candidate : Candidate
-    value : float
-        Injected or returned quantity that is expected [m³]; NaN if it could not be simulated.
-    deviation : float
-        Standard deviation of that quantity before the plan [m³], noise of the measurement excluded; NaN for a curve.
-    factor : float
-        Typical standard deviation that the criterion is about, after this measurement and those before it, over that
-        before the plan.
+    `value` is the injected or returned quantity that is expected [m³], NaN if it could not be simulated; `deviation`
+    the standard deviation of that quantity before the plan [m³], noise of the measurement excluded, NaN for a curve;
+    `factor` a typical standard deviation that the criterion is about, after this measurement and those before it, over
+    that before the plan.
     """
 
     candidate: Candidate
@@ -273,13 +233,7 @@ def usual_candidates(
 ) -> list[Candidate]:
     """Candidates within the range of a study's data.
 
-    Parameters
-    ----------
-    study : Study
-    kinds : sequence of str
-        Of measurements; by default the kind of the first fitted data set.
-    costs : mapping of str to float, optional
-        Of a measurement of each kind; 1 by default.
+    They are of the kind of the first fitted data set unless kinds are named, and cost 1 unless their kind has a cost.
     """
     data = of_role(study.data, Role.FIT)
     pressures, times = usual_axes(data)

@@ -41,15 +41,8 @@ class Tornado(NamedTuple):
 class OutputSensitivity(NamedTuple):
     """Sensitivity of one output.
 
-    Attributes
-    ----------
-    output : Output
-    tornado : Tornado
-    indices : Indices or None
-        Of a Sobol' study; None where too many simulations failed or the output is constant.
-    effects : Effects or None
-        Of a Morris study; None as `indices`.
-    failed : Failed
+    Of a Sobol' study it has indices, of a Morris study effects; neither where too many simulations failed or the output
+    is constant.
     """
 
     output: Output

@@ -165,18 +165,7 @@ def study_of_model(
     empty: Sensitivity,
     progress: Callable[[Progress], None] | None = None,
 ) -> Sensitivity:
-    """Sensitivity of any model's outputs.
-
-    Parameters
-    ----------
-    model : Model
-    space : Space
-        Ranges of the parameters.
-    how : SensitivitySettings
-    empty : Sensitivity
-        Result without outputs.
-    progress : function of Progress, optional
-    """
+    """Sensitivity of any model's outputs to parameters in the ranges of a space, put into an empty result."""
     begin = time.perf_counter()
     designing, resampling = (np.random.default_rng(s) for s in np.random.SeedSequence(how.seed).spawn(2))
     design = _designed(how, space.dimension, designing)

@@ -24,13 +24,7 @@ class Parts(NamedTuple):
 
 
 class Simulated:
-    """The study's injector with its dimensions as columns.
-
-    Parameters
-    ----------
-    tolerances : Tolerances
-    threads : int, optional
-    """
+    """The study's injector with its dimensions as columns, and the number of injections simulated so far."""
 
     def __init__(self, tolerances: Tolerances, threads: int | None = None) -> None:
         self.tolerances, self.threads, self.injections = tolerances, threads, 0
@@ -75,18 +69,12 @@ WIDE = np.array([0.025, 0.975])  # shares of the parts at which the scaled dimen
 
 
 class Shares(NamedTuple):
-    """Shares of the variance at one operating point, per dimension.
+    """Shares of the variance at one operating point.
 
-    Attributes
-    ----------
-    value, low, high : (d,)
-        Share of the variance, and its interval (jackknife over groups of parts).
-    rest : float
-        Share that is in no dimension alone.
-    swing : (d,)
-        Quantity at the value below which 97.5 % of the parts lie less that at 2.5 %, all else the same [m³].
-    halved : (d,)
-        Standard deviation of the quantity if the deviations of this dimension were half as large [m³].
+    Of each dimension (d,) the share with its interval (jackknife over groups of parts); `rest` is in no dimension
+    alone; `swing` is the quantity at the value below which 97.5 % of the parts lie less that at 2.5 %, all else the
+    same [m³]; `halved` the standard deviation of the quantity if the deviations of this dimension were half as large
+    [m³].
     """
 
     value: Floats
@@ -109,11 +97,7 @@ class _Fit(NamedTuple):
 class VarianceShares:
     """Sums from which the shares follow, collected block by block.
 
-    Parameters
-    ----------
-    tolerances : Tolerances
-    centre : (points,)
-        Quantity about which sums are taken, so that rounding does not matter [m³].
+    They are taken about `centre` (points,) [m³], so that rounding does not matter.
     """
 
     def __init__(self, tolerances: Tolerances, centre: Floats) -> None:
@@ -126,17 +110,7 @@ class VarianceShares:
         self._squares = np.zeros((GROUPS, len(centre)))
 
     def add(self, group: int, values: Floats, quantities: Floats) -> None:
-        """Collect parts; a quantity that is NaN does not count.
-
-        Parameters
-        ----------
-        group : int
-            From 0 to `GROUPS` − 1.
-        values : (n, dimensions)
-            [SI].
-        quantities : (n, points)
-            [m³].
-        """
+        """Collect parts (n, dimensions) [SI] of a group with their quantities (n, points) [m³], NaN for none."""
         scaled = (values - self._middle) / self._reach
         powers = [np.ones((len(values), 1)), scaled]
         for _ in range(1, DEGREE):
@@ -151,14 +125,7 @@ class VarianceShares:
             self._squares[group, k] += float(known @ known)
 
     def shares(self, k: int, confidence: float) -> Shares | None:
-        """Shares at operating point k; None where too few parts are there, or the quantity does not scatter.
-
-        Parameters
-        ----------
-        k : int
-        confidence : float
-            Probability of the intervals.
-        """
+        """Shares at operating point k; None where too few parts are there, or the quantity does not scatter."""
         from scipy.special import stdtrit  # slow to import
 
         sums = [self._products[:, k], self._sums[:, k], self._squares[:, k]]
@@ -208,25 +175,9 @@ BARS = 60  # of the histogram
 class Spread(NamedTuple):
     """Spread of a quantity over parts at one operating point, SI.
 
-    Attributes
-    ----------
-    parts, failed : int
-        Number of parts, and of those whose simulation failed.
-    reasons : dict of str to int
-        Failed parts by reason.
-    mean, deviation : float
-        Of the parts that did not fail.
-    quantiles : tuple of float
-        At `QUANTILES`.
-    lower, upper : float or None
-        Limits.
-    below, above : int
-        Parts beyond the limits.
-    out : tuple of float
-        Share of the parts beyond the limits or failed, and its interval.
-    cp, cpk : float or None
-        Capability indices; None where limits are missing.
-    histogram : tuple of (edges, counts)
+    `mean` and `deviation` are of the parts that did not fail, `quantiles` at `QUANTILES`; `below` and `above` count the
+    parts beyond the limits; `out` is the share of the parts beyond the limits or failed, with its interval; `cp` and
+    `cpk` are None where limits are missing; the histogram has edges and counts.
     """
 
     parts: int
@@ -260,25 +211,10 @@ def spread_of(
     limits: tuple[float | None, float | None],
     confidence: float,
 ) -> Spread | None:
-    """Spread of the quantities of parts.
+    """Spread of the quantities (n,) of parts [m³] within limits [m³].
 
-    A part whose simulation failed counts as out of limits: it would be rejected.
-
-    Parameters
-    ----------
-    quantities : (n,)
-        [m³]; NaN where the simulation failed.
-    codes : (n,)
-        Values of `Status`.
-    limits : (lower, upper)
-        [m³], None where there is none.
-    confidence : float
-        Probability of the interval.
-
-    Returns
-    -------
-    Spread or None
-        None if fewer than two parts could be simulated.
+    A part whose simulation failed counts as out of limits: it would be rejected. None if fewer than two parts could be
+    simulated.
     """
     known = quantities[codes == OK]
     if len(known) < 2:
@@ -322,13 +258,7 @@ def _capability(
 
 
 def binomial_interval(hits: int, tries: int, confidence: float) -> tuple[float, float]:
-    """Interval of a share by Clopper and Pearson, which covers at least with the stated probability.
-
-    Parameters
-    ----------
-    hits, tries : int
-    confidence : float
-    """
+    """Interval of a share by Clopper and Pearson, which covers at least with the stated probability."""
     from scipy.special import betaincinv  # slow to import
 
     tail = 0.5 * (1.0 - confidence)

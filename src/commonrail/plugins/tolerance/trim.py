@@ -28,14 +28,8 @@ SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the n
 class TrimmedPoint(NamedTuple):
     """Spread of the trimmed parts at one operating point, before and after.
 
-    Attributes
-    ----------
-    name : str
-    before, after : Spread
-    correction : (mean, standard deviation)
-        Of the energising time [s].
-    held : int
-        Parts whose correction ended at the limit, half of the energising time.
+    `correction` is the mean and standard deviation of that of the energising time [s]; `held` counts the parts whose
+    correction ended at the limit, half of the energising time.
     """
 
     name: str
@@ -72,25 +66,10 @@ def trimmed(
     confidence: float,
     told: Callable[[int, int], None],
 ) -> Trimmed:
-    """Trim the first parts of a study.
+    """Trim the first parts of a study; `found` are all parts before the trim, `nominal` (points,) and limits in [m³].
 
-    Parameters
-    ----------
-    simulated : Simulated
-    found : Parts
-        Quantities of all parts before the trim.
-    nominal : (points,)
-        Of the part as drawn [m³].
-    limits : list of (lower, upper)
-        [m³].
-    confidence : float
-    told : function of int, int
-        Called with operating points done and in all.
-
-    Raises
-    ------
-    SimulationError
-        If the nominal quantity does not rise with the energising time at a test point.
+    `told` is called with operating points done and in all. SimulationError if the nominal quantity does not rise with
+    the energising time at a test point.
     """
     t = simulated.tolerances
     assert t.trim is not None

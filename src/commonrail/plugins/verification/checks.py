@@ -90,17 +90,8 @@ SHORT = (Volume(0.003, 1e-11, 0.9), Volume(0.01, 3e-11))
 class Task(NamedTuple):
     """One comparison of the engines.
 
-    Attributes
-    ----------
-    group : str
-        Named for the checks; those of one group have the same limits.
-    injector : Injector
-    point : OperatingPoint
-    limits : Course or tuple of Volume
-    single : str
-        Group of the same run in single precision, empty if there is none.
-    method : {"lsoda", "explicit"}
-        Of the reference.
+    Checks are named by the group, whose members have the same limits; `single` is the group of the same run in single
+    precision, empty if there is none; `method` is that of the reference.
     """
 
     group: str
@@ -112,16 +103,10 @@ class Task(NamedTuple):
 
 
 def comparisons(injector: Injector, quick: bool = False, catalogue: Sequence[Injector] = ()) -> list[Task]:
-    """All comparisons of the study.
+    """All comparisons of an injector that is flexible, fed by an ideal rail and driven by PWM.
 
-    Parameters
-    ----------
-    injector : Injector
-        Flexible, fed by an ideal rail and driven by PWM.
-    quick : bool
-        Fewer of each; hot and cold fuel, several injections and random injectors left out.
-    catalogue : sequence of Injector
-        Injectors that are compared with two injections, a long dwell between them.
+    Quick ones are fewer, without hot and cold fuel, several injections and random injectors. Those of the catalogue are
+    compared with two injections, a long dwell between them.
     """
     tasks = (
         _stiffnesses(injector, quick) + _wirings(injector) + _random_stiffnesses(injector, 4 if quick else CANDIDATES)
@@ -302,21 +287,12 @@ class Difference(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """Outcome of a task.
+    """Outcome of a task: single simulations in f64, and in f32 if it was asked for, against the reference.
 
-    Attributes
-    ----------
-    double, single : Difference
-        Of a single simulation in f64, and in f32 if it was asked for.
-    volume : float
-        Injected by the reference [m³].
-    gap : float
-        Injected by the fast engine, less that [m³]; NaN where one has failed.
-    batch : float
-        Injected by `simulate_batch`, less that of `simulate` [m³]; NaN where one has failed.
-    sensitivity : float
-        Change of the injected volume [%] per 1 % of the Z- or A-hole's diameter, whichever is larger, or of the
-        nozzle's holes; NaN where the limits are those of a course.
+    `volume` is injected by the reference [m³], `gap` by the fast engine less that [m³], `batch` by `simulate_batch`
+    less that of `simulate` [m³]; NaN where one has failed. `sensitivity` is the change of the injected volume [%] per 1
+    % of the Z- or A-hole's diameter, whichever is larger, or of the nozzle's holes; NaN where the limits are those of a
+    course.
     """
 
     double: Difference
@@ -392,25 +368,9 @@ def verify(
 ) -> list[Check]:
     """Check the fast engine against the reference and both against what is known otherwise.
 
-    Parameters
-    ----------
-    injector : Injector
-        Flexible, fed by an ideal rail and driven by PWM or regulator: the catalogue's "virtual-lino-2016".
-    progress : function of str, optional
-        Told after every comparison.
-    processes : int, optional
-        Processes for the reference runs; all usable processors by default.
-    quick : bool
-        Fewer pressures and candidates.
-    outside : sequence of Run
-        Figures of a program outside the project.
-    catalogue : sequence of Injector
-        Compared with two injections, a long dwell between them; left out if `quick`.
-
-    Returns
-    -------
-    list of Check
-        The worst figure of each group of comparisons, batches, scores, figures from outside, closed forms.
+    The injector is flexible, fed by an ideal rail and driven by PWM or regulator: the catalogue's "virtual-lino-2016".
+    `progress` is told after every comparison; `outside` are figures of a program outside the project. Of each group of
+    comparisons, batches, scores, figures from outside and closed forms the worst figure is returned.
     """
     tell = progress or (lambda text: None)
     tasks = comparisons(injector, quick, catalogue)

@@ -142,15 +142,7 @@ def _turbulent(effective: float, drop: float, density: float, offset: float) -> 
 
 
 def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
-    """State after every step by dotted name, leaving waves, and "time" [s]: each (steps + 1,).
-
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    dt : float
-        Time step [s].
-    """
+    """State after every step of `dt` [s] by dotted name, leaving waves, and "time" [s]: each (steps + 1,)."""
     prepared = plan.prepare(injector, [point], dt)
     _, trace = lanes.run(plan.make_job(prepared, prepared.row[None], False), injector.wired(), traced=True)
     rows = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T.copy(), strict=True))
@@ -158,17 +150,7 @@ def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Fl
 
 
 def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
-    """Delay [s] after which what left comes back with its sign changed.
-
-    Parameters
-    ----------
-    time : (n,)
-        [s].
-    arriving, leaving : (n,)
-        Waves.
-    near : float
-        Expected delay [s].
-    """
+    """Delay [s], near the expected one, after which a wave (n,) that left comes back with its sign changed."""
     from scipy.optimize import minimize_scalar  # slow to import
 
     def miss(delay: float) -> float:
@@ -181,15 +163,9 @@ def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
 
 
 def frequency(signal: Floats, dt: float, near: float) -> float:
-    """Strongest frequency [1/s] of a signal, from a windowed Fourier integral.
+    """Strongest frequency [1/s] between 0.3 and 1.3 times an expected one, from a windowed Fourier integral.
 
-    Parameters
-    ----------
-    signal : (n,)
-    dt : float
-        Time between values [s].
-    near : float
-        Expected frequency [1/s]; looked for between 0.3 and 1.3 times it.
+    The signal (n,) has a value every `dt` [s].
     """
     from scipy.optimize import minimize_scalar  # slow to import
 
@@ -206,12 +182,7 @@ def frequency(signal: Floats, dt: float, near: float) -> float:
 def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Floats]:
     """Stiffness matrix [N/m] and nodal masses [kg] of the nine-mass chain in contact, Eq. (10).
 
-    Parameters
-    ----------
-    k, masses : (7,)
-        Stiffness and mass of the cylinders.
-    joint : float
-        Contact stiffness between masses 6 and 7.
+    Stiffness and mass (7,) are of the cylinders, the joint is the contact stiffness between masses 6 and 7.
     """
     springs = np.array([*k[:5], joint, *k[5:]])
     matrix = np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
@@ -226,16 +197,7 @@ def chain_frequency(
 ) -> float:
     """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings.
 
-    Parameters
-    ----------
-    p, seat
-        Chain and seat.
-    shape, mass : (9,)
-        Mode, and nodal masses [kg].
-    omega : float
-        Expected angular frequency [1/s].
-    periods : int
-        Simulated.
+    The mode (9,) with nodal masses (9,) [kg] is expected at omega [1/s], and simulated for some of its periods.
     """
     dt = 2.0 * math.pi / omega / 200.0
     c = plunger_needle.coefficients(p, dt)
@@ -280,16 +242,7 @@ class Check(NamedTuple):
 
 
 def check(name: str, value: float, limit: float, unit: str, detail: str) -> Check:
-    """Check that passes if |value| ≤ limit; NaN does not.
-
-    Parameters
-    ----------
-    name : str
-    value, limit : float
-        [unit].
-    unit, detail : str
-        Unit, and what was compared.
-    """
+    """Check that passes if |value| ≤ limit [unit]; NaN does not. The detail is what was compared."""
     return Check(name, float(value), limit, unit, bool(abs(value) <= limit), detail)
 
 

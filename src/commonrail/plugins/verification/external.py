@@ -41,19 +41,10 @@ VOLUME, RATE, OPENING = (0.3, 0.1), (1.0, 0.4), 0.3
 
 @dataclass(frozen=True)
 class Run:
-    """One injection by the program outside.
+    """One injection with one energising by the program outside; the horizon of the point is that of the rate.
 
-    Attributes
-    ----------
-    injector : Injector
-    point : OperatingPoint
-        With one energising; its horizon is that of the rate.
-    volume : float
-        Injected [m³].
-    opening : float
-        Instant at which the tip passes 5 um [s].
-    rate : (samples,) or None
-        Means over `INTERVAL` each [m³/s], where they are known.
+    Injected volume [m³], instant at which the tip passes 5 um [s], and rate (samples,) as means over `INTERVAL` each
+    [m³/s], where they are known.
     """
 
     injector: Injector
@@ -107,15 +98,7 @@ def against_outside(runs: Sequence[Run], pool: Executor) -> list[Check]:
 
 
 def judged(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
-    """Checks of the gaps of one engine.
-
-    Parameters
-    ----------
-    engine : str
-        Its name.
-    runs, found : sequence
-        Runs, and the gaps of each.
-    """
+    """Checks of the gaps of one engine."""
     for short, what in ((False, "from 400 us"), (True, "short injections")):
         members = [one for run, one in zip(runs, found, strict=True) if run.short is short]
         rates = [one.rate for one in members if one.rate is not None]
