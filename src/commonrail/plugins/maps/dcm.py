@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
+from commonrail.base.units import convert, fits
 from commonrail.plugins.maps.table import Axis, MapTable
 from commonrail.readers.limits import read_text
 
@@ -141,6 +143,20 @@ def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: t
     values = np.array(numbers["WERT"]).reshape(ny, nx)
     states = tuple(("",) * nx for _ in range(ny))
     return MapTable(label, texts.get("LANGNAME", ""), "value", texts.get("EINHEIT_W", ""), x, y, values, states)
+
+
+def axes_of_dcm(path: Path, density: float) -> tuple[Floats, Floats]:
+    """Rail pressures [Pa] and quantities [m³] of the first map of a DCM file that has such axes.
+
+    InputError if none has. Quantities by mass are divided by the reference density [kg/m³].
+    """
+    for table in read_dcm(path):
+        for pressure, quantity in ((table.x, table.y), (table.y, table.x)):
+            by_mass = fits(quantity.unit, "kg")
+            if fits(pressure.unit, "Pa") and (by_mass or fits(quantity.unit, "m3")):
+                values = convert(quantity.values, quantity.unit, "kg" if by_mass else "m3")
+                return convert(pressure.values, pressure.unit, "Pa"), values / density if by_mass else values
+    raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units.")
 
 
 def facts_of(file: Path) -> dict[str, str]:

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.output import neutralised, replacing, write_csv, write_text
-from commonrail.base.text import number
-from commonrail.plugins.maps.cdfx import write_cdfx
+from commonrail.base.text import number, numbers
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.dcm import number_text, write_dcm
 from commonrail.plugins.maps.difference import Comparison
 from commonrail.plugins.maps.run import InjectionMap, MapBands
-from commonrail.plugins.maps.table import MapTable
+from commonrail.plugins.maps.table import Axis, MapTable
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
 
@@ -65,11 +66,6 @@ def _cell(value: float) -> str:
     return number_text(float(value)) if np.isfinite(value) else ""
 
 
-def _with_gaps(values: Floats) -> list[list[float | None]]:
-    """Rows of numbers, None where there is none."""
-    return [[v if np.isfinite(v) else None for v in row] for row in values.tolist()]
-
-
 def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
     maps = [
         {
@@ -79,11 +75,11 @@ def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
             "unit": table.unit,
             "x": {"name": table.x.name, "unit": table.x.unit, "values": table.x.values.tolist()},
             "y": {"name": table.y.name, "unit": table.y.unit, "values": table.y.values.tolist()},
-            "values": _with_gaps(table.values),
+            "values": numbers(table.values),
             "states": table.states,
             "notes": table.notes,
             "layers": [
-                {"name": layer.name, "unit": layer.unit, "values": _with_gaps(layer.values)} for layer in table.layers
+                {"name": layer.name, "unit": layer.unit, "values": numbers(layer.values)} for layer in table.layers
             ],
         }
         for table in tables
@@ -139,8 +135,8 @@ def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
     for table in tables:
         for line in (f"{table.label}: {table.title}", *table.notes):
             notes.append([neutralised(line)])
-        layers = [(layer.name, _with_gaps(layer.values)) for layer in table.layers]
-        for what, cells in ((table.name, _with_gaps(table.values)), ("states", table.states), *layers):
+        layers = [(layer.name, numbers(layer.values)) for layer in table.layers]
+        for what, cells in ((table.name, numbers(table.values)), ("states", table.states), *layers):
             sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
             corner = f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]"
             sheet.append([corner, *table.x.values.tolist()])
@@ -158,13 +154,80 @@ def _sheet_name(wanted: str, taken: Sequence[str]) -> str:
     return name
 
 
+# ASAM CDF 2.0 (CDFX), the XML format of calibration data of control units.
+
+_DOCTYPE = (
+    '<!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" '
+    '"cdf_v2.0.0.sl.dtd">'
+)
+_UNKNOWN = "information-not-available"  # of a system that is not named; the format's own word
+
+
+def _write_cdfx(path: Path, tables: Sequence[MapTable]) -> None:
+    """Write maps into one file, whole or not at all; InputError if a cell has no number.
+
+    Each map is a SW-INSTANCE of the category MAP with its own two axes; its value groups follow the y axis, the values
+    in a group the x axis. The notes of the maps stand in the long name of the tree.
+    """
+    for table in tables:
+        table.require_numbers("A CDFX file")
+    root = Element("MSRSW")
+    _text(root, "SHORT-NAME", "commonrail")
+    _text(root, "CATEGORY", "CDF20")
+    system = SubElement(SubElement(root, "SW-SYSTEMS"), "SW-SYSTEM")
+    _text(system, "SHORT-NAME", _UNKNOWN)
+    tree = SubElement(SubElement(system, "SW-INSTANCE-SPEC"), "SW-INSTANCE-TREE")
+    _text(tree, "SHORT-NAME", "commonrail")
+    _text(tree, "LONG-NAME", "; ".join(dict.fromkeys(note for table in tables for note in table.notes)))
+    _text(tree, "CATEGORY", "NO_VCD")
+    for table in tables:
+        tree.append(_instance(table))
+    ElementTree.indent(root)
+    body = ElementTree.tostring(root, encoding="unicode")
+    write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{_DOCTYPE}\n{body}\n')
+
+
+def _instance(table: MapTable) -> Element:
+    instance = Element("SW-INSTANCE")
+    _text(instance, "SHORT-NAME", table.label)
+    _text(instance, "LONG-NAME", table.title)
+    _text(instance, "CATEGORY", "MAP")
+    content = SubElement(instance, "SW-VALUE-CONT")
+    _text(content, "UNIT-DISPLAY-NAME", table.unit)
+    values = SubElement(content, "SW-VALUES-PHYS")
+    for place, row in zip(table.y.values.tolist(), table.values.tolist(), strict=True):
+        group = SubElement(values, "VG")
+        _text(group, "LABEL", number_text(place))
+        _values(group, row)
+    axes = SubElement(instance, "SW-AXIS-CONTS")
+    for axis in (table.x, table.y):
+        _axis(axes, axis)
+    return instance
+
+
+def _axis(axes: Element, axis: Axis) -> None:
+    container = SubElement(axes, "SW-AXIS-CONT")
+    _text(container, "CATEGORY", "STD_AXIS")
+    _text(container, "UNIT-DISPLAY-NAME", axis.unit)
+    _values(SubElement(container, "SW-VALUES-PHYS"), axis.values.tolist())
+
+
+def _values(parent: Element, values: Iterable[float]) -> None:
+    for value in values:
+        _text(parent, "V", number_text(value))
+
+
+def _text(parent: Element, tag: str, text: str) -> None:
+    SubElement(parent, tag).text = text
+
+
 _WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
     ".csv": _write_csv,
     ".xlsx": _write_xlsx,
     ".mat": _write_mat,
     ".json": _write_json,
     ".dcm": write_dcm,
-    ".cdfx": write_cdfx,
+    ".cdfx": _write_cdfx,
 }
 ENDINGS = tuple(_WRITERS)
 
@@ -181,7 +244,7 @@ def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = 
             "rail_pressure": compared.measured.rail_pressure.tolist(),
             "energising_time": compared.measured.energising_time.tolist(),
             "measured": compared.measured.volume.tolist(),
-            "simulated": _numbers(compared.simulated),
+            "simulated": numbers(compared.simulated),
             "rms_large": number(compared.rms_large),
             "rms_small": number(compared.rms_small),
         }
@@ -206,12 +269,12 @@ def _one(label: str, found: InjectionMap) -> dict[str, Any]:
         "rail_pressure": found.axes.rail_pressure.tolist(),
         "quantity": found.axes.quantity.tolist(),
         "energising_time": found.axes.energising_time.tolist(),
-        "injected_volume": _numbers(found.volume),
+        "injected_volume": numbers(found.volume),
         "ballistic": found.ballistic.tolist(),
         "falls_with_pressure": found.falls_with_pressure.tolist(),
         "inverse": {
-            "energising_time": _numbers(inverse.energising_time),
-            "delivered": _numbers(inverse.delivered),
+            "energising_time": numbers(inverse.energising_time),
+            "delivered": numbers(inverse.delivered),
             "state": [[CellState(state).name for state in row] for row in inverse.state.tolist()],
             "ballistic": found.inverse_ballistic.tolist(),
         },
@@ -231,10 +294,4 @@ def _bands(bands: MapBands) -> dict[str, Any]:
 
 
 def _edges(pair: tuple[Floats, Floats]) -> dict[str, Any]:
-    return {"lower": _numbers(pair[0]), "upper": _numbers(pair[1])}
-
-
-def _numbers(values: Floats) -> list[Any]:
-    if values.ndim == 1:
-        return [number(value) for value in values.tolist()]
-    return [_numbers(row) for row in values]
+    return {"lower": numbers(pair[0]), "upper": numbers(pair[1])}

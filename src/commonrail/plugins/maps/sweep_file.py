@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.output import write_csv
-from commonrail.base.text import number
+from commonrail.base.text import number, numbers
 from commonrail.base.units import convert
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
@@ -73,10 +73,10 @@ def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> di
         "base": {k: v for k, v in found.base._asdict().items() if k != "conditions"}
         | {k: v for k, v in conditions._asdict().items() if k != "threads"},
         "variables": [{"name": v.name, "unit": v.unit, "values": v.values.tolist()} for v in found.variables],
-        "injected_volume": _numbers(found.volume),
-        "second_volume": _numbers(found.second) if found.two else None,
+        "injected_volume": numbers(found.volume),
+        "second_volume": numbers(found.second) if found.two else None,
         "fused": found.fused.tolist() if found.two else None,
-        "opening": _numbers(found.opening),
+        "opening": numbers(found.opening),
         "without_number": [
             {
                 "status": g.status.name,
@@ -103,8 +103,8 @@ def compensation_record(found: Compensation) -> dict[str, Any]:
         "dwell": found.dwell.tolist(),
         "rail_pressure": axes.rail_pressure.tolist(),
         "quantity": axes.quantity.tolist(),
-        "energising_time": _numbers(found.energising_time),
-        "alone": _numbers(found.alone.inverse.energising_time),
+        "energising_time": numbers(found.energising_time),
+        "alone": numbers(found.alone.inverse.energising_time),
         "state": [[[CellState(s).name for s in row] for row in part.state.tolist()] for part in found.inverses],
     }
 
@@ -119,7 +119,3 @@ def _texts(volumes: Floats) -> list[str]:
 
 def _text(value: float | Floats) -> str:
     return f"{float(value):.4f}" if np.isfinite(value) else ""
-
-
-def _numbers(values: Floats) -> list[Any]:
-    return [number(v) for v in values.tolist()] if values.ndim == 1 else [_numbers(part) for part in values]

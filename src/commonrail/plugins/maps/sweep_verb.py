@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import click
-
 from commonrail.base.errors import InputError
-from commonrail.base.output import write_text, writing
+from commonrail.base.output import write_text
 from commonrail.base.units import parse
-from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
+from commonrail.plugins.maps.verb import read_conditions
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
@@ -78,28 +77,24 @@ def sweep(
       commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary dwell=400,800,1600us \\
           --first-energising-time 350us --hold 1,2,5,10mm3 --out second.dcm
     """
-    from commonrail.plugins.maps.response import Conditions
+    from commonrail.plugins.maps.file import check_map_file
     from commonrail.plugins.maps.sweep import Base
     from commonrail.runs.model_name import read_model_name
 
     for path in out:
         check_file(path, "--out")
-        if hold is None and path.suffix.lower() != ".csv":
+        if hold is not None:
+            check_map_file(path)
+        elif path.suffix.lower() != ".csv":
             raise InputError(f"--out: {path}: a sweep is written as .csv; for all numbers as JSON give --json.")
     check_file(report, "--report")
     check_distinct(*out, report)
-    conditions = Conditions(
-        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
-        parse(return_pressure, "Pa", "--return-pressure"),
-        parse(time_step, "s", "--time-step"),
-        threads,
-    )
     base = Base(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         parse(energising_time, "s", "--energising-time"),
         0.0 if first_energising_time is None else parse(first_energising_time, "s", "--first-energising-time"),
         parse(dwell, "s", "--dwell"),
-        conditions,
+        read_conditions(cylinder_pressure, return_pressure, time_step, threads),
     )
     injector = with_overrides(read_model_name(model).injector, set_)
     variables = [_variable(text) for text in vary]
@@ -107,8 +102,9 @@ def sweep(
     if hold is None:
         _sweep(injector, variables, base, (out, report, json))
     else:
-        wanted = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
-        _print_held(wanted, label, (out, report, json))
+        _print_held(
+            _held(injector, variables, base, hold, parse(longest, "s", "--longest")), label, (out, report, json)
+        )
 
 
 def _variable(text: str) -> Variable:
@@ -135,19 +131,13 @@ def _sweep(
     for path in out:
         write_sweep(path, found)
     if report is not None:
-        with writing(report, "--report"):
-            write_text(report, sweep_html(found, fusion))
-    files = [str(path) for path in (*out, report) if path is not None]
-    if json:
-        print_json(sweep_record(found, fusion) | {"files": files})
-        return
-    for line in sweep_lines(found):
-        click.echo(line)
-    if fusion:
-        click.echo("")
-        print_table(fusion_table(fusion))
-    for file in files:
-        say(f"wrote {file}")
+        write_text(report, sweep_html(found, fusion))
+    print_result(
+        json,
+        lambda: sweep_record(found, fusion),
+        lambda: print_text(sweep_lines(found), [fusion_table(fusion)] if fusion else []),
+        (*out, report),
+    )
 
 
 def _fusion(found: Sweep) -> list[tuple[float, float]]:
@@ -183,26 +173,19 @@ def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, 
 
 
 def _print_held(found: Compensation, label: str, wanted: tuple[Sequence[Path], Path | None, bool]) -> None:
-    from commonrail.plugins.maps.file import check_map_file, write_map_file
+    from commonrail.plugins.maps.file import write_map_file
     from commonrail.plugins.maps.sweep_file import compensation_record, write_compensation
     from commonrail.plugins.maps.sweep_page import compensation_html, compensation_table
     from commonrail.plugins.maps.table import compensation_tables
 
     out, report, json = wanted
     for path in out:
-        check_map_file(path)
-    for path in out:
         if path.suffix.lower() == ".csv":
             write_compensation(path, found)
         else:
             write_map_file(path, compensation_tables(found, label))
     if report is not None:
-        with writing(report, "--report"):
-            write_text(report, compensation_html(found))
-    files = [str(path) for path in (*out, report) if path is not None]
-    if json:
-        print_json(compensation_record(found) | {"files": files})
-        return
-    print_table(compensation_table(found))
-    for file in files:
-        say(f"wrote {file}")
+        write_text(report, compensation_html(found))
+    print_result(
+        json, lambda: compensation_record(found), lambda: print_table(compensation_table(found)), (*out, report)
+    )
