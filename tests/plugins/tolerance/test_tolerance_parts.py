@@ -12,12 +12,11 @@ from scipy import stats
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK, Status
-from commonrail.plugins.tolerance.parts import GROUPS, Shares, VarianceShares, binomial_interval, spread_of
+from commonrail.plugins.tolerance.parts import GROUPS, Draws, Shares, VarianceShares, binomial_interval, spread_of
 from commonrail.plugins.tolerance.study import (
     Correlation,
     Dimension,
     Distribution,
-    Draws,
     Limit,
     Normal,
     TolerancePoint,

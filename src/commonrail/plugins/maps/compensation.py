@@ -12,8 +12,8 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes
-from commonrail.plugins.maps.inverse import Inverse, Rules, invert
-from commonrail.plugins.maps.response import Conditions, Line, Response, knots_of, simulate_many
+from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
+from commonrail.plugins.maps.response import Conditions, Response, knots_of, simulate_many
 from commonrail.plugins.maps.run import InjectionMap, injection_map
 from commonrail.plugins.maps.sweep import Base, fused_of
 
@@ -66,14 +66,9 @@ def compensation(
         apart = ~fused & (found.status[0] == OK)
         return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
 
-    knots = knots_of(axes.energising_time)
-    rows = np.repeat(np.arange(len(rows_pressure)), len(knots))
-    grid = simulate(rows, np.tile(knots, len(rows_pressure)))
-    shape = len(rows_pressure), len(knots)
-    samples = zip(rows_pressure.tolist(), grid.volume.reshape(shape), grid.lift.reshape(shape), strict=True)
-    lines = [Line(p, knots, volume, lift) for p, volume, lift in samples]
+    lines = sampled(simulate, rows_pressure, knots_of(axes.energising_time))
     inverse, _ = invert(simulate, lines, axes.quantity, rules)
-    parts = [_rows(inverse, slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
+    parts = [inverse.rows(slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
     times = np.array([part.energising_time for part in parts])
     return Compensation(alone, first_energising_time, dwell, times, tuple(parts))
 
@@ -82,12 +77,6 @@ def _first(injector: Injector, rail_pressure: Floats, time: float, conditions: C
     """First injections alone, at each rail pressure."""
     points = [Base(rail, time, 0.0, 0.0, conditions).point({}) for rail in rail_pressure.tolist()]
     return simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
-
-
-def _rows(inverse: Inverse, rows: slice) -> Inverse:
-    """Some rows of an inverse."""
-    delivered, lift, state = inverse.delivered[rows], inverse.lift[rows], inverse.state[rows]
-    return Inverse(inverse.energising_time[rows], delivered, lift, state)
 
 
 def fusion_dwell(

@@ -20,7 +20,7 @@ from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.dcm import number_text, write_dcm
 from commonrail.plugins.maps.difference import Comparison
 from commonrail.plugins.maps.run import InjectionMap, MapBands
-from commonrail.plugins.maps.table import Axis, MapTable
+from commonrail.plugins.maps.table import Axis, Layer, MapTable
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
 
@@ -73,18 +73,20 @@ def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
             "title": table.title,
             "name": table.name,
             "unit": table.unit,
-            "x": {"name": table.x.name, "unit": table.x.unit, "values": table.x.values.tolist()},
-            "y": {"name": table.y.name, "unit": table.y.unit, "values": table.y.values.tolist()},
+            "x": _named_values(table.x),
+            "y": _named_values(table.y),
             "values": numbers(table.values),
             "states": table.states,
             "notes": table.notes,
-            "layers": [
-                {"name": layer.name, "unit": layer.unit, "values": numbers(layer.values)} for layer in table.layers
-            ],
+            "layers": list(map(_named_values, table.layers)),
         }
         for table in tables
     ]
     write_text(path, json.dumps({"kind": "maps", "schema": 1, "maps": maps}, indent=1, allow_nan=False) + "\n")
+
+
+def _named_values(part: Axis | Layer) -> dict[str, Any]:
+    return part._asdict() | {"values": numbers(part.values)}
 
 
 def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:

@@ -44,6 +44,10 @@ class Inverse(NamedTuple):
     lift: Floats
     state: States
 
+    def rows(self, which: slice) -> Inverse:
+        """Inverse at some of the pressures."""
+        return Inverse(self.energising_time[which], self.delivered[which], self.lift[which], self.state[which])
+
 
 class _Cells(NamedTuple):
     """Open cells (n,): their places (2, n), wanted volumes, and simulated times with their misses (3, n) [s], [m³].
@@ -59,6 +63,14 @@ class _Cells(NamedTuple):
     def only(self, kept: Bools) -> _Cells:
         """Cells of a mask."""
         return _Cells(self.place[:, kept], self.wanted[kept], self.time[:, kept], self.miss[:, kept])
+
+
+def sampled(simulate: Simulate, rail_pressure: Floats, times: Floats) -> list[Line]:
+    """Lines at rail pressures (n,) [Pa], simulated at the same energising times (m,) [s]."""
+    shape = len(rail_pressure), len(times)
+    found = simulate(np.repeat(np.arange(shape[0]), shape[1]), np.tile(times, shape[0]))
+    samples = zip(rail_pressure.tolist(), found.volume.reshape(shape), found.lift.reshape(shape), strict=True)
+    return [Line(pressure, times, volume, lift) for pressure, volume, lift in samples]
 
 
 def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules) -> tuple[Inverse, list[Line]]:
@@ -122,7 +134,7 @@ def _searched(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cel
         seen.append((cells.place[0], time, response))
         miss = response.volume - cells.wanted
         done = (np.abs(miss) <= TOLERANCE) | narrow | ~np.isfinite(miss)
-        _take(found, cells.only(done), time[done], Response(response.volume[done], response.lift[done]))
+        _take(found, cells.only(done), time[done], response.only(done))
         cells = _narrowed(cells, time, miss).only(~done)
     return _with_samples(lines, seen)
 
@@ -164,11 +176,8 @@ def _take(found: Inverse, cells: _Cells, time: Floats, response: Response) -> No
 
 def _with_samples(lines: list[Line], seen: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
     rows, times = np.concatenate([s[0] for s in seen]), np.concatenate([s[1] for s in seen])
-    volume, lift = (np.concatenate([getattr(s[2], name) for s in seen]) for name in ("volume", "lift"))
-    return [
-        line.joined(times[rows == row], Response(volume[rows == row], lift[rows == row]))
-        for row, line in enumerate(lines)
-    ]
+    both = Response(*(np.concatenate([getattr(s[2], name) for s in seen]) for name in ("volume", "lift")))
+    return [line.joined(times[rows == row], both.only(rows == row)) for row, line in enumerate(lines)]
 
 
 def _mark_several(found: Inverse, lines: list[Line], quantity: Floats) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arrays import Floats, Ints
+from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
 from commonrail.engine.job import Courses
@@ -134,6 +134,10 @@ class Response:
     volume: Floats
     lift: Floats
 
+    def only(self, which: Bools) -> Response:
+        """Injections of a mask."""
+        return Response(self.volume[which], self.lift[which])
+
 
 def density_at(injector: Injector, conditions: Conditions) -> float:
     """Reference density [kg/m³], which turns volumes of a map into masses: that at cylinder pressure."""
@@ -158,22 +162,9 @@ def simulate_points(injector: Injector, points: Sequence[OperatingPoint], condit
     volume, lift, status = _simulated(injector, points, conditions)
     open_ = np.flatnonzero(status == STILL_INJECTING).tolist()
     if open_:
-        longer = [replace(points[i], horizon=_last_end(points[i]) + LONGEST_AFTER) for i in open_]
+        longer = [replace(points[i], horizon=points[i].end_of_energising + LONGEST_AFTER) for i in open_]
         volume[open_], lift[open_], status[open_] = _simulated(injector, longer, conditions)
     return Response(np.where(status == OK, volume, np.nan), lift)
-
-
-def require_some(injector: Injector, points: Sequence[OperatingPoint], found: Response, conditions: Conditions) -> None:
-    """Refuse a response without a single sound simulation by a SimulationError with the reason of its first one."""
-    if np.all(np.isnan(found.volume)):
-        status = _simulated(injector, points[:1], conditions)[2]
-        raise SimulationError(f"{injector.name}: no point could be simulated. {Status(int(status[0])).sentence}")
-
-
-def _last_end(point: OperatingPoint) -> float:
-    """End of the last energising [s]."""
-    last = point.pulses[-1]
-    return last.start + last.duration
 
 
 def _simulated(
@@ -231,6 +222,14 @@ class Line(NamedTuple):
         """Samples at times [s] that are among them."""
         places = np.searchsorted(self.time, times)
         return Response(self.volume[places], self.lift[places])
+
+
+def require_some(injector: Injector, lines: Sequence[Line], conditions: Conditions) -> None:
+    """Refuse lines without a single volume by a SimulationError with the reason at the last sample of the last line."""
+    if all(np.isnan(line.volume).all() for line in lines):
+        point = conditions.point(lines[-1].rail_pressure, float(lines[-1].time[-1]))
+        status = _simulated(injector, [point], conditions)[2]
+        raise SimulationError(f"{injector.name}: no point could be simulated. {Status(int(status[0])).sentence}")
 
 
 def knots_of(times: Floats) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonrail.base.arguments import Quantity, array, instance, number
-from commonrail.base.arrays import Bools, Floats
+from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import counted
@@ -19,11 +19,12 @@ from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
-from commonrail.plugins.maps.inverse import Inverse, Rules, invert
+from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
 from commonrail.plugins.maps.response import (
     Conditions,
     Fall,
     Line,
+    Response,
     density_at,
     falls_of,
     knots_of,
@@ -130,14 +131,20 @@ def injection_map(
     instance(injector, Injector, "injector")
     axes = usual_axes(injector) if axes is None else instance(axes, MapAxes, "axes")
     tell = progress or (lambda _: None)
-    lines = _sampled(injector, axes, conditions, tell)
+
+    def simulate(rows: IndexArray, times: Floats) -> Response:
+        return respond(injector, axes.rail_pressure[rows], times, conditions)
+
+    knots = knots_of(axes.energising_time)
+    at = counted(len(axes.rail_pressure), "rail pressure")
+    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
+    lines = sampled(simulate, axes.rail_pressure, knots)
+    require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([found.volume for found in forward])
     cells = len(axes.rail_pressure) * len(axes.quantity)
     tell(f"inverting {counted(cells, 'cell')} ...")
-    inverse, lines = invert(
-        lambda rows, times: respond(injector, axes.rail_pressure[rows], times, conditions), lines, axes.quantity, rules
-    )
+    inverse, lines = invert(simulate, lines, axes.quantity, rules)
     full = np.array([np.nanmax(line.lift, initial=0.0) for line in lines])[:, None]
     return InjectionMap(
         injector,
@@ -152,18 +159,6 @@ def injection_map(
         tuple(fall for line in lines for fall in falls_of(line)),
         tuple(lines),
     )
-
-
-def _sampled(injector: Injector, axes: MapAxes, conditions: Conditions, tell: Callable[[str], None]) -> list[Line]:
-    """Samples on a fine grid of energising times at each rail pressure."""
-    knots = knots_of(axes.energising_time)
-    at = counted(len(axes.rail_pressure), "rail pressure")
-    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
-    rail, time = np.meshgrid(axes.rail_pressure, knots, indexing="ij")
-    found = respond(injector, rail, time, conditions)
-    require_some(injector, [conditions.point(float(rail[-1, 0]), float(knots[-1]))], found, conditions)
-    rows = zip(axes.rail_pressure.tolist(), found.volume, found.lift, strict=True)
-    return [Line(pressure, knots, volume, lift) for pressure, volume, lift in rows]
 
 
 # Maps and sweeps in one call, with units in texts.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -50,8 +51,8 @@ def write_compensation(path: Path, found: Compensation) -> None:
                 f"{found.dwell[d] * 1e6:.9g}",
                 f"{axes.rail_pressure[i] * 1e-6:.9g}",
                 f"{axes.quantity[j] * 1e9:.9g}",
-                _text(found.energising_time[d, i, j] * 1e6),
-                _text(found.alone.inverse.energising_time[i, j] * 1e6),
+                _text(float(found.energising_time[d, i, j]) * 1e6),
+                _text(float(found.alone.inverse.energising_time[i, j]) * 1e6),
                 CellState(int(found.inverses[d].state[i, j])).name.lower(),
             ]
 
@@ -110,12 +111,9 @@ def compensation_record(found: Compensation) -> dict[str, Any]:
 
 
 def _texts(volumes: Floats) -> list[str]:
-    """Volumes [m³] as `_text` writes them in mm³, all of them in a row."""
-    values = volumes.ravel() * 1e9
-    return [
-        f"{value:.4f}" if finite else "" for value, finite in zip(values.tolist(), np.isfinite(values), strict=True)
-    ]
+    """Volumes [m³] in mm³, all of them in a row."""
+    return [_text(value) for value in (volumes.ravel() * 1e9).tolist()]
 
 
-def _text(value: float | Floats) -> str:
-    return f"{float(value):.4f}" if np.isfinite(value) else ""
+def _text(value: float) -> str:
+    return f"{value:.4f}" if math.isfinite(value) else ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.units import convert
+from commonrail.base.units import compatible, convert
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
 from commonrail.plugins.maps.run import Edges, InjectionMap
@@ -101,21 +101,17 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
 
     InputError if a unit is unknown or of another kind, or the label cannot be used.
     """
-    x, y = (
-        _pressure_axis(found, units),
-        Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
-    )
-    values = convert(found.inverse.energising_time.T, "s", units.time)
-    states = [[_state(s, b) for s, b in zip(*row, strict=True)] for row in _columns(found)]
+    inverse = found.inverse
+    states = np.vectorize(_state, otypes=[object])(inverse.state.T, found.inverse_ballistic.T)
     return MapTable(
         check_label(label),
         f"Energising time of {found.injector.name} over rail pressure and quantity",
         "energising_time",
         units.time,
-        x,
-        y,
-        np.round(values, DECIMALS),
-        tuple(map(tuple, states)),
+        _pressure_axis(found, units),
+        Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
+        np.round(convert(inverse.energising_time.T, "s", units.time), DECIMALS),
+        tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.delivered, units),
     )
@@ -151,7 +147,7 @@ def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS)
         _pressure_axis(found, units),
         Axis("energising_time", units.time, times),
         np.round(_quantities(found, found.volume.T, units, exact=True), DECIMALS),
-        tuple(tuple(row) for row in states.tolist()),
+        tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.quantity, units),
     )
@@ -200,22 +196,13 @@ def _pressure_axis(found: InjectionMap, units: MapUnits) -> Axis:
 
 def _quantities(found: InjectionMap, volume: Floats, units: MapUnits, exact: bool = False) -> Floats:
     """Volumes [m³] in the unit of the file, which may be one of mass."""
-    from commonrail.base.units import compatible
-
-    if compatible(units.quantity, "kg"):
-        values = convert(volume * found.density, "kg", units.quantity)
-    else:
-        values = convert(volume, "m3", units.quantity)
+    by_mass = compatible(units.quantity, "kg")
+    values = convert(volume * found.density if by_mass else volume, "kg" if by_mass else "m3", units.quantity)
     return values if exact else _rounded(values)
 
 
 def _rounded(values: Floats) -> Floats:
     return np.array([float(f"{value:.{DIGITS}g}") for value in values.tolist()])
-
-
-def _columns(found: InjectionMap) -> list[tuple[list[int], list[bool]]]:
-    """States and ballistic marks of each quantity over the pressures."""
-    return list(zip(found.inverse.state.T.tolist(), found.inverse_ballistic.T.tolist(), strict=True))
 
 
 def _state(state: int, ballistic: bool) -> str:

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, duration, field_unit, percent, quantity, significant
+from commonrail.base.text import field_unit, percent, quantity, significant
 from commonrail.data.records import Record
+from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height
 from commonrail.report.draw.figure import figure_html
-from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
-
-SHOWN = 16  # parameters in a table or figure; all are in the CSV file
-HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
-
-
-def bar_height(rows: int) -> int:
-    """Height of a figure with bars [px]."""
-    return 130 + HEIGHT_OF_A_ROW * rows
 
 
 def _page(record: Record, folder: Path) -> str:
@@ -40,17 +31,16 @@ def sensitivity_html(record: Record, folder: str = "DIR") -> str:
         figures = _figures(record, output)
         drawn = [(f, figure_html(f, f"figure-{k}-{i}", bar_height(_rows(f)))) for i, f in enumerate(figures)]
         sections.append((_heading(output), _output_lines(record, output), table, drawn))
-    return render(
+    return analysis_html(
         "sensitivity.html",
-        package=__package__,
+        __package__,
+        record,
+        folder,
+        _facts(record),
         kind="Sensitivity",
-        record=record,
         lines=sensitivity_lines(record),
         sections=sections,
         ranges=_range_table(record),
-        synthetic=[record["synthetic"]] if record["synthetic"] else [],
-        commands=[("Make this report again", f"commonrail report {shlex.quote(folder)}")],
-        facts=_facts(record),
     )
 
 
@@ -234,9 +224,7 @@ def _range_table(record: Record) -> Table:
         ("mark", "mark"),
         ("source", "source"),
     ]
-    return tabulated(
-        "Ranges of the parameters", record["ranges"], columns, "Marks: M measured, C ECU, F fitted, E estimate.", 1
-    )
+    return tabulated("Ranges of the parameters", record["ranges"], columns, MARKS)
 
 
 _POLICY = {
@@ -255,16 +243,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Intervals", f"{percent(record['confidence'], 0)} %, bootstrap with {record['resamples']:,} resamples"),
         ("Seed", str(record["seed"])),
         ("Precision", record["precision"]),
-        *time_and_software(record),
     ]
-
-
-def time_and_software(record: Record) -> list[tuple[str, str]]:
-    """Facts that a sensitivity and a tolerance study share."""
-    seconds = record["clock"]["seconds"]
-    speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
-    versions = ", ".join(f"{name} {version}" for name, version in record["software"].items())
-    return [("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)]
 
 
 SENSITIVITY = Presenter(

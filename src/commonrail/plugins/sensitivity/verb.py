@@ -6,14 +6,14 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from commonrail.base.choices import Precision
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
-from commonrail.cli.console import Bar, Stage, print_json, print_table, say
+from commonrail.cli.console import Bar, Stage, print_json, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 
@@ -94,8 +94,10 @@ def sensitivity(
       commonrail sensitivity cases/paper/study.toml --samples 256
     """
     from commonrail.data.feature_targets.injection import DEFAULT
+    from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
     from commonrail.plugins.sensitivity.run import sensitivity as run
     from commonrail.plugins.sensitivity.study import SensitivitySettings
+    from commonrail.report.analysis import run_into, synthetic_lines
 
     settings = SensitivitySettings(
         design=design,
@@ -126,35 +128,13 @@ def sensitivity(
                 progress=lambda p: bar.show(Stage("simulating", p.done, p.total, f"{p.total} candidates")),
             )
 
-    _report(work() if out is None else _into(out, work), out, json)
-
-
-def _into(folder: Path, work: Any) -> Sensitivity:
-    """Run a study into a new folder, which is removed again if nothing comes of it."""
-    from commonrail.report.page import write_report
-    from commonrail.runs.comparison import write_analysis
-    from commonrail.runs.folder import new_run_folder
-
-    with new_run_folder(folder):
-        found: Sensitivity = work()
-        write_analysis(folder, "sensitivity.csv", found.record(), found.rows())
-    write_report(folder)
-    return found
-
-
-def _report(found: Sensitivity, out: Path | None, json: bool) -> None:
-    from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
-
+    found = run_into(out, "sensitivity", work)
     record = found.record()
     if json:
         print_json(record)
         return
-    if record["synthetic"]:
-        click.echo(f"SYNTHETIC: {record['synthetic']}")
-    for line in sensitivity_lines(record):
-        click.echo(line)
-    for output, table in zip(record["outputs"], sensitivity_tables(record), strict=True):
-        print_table(table)
+    print_text([*synthetic_lines(record), *sensitivity_lines(record)], sensitivity_tables(record))
+    for output in record["outputs"]:
         if output["why_not"]:
             say(f"{output['name']}: {output['why_not']}")
     if out is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +9,8 @@ from commonrail.base.chart import Bars, Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
-from commonrail.plugins.sensitivity.page import SHOWN, bar_height, time_and_software
+from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height
 from commonrail.report.draw.figure import figure_html
-from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
@@ -34,20 +32,19 @@ def tolerance_html(record: Record, folder: str = "DIR") -> str:
     for k, point in enumerate(record["points"]):
         figures = [(f, figure_html(f, f"figure-{k}-{i}", height)) for i, (f, height) in enumerate(_figures(point))]
         sections.append((point["name"], _point_lines(point), figures, _share_table(record, point)))
-    return render(
+    return analysis_html(
         "tolerance.html",
-        package=__package__,
+        __package__,
+        record,
+        folder,
+        _facts(record),
         kind="Tolerance",
-        record=record,
         lines=tolerance_lines(record),
         capability=_capability_table(record),
         sections=sections,
         trim=_trim_table(record),
         trim_lines=_trim_lines(record),
         dimensions=_dimension_table(record),
-        synthetic=[record["synthetic"]] if record["synthetic"] else [],
-        commands=[("Make this report again", f"commonrail report {shlex.quote(folder)}")],
-        facts=_facts(record),
     )
 
 
@@ -231,9 +228,7 @@ def _dimension_table(record: Record) -> Table:
     ]
     pairs = [f"{c['first']} and {c['second']}: {c['value']:g}" for c in record["correlations"]]
     note = f"Correlations of the normal scores: {'; '.join(pairs)}. " if pairs else "All are independent. "
-    return tabulated(
-        "Dimensions", record["dimensions"], columns, note + "Marks: M measured, C ECU, F fitted, E estimate.", 1
-    )
+    return tabulated("Dimensions", record["dimensions"], columns, note + MARKS)
 
 
 def _distribution(dimension: Record) -> str:
@@ -259,7 +254,6 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Parts", f"{record['parts']:,}, {_SAMPLING[record['sampling']]}"),
         ("Seed", str(record["seed"])),
         ("Time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs, {record['precision']}"),
-        *time_and_software(record),
     ]
 
 

@@ -13,8 +13,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.engine.status import OK, Status
 from commonrail.plugins.tolerance.file import PointResult, ToleranceResult
-from commonrail.plugins.tolerance.parts import GROUPS, Parts, Simulated, VarianceShares, spread_of
-from commonrail.plugins.tolerance.study import Draws, Tolerances
+from commonrail.plugins.tolerance.parts import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
+from commonrail.plugins.tolerance.study import Tolerances
 from commonrail.plugins.tolerance.trim import trimmed
 from commonrail.workers.interrupt import held_interrupts
 
