@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.output import check_target, writing
-from commonrail.base.units import compatible, parse, parse_difference
+from commonrail.base.units import fits, parse, parse_difference
 from commonrail.cli.grammar import Argument, Option
 
 if TYPE_CHECKING:
@@ -194,16 +194,9 @@ def read_quantities(text: str, density: float, option: str) -> Floats:
         As `read_axis`.
     """
     unit = _NUMBER.fullmatch(re.split("[,:]", text)[-1])
-    if unit is not None and unit[2] and _is_mass(unit[2]):
+    if unit is not None and fits(unit[2], "kg"):
         return read_axis(text, "kg", option, increasing=True) / density
     return read_axis(text, "m3", option, increasing=True)
-
-
-def _is_mass(unit: str) -> bool:
-    try:
-        return compatible(unit, "kg")
-    except InputError:
-        return False
 
 
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
@@ -318,8 +311,12 @@ def _setting(text: str) -> tuple[str, float]:
 def _energising(text: str) -> Energising:
     from commonrail.engine.operating_point import Energising
 
-    where = f"--energising {text}"
-    start, colon, duration = text.partition(":")
+    return Energising(*read_pair(text, "s", f"--energising {text}", "START:DURATION, such as 900us:700us"))
+
+
+def read_pair(text: str, unit: str, option: str, form: str) -> tuple[float, float]:
+    """Two values in `unit` with a colon between them; InputError with the form that they should have."""
+    first, colon, second = text.partition(":")
     if not colon:
-        raise InputError(f"{where}: expected START:DURATION, such as 900us:700us.")
-    return Energising(parse(start, "s", where), parse(duration, "s", where))
+        raise InputError(f"{option}: expected {form}.")
+    return parse(first, unit, option), parse(second, unit, option)

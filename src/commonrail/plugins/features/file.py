@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
-from commonrail.base.units import compatible, to_text
+from commonrail.base.units import fits, to_text
 from commonrail.data.features.rate_trace import RATE_UNITS, RateTrace, bounds_around
 from commonrail.engine.operating_point import Energising
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, name_and_unit
@@ -100,20 +100,13 @@ def _found(sheet: Sheet) -> tuple[str, ...]:
         named = [name_and_unit(cell) for cell in sheet.header]
     else:
         named = [(name, str(sheet.unit(name))) for name in sheet.names if hasattr(sheet, "unit")]
-    found = tuple(name for name, unit in named if unit and _is_rate(unit))
+    found = tuple(name for name, unit in named if any(fits(unit or "", one) for one in RATE_UNITS))
     if not found:
         raise InputError(
             f'{sheet.path}: no column has the unit of a rate in its header, as in "rate [mm3/ms]"; name the columns '
             "and state their unit."
         )
     return found
-
-
-def _is_rate(unit: str) -> bool:
-    try:
-        return any(compatible(unit, one) for one in RATE_UNITS)
-    except InputError:
-        return False
 
 
 def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> IndexArray:

@@ -95,6 +95,11 @@ def bench_loads(data: DataSet, simulator: Simulator, point: Floats, names: Seque
     return np.array([found.get(name, np.zeros(n)) for name in names])
 
 
+def has_discrepancy(block: Block) -> bool:
+    """Whether a data set states a discrepancy that is correlated."""
+    return bool(block.noise.discrepancy and block.noise.length)
+
+
 def common_loads(block: Block, places: Floats) -> Floats:
     """Loads (k, n + c) of a map's stated discrepancy on its n values and on values at c other places.
 
@@ -260,7 +265,7 @@ def _discrepancies(
     places = np.array([place_of(one.candidate.point)[1::-1] for one in responses])
     first = np.array([_first(data, one) for one in responses])
     for i, block in enumerate(likelihood.blocks):
-        if block.ordered or not (block.noise.discrepancy and block.noise.length):
+        if block.ordered or not has_discrepancy(block):
             continue
         which = np.flatnonzero(first == i)
         both = common_loads(block, places[which])

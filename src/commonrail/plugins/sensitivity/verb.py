@@ -15,7 +15,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads
+from commonrail.cli.options import Json, Threads, read_pair
 
 if TYPE_CHECKING:
     from commonrail.calibration.parameter import Parameter
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.physics.injector import Injector
     from commonrail.plugins.sensitivity.file import Sensitivity
-
-DESIGNS = ("sobol", "morris")
 
 
 @verb
@@ -170,16 +168,12 @@ def _subject(source: str) -> Injector | Study:
 def _of_run(run: Path) -> Study:
     """The study of a run folder about its calibrated values."""
     from commonrail.calibration.space import Space
-    from commonrail.calibration.study_file.file import load_study
     from commonrail.readers.injector.file import load_injector
+    from commonrail.runs.folder import read_fit
 
-    calibrated = run / "calibrated.toml"
-    if not calibrated.is_file():
-        raise InputError(
-            f"{run}: not a run folder of commonrail calibrate (there is no calibrated.toml); name another."
-        )
-    study, injector = load_study(run / "study.toml"), load_injector(calibrated)
-    parameters = [replace(p, reference=injector.values.get(p.name, p.reference)) for p in study.space.parameters]
+    study, best = read_fit(run)
+    injector = load_injector(run / "calibrated.toml")
+    parameters = [replace(p, reference=best[p.name]) for p in study.space.parameters]
     return replace(study, injector=injector, space=Space(parameters, study.space.constraints, study.space.products))
 
 
@@ -198,9 +192,6 @@ def _parameters(subject: Injector | Study, given: Sequence[str], within: float) 
         name, equals, ends = (part.strip() for part in text.partition("="))
         names.append(name)
         if equals and name in known:
-            where = f"--parameter {text}"
-            low, colon, high = ends.partition(":")
-            if not colon:
-                raise InputError(f"{where}: expected NAME=LOW:HIGH, such as valve.lift=50um:60um.")
-            ranges[name] = (parse(low, known[name].unit, where), parse(high, known[name].unit, where))
+            form = "NAME=LOW:HIGH, such as valve.lift=50um:60um"
+            ranges[name] = read_pair(ends, known[name].unit, f"--parameter {text}", form)
     return parameters_within(injector, names or None, within, ranges)
