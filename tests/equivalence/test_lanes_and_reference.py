@@ -16,19 +16,9 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.paper.bench import PAPER_OPTIMUM
-from commonrail.plugins.verification.checks import (
-    ENERGISING,
-    HORIZON,
-    Compared,
-    Course,
-    Task,
-    compare,
-    comparisons,
-    difference,
-    judged,
-    verify,
-)
 from commonrail.plugins.verification.external import load_outside
+from commonrail.plugins.verification.run import Compared, compare, difference, judged, verify
+from commonrail.plugins.verification.study import ENERGISING, HORIZON, Course, Task, comparisons
 from commonrail.readers.injector.file import injector_catalogue, load_injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short

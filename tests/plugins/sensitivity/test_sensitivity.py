@@ -50,7 +50,7 @@ class Steep:
 def studied(limit: float, **settings: object) -> Sensitivity:
     how = SensitivitySettings(samples=64, **settings)  # type: ignore[arg-type]
     empty = Sensitivity("made up", "none", "made up", tuple(SPACE.parameters), how)
-    return study_of_model(Steep(limit), SPACE, how, empty)
+    return study_of_model(Steep(limit), SPACE, empty)
 
 
 @pytest.mark.parametrize("design", ["sobol", "morris"])

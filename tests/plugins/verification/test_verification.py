@@ -12,7 +12,9 @@ from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.plugins.verification import external
-from commonrail.plugins.verification.checks import (
+from commonrail.plugins.verification.external import objective_and_scores
+from commonrail.plugins.verification.run import Compared, Difference, judged
+from commonrail.plugins.verification.study import (
     AROUND,
     DWELLS,
     HORIZON,
@@ -22,15 +24,11 @@ from commonrail.plugins.verification.checks import (
     SHORT,
     SHORT_AT,
     SHORT_TIMES,
-    Compared,
     Course,
-    Difference,
     Task,
     Volume,
     comparisons,
-    judged,
 )
-from commonrail.plugins.verification.external import objective_and_scores
 
 POINT = OperatingPoint(160e6, 700e-6)
 NEAR = Difference(0.05, -0.02, 0.1, -0.4)

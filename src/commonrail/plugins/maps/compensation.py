@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
@@ -54,15 +56,16 @@ def compensation(
         raise ConfigurationError("The first energising time must be greater than zero, the dwells zero or greater.")
     alone = injection_map(injector, axes, conditions, rules)
     pressures, count = axes.rail_pressure, len(axes.rail_pressure)
-    first = _first(injector, pressures, first_energising_time, conditions)
+    base = Base(float(pressures[0]), 0.0, first_energising_time, 0.0, conditions)
+    first = _simulated(injector, base.points({"rail_pressure": pressures}, alone=True), conditions)
     rows_pressure, rows_dwell = np.tile(pressures, len(dwell)), np.repeat(dwell, count)
     rows_first, delay = np.tile(first.injected_volume[0], len(dwell)), np.tile(first.opening[0], len(dwell))
 
     def simulate(rows: IndexArray, times: Floats) -> Response:
-        places = zip(rows_pressure[rows].tolist(), rows_dwell[rows].tolist(), times.tolist(), strict=True)
-        points = [Base(p, t, first_energising_time, pause, conditions).point({}) for p, pause, t in places]
-        found = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
-        fused = fused_of(found, first_energising_time + rows_dwell[rows], delay[None, rows])[0]
+        changed = {"rail_pressure": rows_pressure[rows], "dwell": rows_dwell[rows], "energising_time": times}
+        points = base.points(changed)
+        found = _simulated(injector, points, conditions)
+        fused = fused_of(found, points.last_starts, delay[None, rows])[0]
         apart = ~fused & (found.status[0] == OK)
         return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
 
@@ -73,32 +76,25 @@ def compensation(
     return Compensation(alone, first_energising_time, dwell, times, tuple(parts))
 
 
-def _first(injector: Injector, rail_pressure: Floats, time: float, conditions: Conditions) -> Batch:
-    """First injections alone, at each rail pressure."""
-    points = [Base(rail, time, 0.0, 0.0, conditions).point({}) for rail in rail_pressure.tolist()]
+def _simulated(injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions) -> Batch:
     return simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
 
 
-def fusion_dwell(
-    injector: Injector, rail_pressure: Floats, times: tuple[float, float], longest: float, conditions: Conditions
-) -> Floats:
-    """Longest dwell (n,) at which two injections fuse into one [s].
+def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest: float) -> Floats:
+    """Longest dwell (n,) at which two injections of a base fuse into one [s], at rail pressures (n,) [Pa].
 
-    Rail pressures (n,) [Pa], energising times of both injections [s]. NaN where they do so at the longest that is tried
-    [s], and where a simulation failed. Halved to 1 us, taking for granted that injections which fuse also fuse at any
-    shorter dwell.
+    NaN where they do so at the longest that is tried [s], and where a simulation failed. Halved to 1 us, taking for
+    granted that injections which fuse also fuse at any shorter dwell.
     """
     low, high = np.zeros(len(rail_pressure)), np.full(len(rail_pressure), longest)
-
-    first = _first(injector, rail_pressure, times[0], conditions)
+    first = _simulated(injector, base.points({"rail_pressure": rail_pressure}, alone=True), base.conditions)
     delay, lost = first.opening, first.status[0] != OK
 
     def fused(dwell: Floats) -> Bools:
-        places = zip(rail_pressure.tolist(), dwell.tolist(), strict=True)
-        points = [Base(rail, times[1], times[0], pause, conditions).point({}) for rail, pause in places]
-        batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
+        points = base.points({"rail_pressure": rail_pressure, "dwell": dwell})
+        batch = _simulated(injector, points, base.conditions)
         lost[batch.status[0] != OK] = True
-        found: Bools = fused_of(batch, times[0] + dwell, delay)[0]
+        found: Bools = fused_of(batch, points.last_starts, delay)[0]
         return found
 
     beyond, never = fused(high), ~fused(low)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ from commonrail.plugins.maps.response import Conditions, simulate_many
 
 # Operating point around which a sweep moves, and the points of many combinations at once.
 
+TIMES = ("first_energising_time", "energising_time", "dwell")
 AFTER = 5e-3  # simulated after the last energising; it ends early once the needle has closed [s]
 
 
@@ -55,47 +56,40 @@ class Base(NamedTuple):
 
     def point(self, changed: Mapping[str, float], alone: bool = False) -> OperatingPoint:
         """Operating point with some variables changed, or with the first of two injections alone."""
-        own = self._asdict() | self.conditions._asdict() | dict(changed)
-        first, second = own["first_energising_time"], own["energising_time"]
-        pulses = [(0.0, first)] if first > 0.0 else []
-        if not alone:
-            pulses.append((first + own["dwell"] if pulses else 0.0, second))
-        end = pulses[-1][0] + pulses[-1][1]
-        pressures = own["rail_pressure"], own["cylinder_pressure"], own["return_pressure"]
-        return OperatingPoint(pressures[0], tuple(pulses), *pressures[1:], horizon=end + AFTER)
+        return OperatingPoint(**_arguments(self._rows(changed)[0].tolist(), alone))
 
-    def points(self, changed: Mapping[str, Floats], count: int, alone: bool = False) -> Points:
+    def points(self, changed: Mapping[str, Floats], alone: bool = False) -> Points:
         """Operating points as `point` makes each of them, in a tenth of the time, and made when they are needed.
 
-        All values (count,) are compared with the limits of operating points at once. A point outside is made by
+        All values (points,) are compared with the limits of operating points at once. A point outside is made by
         `point`, which says what is wrong with it.
         """
-        own = self._asdict() | self.conditions._asdict() | dict(changed)
-        names = ("rail_pressure", "cylinder_pressure", "return_pressure")
-        pressures = [np.broadcast_to(np.asarray(own[name], float), count) for name in names]
-        first, second, dwell = (
-            np.broadcast_to(np.asarray(own[name], float), count)
-            for name in ("first_energising_time", "energising_time", "dwell")
-        )
-        before = first > 0.0
-        start = np.where(before, first + dwell, 0.0)
-        end = np.where(alone, first, start + second)
-        sound = _within(pressures[0], RAIL_PRESSURES) & _within(first, ENERGISING_TIMES) & (end + AFTER <= LONGEST)
-        for pressure in pressures[1:]:
-            sound &= _within(pressure, OTHER_PRESSURES) & (pressure < pressures[0])
-        sound &= before if alone else _within(second, ENERGISING_TIMES) & (start >= np.where(before, first, 0.0))
+        rows = self._rows(changed)
+        rail, cylinder, back, first, start, second = rows.T
+        end = first if alone else start + second
+        sound = _within(rail, RAIL_PRESSURES) & _within(first, ENERGISING_TIMES) & (end + AFTER <= LONGEST)
+        for pressure in (cylinder, back):
+            sound &= _within(pressure, OTHER_PRESSURES) & (pressure < rail)
+        last = first > 0.0 if alone else _within(second, ENERGISING_TIMES) & ((start >= first) | ~(first > 0.0))
         others = {
             int(i): self.point({name: float(values[i]) for name, values in changed.items()}, alone)
-            for i in np.flatnonzero(~sound)
+            for i in np.flatnonzero(~(sound & last))
         }
-        return Points(np.stack([*pressures, first, start, second, end + AFTER], axis=1), alone, others)
+        return Points(rows, alone, others)
+
+    def _rows(self, changed: Mapping[str, Floats | float]) -> Floats:
+        """Rows (points, 6): three pressures, energising time of the first of two, start and duration of the last."""
+        current = self._asdict() | self.conditions._asdict() | dict(changed)
+        names = ("rail_pressure", "cylinder_pressure", "return_pressure", *TIMES)
+        values = (np.atleast_1d(np.asarray(current[name], float)) for name in names)
+        *pressures, first, second, dwell = np.broadcast_arrays(*values)
+        return np.stack([*pressures, first, np.where(first > 0.0, first + dwell, 0.0), second], axis=1)
 
 
 class Points(Sequence[OperatingPoint]):
     """Operating points of many combinations; those of a slice are made when it is taken.
 
-    Checked rows (points, 7): three pressures, first energising, start and length of the last, horizon. `others` are
-    points that are not made of their rows.
+    Their rows (points, 6) are checked; `others` are points that are not made of their rows.
     """
 
     def __init__(self, rows: Floats, alone: bool, others: Mapping[int, OperatingPoint]) -> None:
@@ -126,20 +120,25 @@ def _within(values: Floats, limits: Limits) -> Bools:
 
 
 def _made(row: Sequence[float], alone: bool) -> OperatingPoint:
-    """Operating point of checked values: three pressures, first energising, start and length of the last, horizon."""
-    rail, cylinder, back, first, start, second, horizon = row
-    before = (_energising(0.0, first),) if first > 0.0 else ()
+    """Operating point of a row that is checked."""
+    arguments = _arguments(row, alone)
+    energisings = tuple(_energising(*pulse) for pulse in arguments["energisings"])
     point = object.__new__(OperatingPoint)
-    point.__dict__.update(
-        rail_pressure=rail,
-        energisings=before if alone else (*before, _energising(start, second)),
-        cylinder_pressure=cylinder,
-        return_pressure=back,
-        drive=None,
-        horizon=horizon,
-        start=0.0,
-    )
+    point.__dict__.update(arguments | {"energisings": energisings, "drive": None, "start": 0.0})
     return point
+
+
+def _arguments(row: Sequence[float], alone: bool) -> dict[str, Any]:
+    """Arguments of an operating point from its row."""
+    rail, cylinder, back, first, start, second = row
+    pulses = [(0.0, first)] if first > 0.0 else []
+    return {
+        "rail_pressure": rail,
+        "energisings": tuple(pulses if alone else [*pulses, (start, second)]),
+        "cylinder_pressure": cylinder,
+        "return_pressure": back,
+        "horizon": (first if alone else start + second) + AFTER,
+    }
 
 
 @functools.lru_cache(maxsize=10_000)
@@ -147,8 +146,6 @@ def _energising(start: float, duration: float) -> Energising:
     """Energising of checked values: the points of a sweep share most of theirs."""
     return Energising._make((start, duration))
 
-
-_Any = TypeVar("_Any", np.float64, np.bool_, np.int64)
 
 # Variables of the operating point and their SI units.
 OPERATING = {
@@ -262,7 +259,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     _check_values(injector, variables)
     moving = [v for v in variables if v.name in OPERATING]
     own = [v for v in variables if v.name not in OPERATING]
-    columns, count = _columns(moving), int(np.prod([len(v.values) for v in moving]))
+    columns = _columns(moving)
     values = np.stack(list(_columns(own).values()), axis=1) if own else None
     names = [v.name for v in own]
     _, _, step, threads = base.conditions
@@ -270,7 +267,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     def simulated(points: Sequence[OperatingPoint]) -> Batch:
         return simulate_many(injector, points, names, values, time_step=step, threads=threads)
 
-    whole = base.points(columns, count)
+    whole = base.points(columns)
     both = simulated(whole)
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
@@ -280,7 +277,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
     first_status = np.full(total.shape, OK)
     if two:
-        distinct, which = _first_alone(base, columns, count)
+        distinct, which = _first_alone(base, columns, len(whole))
         first = simulated(distinct)
         first_status = first.status[:, which]
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
@@ -289,7 +286,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     sizes = [len(v.values) for v in (*own, *moving)]
     order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
 
-    def shaped(table: NDArray[_Any]) -> NDArray[_Any]:
+    def shaped(table: NDArray[Any]) -> NDArray[Any]:
         """Axes in the order of the variables, from (candidates, points)."""
         return np.asarray(table.reshape(sizes).transpose(order))
 
@@ -313,7 +310,7 @@ def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple
         return [base.point({}, alone=True)], np.zeros(count, np.intp)
     distinct, which = np.unique(np.stack(list(own.values())), axis=1, return_inverse=True)
     changed = dict(zip(own, distinct, strict=True))
-    return base.points(changed, distinct.shape[1], alone=True), np.asarray(which, np.intp).reshape(-1)
+    return base.points(changed, alone=True), np.asarray(which, np.intp).reshape(-1)
 
 
 def _two(base: Base, variables: Sequence[Variable]) -> bool:

@@ -150,8 +150,7 @@ def _fusion(found: Sweep) -> list[tuple[float, float]]:
     if not ("dwell" in varied and set(varied) <= {"dwell", "rail_pressure"}):
         return []
     rails = varied.get("rail_pressure", np.array([found.base.rail_pressure]))
-    times = found.base.first_energising_time, found.base.energising_time
-    dwells = fusion_dwell(found.injector, rails, times, float(varied["dwell"][-1]), found.base.conditions)
+    dwells = fusion_dwell(found.injector, found.base, rails, float(varied["dwell"][-1]))
     return list(zip(rails.tolist(), dwells.tolist(), strict=True))
 
 

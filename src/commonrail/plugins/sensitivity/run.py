@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -90,10 +91,6 @@ def sensitivity(
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
 
-    Returns
-    -------
-    Sensitivity
-
     Raises
     ------
     ConfigurationError
@@ -125,7 +122,6 @@ def sensitivity(
     return study_of_model(
         Joined(models),
         space,
-        how,
         Sensitivity(title, injector.name, synthetic, tuple(space.parameters), how, notes=notes),
         function(progress, "progress"),
     )
@@ -159,14 +155,10 @@ def _objective(study: Study, space: Space, computing: Computing) -> Objective:
 
 
 def study_of_model(
-    model: Model,
-    space: Space,
-    how: SensitivitySettings,
-    empty: Sensitivity,
-    progress: Callable[[Progress], None] | None = None,
+    model: Model, space: Space, empty: Sensitivity, progress: Callable[[Progress], None] | None = None
 ) -> Sensitivity:
     """Sensitivity of any model's outputs to parameters in the ranges of a space, put into an empty result."""
-    begin = time.perf_counter()
+    begin, how = time.perf_counter(), empty.settings
     designing, resampling = (np.random.default_rng(s) for s in np.random.SeedSequence(how.seed).spawn(2))
     design = _designed(how, space.dimension, designing)
     centre = space.to_unit(space.reference)
@@ -185,7 +177,8 @@ def study_of_model(
         if failed.share <= how.most_failed:
             indices, effects = _estimates(design, y, how, np.random.default_rng(resampling.integers(2**63)))
         results.append(OutputSensitivity(output, _tornado(about, k, space), indices, effects, failed))
-    return empty.with_outputs(tuple(results), total * model.injections, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    return replace(empty, outputs=tuple(results), injections=total * model.injections, seconds=seconds)
 
 
 def _designed(how: SensitivitySettings, dimension: int, rng: np.random.Generator) -> _Design:

@@ -119,15 +119,6 @@ class Shares(NamedTuple):
     halved: Floats
 
 
-class _Fit(NamedTuple):
-    """Shares, swings and halved standard deviations (d,), and the share of the rest."""
-
-    shares: Floats
-    swing: Floats
-    halved: Floats
-    rest: float
-
-
 class VarianceShares:
     """Sums from which the shares follow, collected block by block.
 
@@ -168,16 +159,16 @@ class VarianceShares:
             return None
         used = [g for g in range(GROUPS) if self._products[g, k, 0, 0] > 0.0]
         others = [self._fit(*(part.sum(axis=0) - part[g] for part in sums)) for g in used]
-        found = np.array([other.shares for other in others if other is not None])
+        found = np.array([other.value for other in others if other is not None])
         n = len(found)
         if n < 2:
             return None
         spread = np.sqrt((n - 1.0) / n * np.sum((found - found.mean(axis=0)) ** 2, axis=0))
         reach = float(stdtrit(n - 1, 0.5 + 0.5 * confidence)) * spread
-        return Shares(whole.shares, whole.shares - reach, whole.shares + reach, whole.rest, whole.swing, whole.halved)
+        return whole._replace(low=whole.value - reach, high=whole.value + reach)
 
-    def _fit(self, products: Floats, sums: Floats, squares: Floats) -> _Fit | None:
-        """Least squares from sums."""
+    def _fit(self, products: Floats, sums: Floats, squares: Floats) -> Shares | None:
+        """Shares by least squares from sums, without intervals."""
         n, d = float(products[0, 0]), self._d
         variance = float(squares) / n - (float(sums[0]) / n) ** 2 if n else 0.0
         if n < 2 * len(sums) or not variance > 0.0:
@@ -191,7 +182,7 @@ class VarianceShares:
         odd = slopes.reshape(DEGREE, d)[::2].sum(axis=0)
         halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * np.array(own), 0.0))
         shares = by_degree / variance
-        return _Fit(shares, 2.0 * odd, halved, float(1.0 - shares.sum()))
+        return Shares(shares, shares, shares, float(1.0 - shares.sum()), 2.0 * odd, halved)
 
 
 def _quadratic(covariances: Floats, slopes: Floats, columns: IndexArray) -> float:

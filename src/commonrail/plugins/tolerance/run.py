@@ -49,10 +49,6 @@ def tolerance(
         Probability of the intervals, between 0.5 and 0.999.
     progress : function of Progress, optional
 
-    Returns
-    -------
-    ToleranceResult
-
     Raises
     ------
     ConfigurationError
