@@ -70,7 +70,7 @@ def synthetic_lines(record: Record) -> list[str]:
 
 
 def analysis_html(
-    template: str, package: str, record: Record, folder: str, facts: Sequence[tuple[str, str]], **values: Any
+    template: str, package: str, record: Record, folder: Path, facts: Sequence[tuple[str, str]], **values: Any
 ) -> str:
     """Page of a record that lies in a folder; facts on time and software join the others."""
     seconds = record["clock"]["seconds"]
@@ -81,7 +81,7 @@ def analysis_html(
         package=package,
         record=record,
         synthetic=[record["synthetic"]] if record["synthetic"] else [],
-        commands=[("Make this report again", f"commonrail report {shlex.quote(folder)}")],
+        commands=[("Make this report again", f"commonrail report {shlex.quote(folder.as_posix())}")],
         facts=[*facts, ("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)],
         **values,
     )

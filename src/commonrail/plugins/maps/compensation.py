@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes
@@ -57,14 +54,14 @@ def compensation(
     alone = injection_map(injector, axes, conditions, rules)
     pressures, count = axes.rail_pressure, len(axes.rail_pressure)
     base = Base(float(pressures[0]), 0.0, first_energising_time, 0.0, conditions)
-    first = _simulated(injector, base.points({"rail_pressure": pressures}, alone=True), conditions)
+    first = simulate_many(injector, base.points({"rail_pressure": pressures}, alone=True), conditions)
     rows_pressure, rows_dwell = np.tile(pressures, len(dwell)), np.repeat(dwell, count)
     rows_first, delay = np.tile(first.injected_volume[0], len(dwell)), np.tile(first.opening[0], len(dwell))
 
     def simulate(rows: IndexArray, times: Floats) -> Response:
         changed = {"rail_pressure": rows_pressure[rows], "dwell": rows_dwell[rows], "energising_time": times}
         points = base.points(changed)
-        found = _simulated(injector, points, conditions)
+        found = simulate_many(injector, points, conditions)
         fused = fused_of(found, points.last_starts, delay[None, rows])[0]
         apart = ~fused & (found.status[0] == OK)
         return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
@@ -76,10 +73,6 @@ def compensation(
     return Compensation(alone, first_energising_time, dwell, times, tuple(parts))
 
 
-def _simulated(injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions) -> Batch:
-    return simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
-
-
 def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest: float) -> Floats:
     """Longest dwell (n,) at which two injections of a base fuse into one [s], at rail pressures (n,) [Pa].
 
@@ -87,12 +80,12 @@ def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest:
     granted that injections which fuse also fuse at any shorter dwell.
     """
     low, high = np.zeros(len(rail_pressure)), np.full(len(rail_pressure), longest)
-    first = _simulated(injector, base.points({"rail_pressure": rail_pressure}, alone=True), base.conditions)
+    first = simulate_many(injector, base.points({"rail_pressure": rail_pressure}, alone=True), base.conditions)
     delay, lost = first.opening, first.status[0] != OK
 
     def fused(dwell: Floats) -> Bools:
         points = base.points({"rail_pressure": rail_pressure, "dwell": dwell})
-        batch = _simulated(injector, points, base.conditions)
+        batch = simulate_many(injector, points, base.conditions)
         lost[batch.status[0] != OK] = True
         found: Bools = fused_of(batch, points.last_starts, delay)[0]
         return found

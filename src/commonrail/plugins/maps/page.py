@@ -11,6 +11,7 @@ from commonrail.base.chart import BOTH, MARKERS, Band, Figure, HeatMap, Panel, S
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import counted, fixed, listed, megapascal, pressure, significant
 from commonrail.data.records import MICROSECOND, MM3, MPA
+from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.difference import Comparison, difference
 from commonrail.plugins.maps.inverse import TOLERANCE
@@ -34,23 +35,43 @@ LEGEND = (
 
 def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
     """Page of one map, the first compared with measured data, or of two with their difference; maps by their labels."""
-    maps, curves = map_figures(found, compared)
-    first = next(iter(found.values()))
-    synthetic = [m.injector.synthetic for m in found.values() if m.injector.synthetic]
-    heats = [(figure, heat_map_html(figure, f"map-{i}")) for i, figure in enumerate(maps)]
+    heats, curves = map_figures(found, compared)
+    return page(
+        f"Quantity map: {' and '.join(found)}",
+        [m.injector for m in found.values()],
+        map_lines(found, compared),
+        curves,
+        map_tables(found, compared),
+        facts=[("Conditions", note) for note in notes_of(next(iter(found.values())))],
+        heats=heats,
+        kind="Map",
+    )
+
+
+def page(
+    title: str,
+    injectors: Sequence[Injector],
+    lines: Sequence[str],
+    curves: Sequence[Figure],
+    tables: Sequence[Table],
+    *,
+    facts: Sequence[tuple[str, str]],
+    heats: Sequence[HeatMap] = (),
+    kind: str = "Sweep",
+) -> str:
+    """Page of maps or of a sweep."""
     return render(
         "map.html",
         package=__package__,
-        title=f"Quantity map: {' and '.join(found)}",
-        kind="Map",
-        record={},
-        synthetic=synthetic,
-        lines=map_lines(found, compared),
-        heats=heats,
+        title=title,
+        kind=kind,
+        synthetic=[injector.synthetic for injector in injectors if injector.synthetic],
+        lines=lines,
+        heats=[(heat, heat_map_html(heat, f"map-{i}")) for i, heat in enumerate(heats)],
         curves=drawings(curves, 460),
-        tables=map_tables(found, compared),
+        tables=tables,
         commands=[],
-        facts=[("Conditions", note) for note in notes_of(first)],
+        facts=facts,
     )
 
 

@@ -22,6 +22,29 @@ from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 
+# Simulated after the end of energising, a time and a share of the energising; a simulation ends early once its needle
+# has closed, and one whose needle has not is repeated with the longest horizon.
+AFTER = (2e-3, 0.5)  # [s], [1]
+LONGEST_AFTER = 12e-3  # [s]
+
+
+class Conditions(NamedTuple):
+    """Pressures behind the nozzle and of the return line [Pa], time step [s] and threads of all points of a map."""
+
+    cylinder_pressure: float = 5e6
+    return_pressure: float = 0.5e6
+    time_step: float = DEFAULT_STEP
+    threads: int | None = None
+
+    def point(self, rail_pressure: float, energisings: Iterable[tuple[float, float]] | float) -> OperatingPoint:
+        """Operating point at a rail pressure [Pa], with one energising time [s] or several (start, duration) [s]."""
+        pulses = [(0.0, energisings)] if isinstance(energisings, float) else list(energisings)
+        horizon = pulses[-1][0] + (1.0 + AFTER[1]) * pulses[-1][1] + AFTER[0]
+        return OperatingPoint(
+            rail_pressure, tuple(pulses), self.cylinder_pressure, self.return_pressure, horizon=horizon
+        )
+
+
 # Simulation of many operating points that share their pressures and energisings.
 
 AT_A_TIME = 2048  # points of a batch: Ctrl-C is heeded between batches
@@ -31,19 +54,18 @@ ENOUGH = 4  # batches for each thread from which on every thread has batches of 
 def simulate_many(
     injector: Injector,
     points: Sequence[OperatingPoint],
+    conditions: Conditions,
     names: Sequence[str] = (),
     values: Floats | None = None,
-    *,
-    time_step: float,
-    threads: int | None = None,
 ) -> Batch:
     """Simulate all candidates at all points without traces, some points at a time to save memory.
 
-    Candidates are SI `values` (candidates, names) of parameters; by default the injector itself is the only one. Many
-    batches are prepared and simulated side by side, each by one thread, so that none waits for another one's end. The
-    bits are those of `simulate_batch`. ConfigurationError if the injector's model or its fuel does not cover a point.
+    Of the conditions, the time step and the threads count. Candidates are SI `values` (candidates, names) of
+    parameters; by default the injector itself is the only one. Many batches are prepared and simulated side by side,
+    each by one thread, so that none waits for another one's end. The bits are those of `simulate_batch`.
+    ConfigurationError if the injector's model or its fuel does not cover a point.
     """
-    step, threads = check_step(time_step), threads or usable_threads()
+    step, threads = check_step(conditions.time_step), conditions.threads or usable_threads()
     places = [slice(first, first + AT_A_TIME) for first in range(0, len(points), AT_A_TIME)]
 
     def simulated(place: slice, threads: int) -> Batch:
@@ -101,29 +123,6 @@ def _spread(few: Courses, by_pressure: Ints, by_energising: Ints) -> Courses:
     )
 
 
-# Simulated after the end of energising, a time and a share of the energising; a simulation ends early once its needle
-# has closed, and one whose needle has not is repeated with the longest horizon.
-AFTER = (2e-3, 0.5)  # [s], [1]
-LONGEST_AFTER = 12e-3  # [s]
-
-
-class Conditions(NamedTuple):
-    """Pressures behind the nozzle and of the return line [Pa], time step [s] and threads of all points of a map."""
-
-    cylinder_pressure: float = 5e6
-    return_pressure: float = 0.5e6
-    time_step: float = DEFAULT_STEP
-    threads: int | None = None
-
-    def point(self, rail_pressure: float, energisings: Iterable[tuple[float, float]] | float) -> OperatingPoint:
-        """Operating point at a rail pressure [Pa], with one energising time [s] or several (start, duration) [s]."""
-        pulses = [(0.0, energisings)] if isinstance(energisings, float) else list(energisings)
-        horizon = pulses[-1][0] + (1.0 + AFTER[1]) * pulses[-1][1] + AFTER[0]
-        return OperatingPoint(
-            rail_pressure, tuple(pulses), self.cylinder_pressure, self.return_pressure, horizon=horizon
-        )
-
-
 @dataclass(frozen=True)
 class Response:
     """Simulated injections: volume at the reference density [m³] and largest needle lift [m], arrays of one shape.
@@ -171,7 +170,7 @@ def _simulated(
     injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions
 ) -> tuple[Floats, Floats, Ints]:
     """Volumes [m³], lifts [m] and statuses of points."""
-    batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
+    batch = simulate_many(injector, points, conditions)
     return batch.injected_volume[0], batch.greatest_lift[0], batch.status[0]
 
 

@@ -262,10 +262,9 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     columns = _columns(moving)
     values = np.stack(list(_columns(own).values()), axis=1) if own else None
     names = [v.name for v in own]
-    _, _, step, threads = base.conditions
 
     def simulated(points: Sequence[OperatingPoint]) -> Batch:
-        return simulate_many(injector, points, names, values, time_step=step, threads=threads)
+        return simulate_many(injector, points, base.conditions, names, values)
 
     whole = base.points(columns)
     both = simulated(whole)

@@ -11,8 +11,8 @@ from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
-from commonrail.plugins.maps.verb import read_conditions
+from commonrail.cli.options import Json, Threads, check_distinct, check_file, read_axis, with_overrides
+from commonrail.plugins.maps.verb import read_conditions, read_quantities
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
@@ -108,7 +108,6 @@ def sweep(
 
 
 def _variable(text: str) -> Variable:
-    from commonrail.cli.options import read_axis
     from commonrail.plugins.maps.sweep import Variable, unit_of
 
     name, equals, values = (part.strip() for part in text.partition("="))
@@ -157,7 +156,6 @@ def _fusion(found: Sweep) -> list[tuple[float, float]]:
 def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, longest: float) -> Compensation:
     import numpy as np
 
-    from commonrail.cli.options import read_quantities
     from commonrail.plugins.maps.axes import MapAxes, increasing
     from commonrail.plugins.maps.compensation import compensation
     from commonrail.plugins.maps.response import density_at

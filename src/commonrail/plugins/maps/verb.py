@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -9,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
-from commonrail.base.units import parse
+from commonrail.base.units import fits, parse
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
+from commonrail.cli.options import NUMBER, Json, Threads, check_distinct, check_file, read_axis, with_overrides
 from commonrail.plugins.maps.choices import Beyond, Several
 
 if TYPE_CHECKING:
+    from commonrail.base.arrays import Floats
     from commonrail.physics.injector import Injector
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.difference import Comparison
@@ -197,7 +199,6 @@ def _axes(
     injector: Injector, conditions: Conditions, texts: tuple[str | None, str | None, str | None], file: Path | None
 ) -> MapAxes:
     """Axes of a control unit, those of a file, those of the command line: the later ones count."""
-    from commonrail.cli.options import read_axis, read_quantities
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.dcm import axes_of_dcm
     from commonrail.plugins.maps.response import density_at
@@ -215,6 +216,14 @@ def _axes(
     if texts[2] is not None:
         time = read_axis(texts[2], "s", "--energising-time", increasing=True)
     return MapAxes(pressure, wanted, time)
+
+
+def read_quantities(text: str, density: float, option: str) -> Floats:
+    """Quantities (n,) by volume [m³], increasing; masses are divided by the reference density [kg/m³]."""
+    last = NUMBER.fullmatch(re.split("[,:]", text)[-1])
+    if last is not None and fits(last[2], "kg"):
+        return read_axis(text, "kg", option, increasing=True) / density
+    return read_axis(text, "m3", option, increasing=True)
 
 
 def _write(

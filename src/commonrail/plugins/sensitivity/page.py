@@ -15,16 +15,10 @@ from commonrail.report.draw.figure import figure_html
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
-
-def _page(record: Record, folder: Path) -> str:
-    return sensitivity_html(record, folder.as_posix() or "DIR")
-
-
 KEYS = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
-RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", _page, KEYS)
 
 
-def sensitivity_html(record: Record, folder: str = "DIR") -> str:
+def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of a sensitivity study; `folder` is its name for the command lines in it."""
     sections = []
     for k, (output, table) in enumerate(zip(record["outputs"], sensitivity_tables(record), strict=True)):
@@ -42,6 +36,9 @@ def sensitivity_html(record: Record, folder: str = "DIR") -> str:
         sections=sections,
         ranges=_range_table(record),
     )
+
+
+RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", sensitivity_html, KEYS)
 
 
 def sensitivity_lines(record: Record) -> list[str]:

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from commonrail.base.arguments import Quantity, chosen, instance, known_names, mapping, number, settle, whole
+from commonrail.base.arguments import (
+    Limits,
+    Quantity,
+    amount,
+    chosen,
+    instance,
+    known_names,
+    mapping,
+    number,
+    settle,
+    whole,
+)
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
@@ -288,9 +299,9 @@ class SensitivitySettings:
             samples=samples,
             seed=whole(self.seed, "seed"),
             resamples=whole(self.resamples, "number of resamples", 100, 100_000),
-            confidence=_between(self.confidence, "confidence", 0.5, 0.999),
+            confidence=amount(self.confidence, "1", "confidence", Limits(0.5, 0.999)),
             on_failure=chosen(self.on_failure, OnFailure, "policy for failures"),
-            most_failed=_between(self.most_failed, "largest share of failures", 0.0, 0.9),
+            most_failed=amount(self.most_failed, "1", "largest share of failures", Limits(0.0, 0.9)),
             time_step=None if self.time_step is None else check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
         )
@@ -298,13 +309,6 @@ class SensitivitySettings:
     def step_or(self, own: float | None) -> float:
         """Time step [s]: the one that is set, else the study's own, else the engine's default."""
         return check_step(own or DEFAULT_STEP if self.time_step is None else self.time_step)
-
-
-def _between(value: object, what: str, low: float, high: float) -> float:
-    found = number(value, "1", what)
-    if not low <= found <= high:
-        raise ConfigurationError(f"The {what} must lie between {low:g} and {high:g}, not {found:g}.")
-    return found
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:

@@ -18,15 +18,10 @@ SHARES = "Of a cubic fit to the parts, with jackknife intervals; small intervals
 SMALL = 1e-3  # share of parts below which it is given in parts per million
 
 
-def _page(record: Record, folder: Path) -> str:
-    return tolerance_html(record, folder.as_posix() or "DIR")
-
-
 KEYS = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
-RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", _page, KEYS)
 
 
-def tolerance_html(record: Record, folder: str = "DIR") -> str:
+def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of a tolerance study; `folder` is its name for the command lines in it."""
     sections = []
     for k, point in enumerate(record["points"]):
@@ -46,6 +41,9 @@ def tolerance_html(record: Record, folder: str = "DIR") -> str:
         trim_lines=_trim_lines(record),
         dimensions=_dimension_table(record),
     )
+
+
+RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", tolerance_html, KEYS)
 
 
 def tolerance_lines(record: Record) -> list[str]:

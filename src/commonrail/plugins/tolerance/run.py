@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import function, instance, number, thread_count
+from commonrail.base.arguments import Limits, amount, function, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.engine.status import OK, Status
@@ -57,9 +57,7 @@ def tolerance(
         If the part as drawn cannot be simulated, or hardly any part can.
     """
     t = instance(tolerances, Tolerances, "tolerances")
-    sure = number(confidence, "1", "confidence")
-    if not 0.5 <= sure <= 0.999:
-        raise ConfigurationError(f"The confidence must lie between 0.5 and 0.999, not {sure:g}.")
+    sure = amount(confidence, "1", "confidence", Limits(0.5, 0.999))
     told = function(progress, "progress") or (lambda _: None)
     begin = time.perf_counter()
     simulated = Simulated(t, thread_count(threads))
