@@ -36,12 +36,12 @@ from commonrail.plugins.sensitivity.study import (
     Design,
     Evaluated,
     Features,
-    Joined,
-    Misfits,
     Model,
     OnFailure,
     Output,
     SensitivitySettings,
+    joined,
+    misfit_model,
 )
 
 AT_A_TIME = 16_384  # candidates that are evaluated together
@@ -111,16 +111,16 @@ def sensitivity(
     space = Space(instances(parameters, Parameter, "parameters"))
     _check(space, injector, study)
     computing = Computing(how.step_or(study.time_step if study else None), thread_count(threads), how.precision)
-    models: list[Model] = [Misfits(_objective(study, space, computing))] if study else []
+    models: list[Model] = [misfit_model(_objective(study, space, computing))] if study else []
     if instances(points, OperatingPoint, "points"):
-        models.append(Features(injector, space.names, points, read_features(features), computing))
+        models.append(Features(injector, space.names, points, read_features(features), computing).model)
     if not models:
         raise ConfigurationError("At least one operating point is needed among the points.")
     synthetic = study.synthetic if study else injector.synthetic
     title = study.title if study else injector.title
     notes = (CONSTRAINTS,) if study and study.space.constrained else ()
     return study_of_model(
-        Joined(models),
+        joined(models),
         space,
         Sensitivity(title, injector.name, synthetic, tuple(space.parameters), how, notes=notes),
         function(progress, "progress"),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -64,19 +64,15 @@ class Computing(NamedTuple):
     precision: Precision = Precision.F64
 
 
-class Model(Protocol):
-    """Outputs of candidates."""
+class Model(NamedTuple):
+    """Outputs in order, number of single injections that a candidate takes, and the outputs of candidates.
 
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Outputs in order."""
+    Candidates are (n, parameters) [SI].
+    """
 
-    @property
-    def injections(self) -> int:
-        """Single injections that a candidate takes."""
-
-    def evaluate(self, values: Floats) -> Evaluated:
-        """Outputs of candidates (n, parameters) [SI]."""
+    outputs: tuple[Output, ...]
+    injections: int
+    evaluate: Callable[[Floats], Evaluated]
 
 
 def point_text(point: OperatingPoint) -> str:
@@ -117,17 +113,13 @@ class Features:
         self._steady_prepared = [prepare(injector, [short], dt) for short, _ in self._steady]
 
     @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Features of the first point, then those of the next."""
-        return tuple(Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
-
-    @property
-    def injections(self) -> int:
-        """Simulations of a candidate; one that ends with energising counts too."""
-        return len(self.points) * self._ordinary + len(self._steady)
+    def model(self) -> Model:
+        """Features of the first point, then those of the next; a simulation that ends with energising counts too."""
+        outputs = (Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
+        return Model(tuple(outputs), len(self.points) * self._ordinary + len(self._steady), self.evaluate)
 
     def evaluate(self, values: Floats) -> Evaluated:
-        """As `Model`."""
+        """Features of candidates (n, parameters) [SI]."""
         own = np.ascontiguousarray(values[:, self._columns])
         whole = self._batch(self.points, own, self._prepared) if self._ordinary else None
         found, codes = [], []
@@ -163,49 +155,26 @@ class Features:
         )
 
 
-class Misfits:
+def misfit_model(objective: Objective) -> Model:
     """J of a study."""
 
-    def __init__(self, objective: Objective) -> None:
-        self.objective = objective
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """J alone."""
-        return (Output("J", "1", "objective of the study"),)
-
-    @property
-    def injections(self) -> int:
-        """Points of the data and of the conditions."""
-        return self.objective.injections
-
-    def evaluate(self, values: Floats) -> Evaluated:
-        """As `Model`."""
-        scores = self.objective.costs(values)
+    def evaluate(values: Floats) -> Evaluated:
+        scores = objective.costs(values)
         codes = scores.statuses.astype(np.int8)
         return Evaluated(np.where(codes == OK, scores.costs, np.nan)[:, None], codes[:, None])
 
+    return Model((Output("J", "1", "objective of the study"),), objective.injections, evaluate)
 
-class Joined:
+
+def joined(models: Sequence[Model]) -> Model:
     """Outputs of several models side by side."""
 
-    def __init__(self, models: Sequence[Model]) -> None:
-        self.models = tuple(models)
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Of all models, in order."""
-        return tuple(output for model in self.models for output in model.outputs)
-
-    @property
-    def injections(self) -> int:
-        """Sum over the models."""
-        return sum(model.injections for model in self.models)
-
-    def evaluate(self, values: Floats) -> Evaluated:
-        """As `Model`."""
-        found = [model.evaluate(values) for model in self.models]
+    def evaluate(values: Floats) -> Evaluated:
+        found = [model.evaluate(values) for model in models]
         return Evaluated(np.hstack([f.values for f in found]), np.hstack([f.codes for f in found]))
+
+    outputs = tuple(output for model in models for output in model.outputs)
+    return Model(outputs, sum(model.injections for model in models), evaluate)
 
 
 WITHIN = 0.05  # half width of a range about the value, as a share of it
