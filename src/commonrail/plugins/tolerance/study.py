@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from enum import Enum
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,22 +31,29 @@ from commonrail.readers.fields import UNSTATED
 # Distributions of a dimension over parts, as values at shares of the parts.
 
 
-class Distribution(Protocol):
-    """Distribution of a dimension, SI."""
+class Distribution:
+    """Distribution of a dimension, a data class of numbers [SI]."""
 
     def at(self, shares: Floats) -> Floats:
         """Value below which a share of the parts lies, for shares between 0 and 1."""
+        raise NotImplementedError
+
+    @property
+    def kind(self) -> str:
+        """Name of the distribution, such as "normal"."""
+        return type(self).__name__.lower()
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form: kind and numbers."""
+        """JSON-able form: kind and numbers, None for an infinite one."""
+        return {"kind": self.kind} | {name: end if math.isfinite(end) else None for name, end in vars(self).items()}
 
-
-def _finite(values: dict[str, object], what: str) -> dict[str, float]:
-    return {name: number(value, "1", f"{name} of {what}") for name, value in values.items()}
+    def _read(self, *names: str) -> None:
+        """Refuse numbers that are not finite."""
+        settle(self, **{n: number(getattr(self, n), "1", f"{n} of a {self.kind} distribution") for n in names})
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(Distribution):
     """Normal distribution, cut at two limits if they are given: parts beyond them are sorted out.
 
     Parameters
@@ -68,7 +75,7 @@ class Normal:
     upper: float = math.inf
 
     def __post_init__(self) -> None:
-        settle(self, **_finite({"mean": self.mean, "sigma": self.sigma}, "a normal distribution"))
+        self._read("mean", "sigma")
         if not self.sigma > 0.0:
             raise ConfigurationError(
                 f"The sigma of a normal distribution must be greater than zero, not {self.sigma:g}."
@@ -95,15 +102,9 @@ class Normal:
         found = self.mean + self.sigma * ndtri(low + (high - low) * shares)
         return np.asarray(np.clip(found, self.lower, self.upper))
 
-    def record(self) -> dict[str, Any]:
-        """As `Distribution`; a limit that is not there is None."""
-        ends = {"lower": self.lower, "upper": self.upper}
-        cut = {name: end if math.isfinite(end) else None for name, end in ends.items()}
-        return {"kind": "normal", "mean": self.mean, "sigma": self.sigma, **cut}
-
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(Distribution):
     """Uniform distribution between two limits.
 
     Parameters
@@ -120,7 +121,7 @@ class Uniform:
     upper: float
 
     def __post_init__(self) -> None:
-        settle(self, **_finite({"lower": self.lower, "upper": self.upper}, "a uniform distribution"))
+        self._read("lower", "upper")
         if not self.lower < self.upper:
             raise ConfigurationError(
                 f"The lower limit of a uniform distribution must be below the upper, not {self.lower:g} and "
@@ -131,13 +132,9 @@ class Uniform:
         """As `Distribution`."""
         return np.asarray(self.lower + (self.upper - self.lower) * shares)
 
-    def record(self) -> dict[str, Any]:
-        """As `Distribution`."""
-        return {"kind": "uniform", "lower": self.lower, "upper": self.upper}
-
 
 @dataclass(frozen=True)
-class Triangular:
+class Triangular(Distribution):
     """Triangular distribution between two limits, most parts at the mode.
 
     Parameters
@@ -156,8 +153,7 @@ class Triangular:
     upper: float
 
     def __post_init__(self) -> None:
-        given = {"lower": self.lower, "mode": self.mode, "upper": self.upper}
-        settle(self, **_finite(dict(given), "a triangular distribution"))
+        self._read("lower", "mode", "upper")
         if not (self.lower <= self.mode <= self.upper and self.lower < self.upper):
             raise ConfigurationError(
                 f"The mode of a triangular distribution must lie between its limits, not {self.mode:g} between "
@@ -170,10 +166,6 @@ class Triangular:
         rising = self.lower + np.sqrt(shares * width) * np.sqrt(self.mode - self.lower)
         falling = self.upper - np.sqrt((1.0 - shares) * width) * np.sqrt(self.upper - self.mode)
         return np.asarray(np.where(shares * width < self.mode - self.lower, rising, falling))
-
-    def record(self) -> dict[str, Any]:
-        """As `Distribution`."""
-        return {"kind": "triangular", "lower": self.lower, "mode": self.mode, "upper": self.upper}
 
 
 MOST_FIGURES = 50_000_000  # parts times operating points: 400 MB
@@ -350,13 +342,14 @@ class Tolerances:
     points: tuple[TolerancePoint, ...]
     correlations: tuple[Correlation, ...] = ()
     trim: Trim | None = None
-    parts: int = field(default=100_000, kw_only=True)
-    seed: int = field(default=1, kw_only=True)
-    sampling: Sampling = field(default=Sampling.QUASI_RANDOM, kw_only=True)
-    time_step: float = field(default=DEFAULT_STEP, kw_only=True)
-    precision: Precision = field(default=Precision.F64, kw_only=True)
-    synthetic: str = field(default="", kw_only=True)
-    text: str = field(default="", kw_only=True)
+    _: KW_ONLY
+    parts: int = 100_000
+    seed: int = 1
+    sampling: Sampling = Sampling.QUASI_RANDOM
+    time_step: float = DEFAULT_STEP
+    precision: Precision = Precision.F64
+    synthetic: str = ""
+    text: str = ""
 
     def __post_init__(self) -> None:
         for what in ("title", "synthetic", "text"):
