@@ -11,7 +11,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes
-from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
+from commonrail.plugins.maps.inverse import Inverse, invert, sampled
 from commonrail.plugins.maps.response import Conditions, Response, knots_of, simulate_many
 from commonrail.plugins.maps.run import InjectionMap, injection_map
 from commonrail.plugins.maps.sweep import Base, fused_of
@@ -36,12 +36,7 @@ class Compensation:
 
 
 def compensation(
-    injector: Injector,
-    axes: MapAxes,
-    first_energising_time: float,
-    dwell: Floats,
-    conditions: Conditions,
-    rules: Rules = Rules(),
+    injector: Injector, axes: MapAxes, first_energising_time: float, dwell: Floats, conditions: Conditions
 ) -> Compensation:
     """Energising times of a second injection that hold its quantity, at dwells (d,) [s].
 
@@ -51,7 +46,7 @@ def compensation(
     """
     if not (first_energising_time > 0.0 and np.all(dwell >= 0.0)):
         raise ConfigurationError("The first energising time must be greater than zero, the dwells zero or greater.")
-    alone = injection_map(injector, axes, conditions, rules)
+    alone = injection_map(injector, axes, conditions)
     pressures, count = axes.rail_pressure, len(axes.rail_pressure)
     base = Base(float(pressures[0]), 0.0, first_energising_time, 0.0, conditions)
     first = simulate_many(injector, base.points({"rail_pressure": pressures}, alone=True), conditions)
@@ -67,7 +62,7 @@ def compensation(
         return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
 
     lines = sampled(simulate, rows_pressure, knots_of(axes.energising_time))
-    inverse, _ = invert(simulate, lines, axes.quantity, rules)
+    inverse, _ = invert(simulate, lines, axes.quantity, alone.rules)
     parts = [inverse.rows(slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
     times = np.array([part.energising_time for part in parts])
     return Compensation(alone, first_energising_time, dwell, times, tuple(parts))

@@ -242,25 +242,24 @@ def knots_of(times: Floats) -> Floats:
     return np.unique(np.concatenate([times, grid[(grid < longest) & apart]]))
 
 
-def falls_of(line: Line, smallest: float = FALL) -> Iterator[Fall]:
-    """Falls of the quantity along a line from `smallest` [m³] on, each from its largest to its smallest quantity."""
+def falls_of(line: Line) -> Iterator[Fall]:
+    """Falls of the quantity along a line from `FALL` on, each from its largest to its smallest quantity."""
     sound = np.flatnonzero(np.isfinite(line.volume))
     time, volume = line.time[sound], line.volume[sound]
     peak = trough = 0
     for i in range(1, len(time)):
         if volume[i] <= volume[trough]:
             trough = i
-        elif volume[i] - volume[trough] > smallest or volume[i] > volume[peak]:  # it rises again
-            yield from _fall(line, time, volume, (peak, trough), smallest)
+        elif volume[i] - volume[trough] > FALL or volume[i] > volume[peak]:  # it rises again
+            yield from _fall(line, time, volume, peak, trough)
             peak = trough = i
         if volume[i] >= volume[peak]:
             peak = trough = i
     if len(time):
-        yield from _fall(line, time, volume, (peak, trough), smallest)
+        yield from _fall(line, time, volume, peak, trough)
 
 
-def _fall(line: Line, time: Floats, volume: Floats, ends: tuple[int, int], smallest: float) -> Iterator[Fall]:
-    peak, trough = ends
-    if volume[peak] - volume[trough] > smallest:
+def _fall(line: Line, time: Floats, volume: Floats, peak: int, trough: int) -> Iterator[Fall]:
+    if volume[peak] - volume[trough] > FALL:
         times, volumes = time[[peak, trough]].tolist(), volume[[peak, trough]].tolist()
         yield Fall(line.rail_pressure, *times, *volumes)

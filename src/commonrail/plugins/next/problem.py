@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
+from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import Space
@@ -75,26 +76,6 @@ def posterior_draws(estimate: Estimate, points: Floats, many: int, seed: int) ->
 KEPT = 0.999  # share of a discrepancy's variance that its loads hold
 
 
-def bench_loads(data: DataSet, simulator: Simulator, point: Floats, names: Sequence[str]) -> Floats:
-    """Changes (m, n) of a data set's residuals at a point [SI] for one standard deviation of each uncertain quantity.
-
-    They are named as `Nuisance.name`; one that has no effect on the data set has zeros.
-    """
-    n = len(data.measured)
-    if not names:
-        return np.zeros((0, n))
-    objective = Objective(
-        simulator.injector,
-        simulator.names,
-        [data],
-        simulator.time_step,
-        simulator.threads,
-        same_bits=simulator.same_bits,
-    )
-    found = {one.name: one.shift(point) for one in nuisances_of(objective, np.ones(n))}
-    return np.array([found.get(name, np.zeros(n)) for name in names])
-
-
 def has_discrepancy(block: Block) -> bool:
     """Whether a data set states a discrepancy that is correlated."""
     return bool(block.noise.discrepancy and block.noise.length)
@@ -125,8 +106,6 @@ def decorrelated(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
 
 # Predictions of measurements that are not made yet, and their derivatives at draws of the parameters.
 
-STEP = 5e-3  # of a central difference, in positions between the bounds, as in `likelihood`
-
 
 class Response(NamedTuple):
     """Measurement that could be made, as a linear model at each draw.
@@ -144,17 +123,6 @@ class Response(NamedTuple):
     rows: Floats
     plain: Floats
     failed: int
-
-
-def slopes_of(values: Callable[[Floats], Floats], space: Space, unit: Floats) -> Floats:
-    """Derivatives (s, d, n) of values (m, n) of points (m, d) [SI] by positions (s, d); NaN where one failed."""
-    s, d = unit.shape
-    moves = STEP * np.eye(d)
-    ahead, behind = (np.clip(unit[:, None] + sign * moves, 0.0, 1.0) for sign in (1.0, -1.0))
-    both = np.concatenate([ahead.reshape(-1, d), behind.reshape(-1, d)])
-    found = values(space.from_unit(both)).reshape(2, s, d, -1)
-    width = np.einsum("sdd->sd", ahead - behind)
-    return np.asarray((found[0] - found[1]) / width[..., None])
 
 
 class Responder(NamedTuple):
@@ -190,11 +158,24 @@ class Responder(NamedTuple):
         return [found[i] for i in range(len(candidates))]
 
     def _slopes(self, data: DataSet) -> Floats:
-        return slopes_of(lambda points: data.residuals(data.simulated(self.simulator, points)), self.space, self.unit)
+        """Derivatives (s, d, n) of the residuals by positions, from differences to both sides; NaN where one failed."""
+        near = [around_position(self.space, one) for one in self.unit]
+        points = np.concatenate([one.values[1:] for one in near])
+        found = data.residuals(data.simulated(self.simulator, points)).reshape(len(near), 2, self.unit.shape[1], -1)
+        return np.asarray((found[:, 1] - found[:, 0]) / np.array([one.width for one in near])[..., None])
 
     def _with_loads(self, data: DataSet, slopes: Floats) -> Floats:
-        """Derivatives (s, d + m, n), those of the uncertain quantities below the others."""
-        loads = bench_loads(data, self.simulator, self.best[0], self.uncertain)
+        """Derivatives (s, d + m, n): below the others those for one standard deviation of each uncertain quantity.
+
+        A quantity that has no effect on the data set has zeros.
+        """
+        if not self.uncertain:
+            return slopes
+        of = self.simulator
+        objective = Objective(of.injector, of.names, [data], of.time_step, of.threads, same_bits=of.same_bits)
+        none = np.zeros(len(data.measured))
+        shifts = {one.name: one.shift(self.best[0]) for one in nuisances_of(objective, np.ones(len(none)))}
+        loads = np.array([shifts.get(name, none) for name in self.uncertain])
         return np.concatenate([slopes, np.repeat(loads[None], len(slopes), axis=0)], axis=1)
 
     def _of_map(self, own: Sequence[Candidate], data: QuantityData, noise: FittedNoise) -> list[Response]:

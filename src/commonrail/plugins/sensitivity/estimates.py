@@ -13,26 +13,20 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
-from commonrail.base.errors import ConfigurationError
 
 # Designs of sensitivity studies in the unit cube: Saltelli's for Sobol' indices, Morris's trajectories.
 
 LEVELS = 4  # of Morris's grid: 0, 1/3, 2/3, 1, with steps of 2/3
-MOST_COLUMNS = 21_201  # of SciPy's table of Sobol' directions (Joe and Kuo 2008)
 
 
 def saltelli(dimension: int, samples: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Matrices A and B (samples, dimension) of a Sobol' sequence that the generator scrambles (Owen 1998).
 
-    AB_j, which is A with column j of B, is left to the caller: all of them together are large. ConfigurationError if
-    `samples` is no power of two, of which alone the sequence is balanced, or there are too many parameters.
+    AB_j, which is A with column j of B, is left to the caller: all of them together are large. `samples` is a power of
+    two, of which alone the sequence is balanced.
     """
     from scipy.stats import qmc  # slow to import
 
-    if samples < 2 or samples & (samples - 1):
-        raise ConfigurationError(f"The number of samples must be a power of two, such as 1024, not {samples}.")
-    if 2 * dimension > MOST_COLUMNS:
-        raise ConfigurationError(f"At most {MOST_COLUMNS // 2} parameters can be varied together, not {dimension}.")
     cube = qmc.Sobol(2 * dimension, rng=rng).random_base2(int(math.log2(samples)))
     return np.ascontiguousarray(cube[:, :dimension]), np.ascontiguousarray(cube[:, dimension:])
 

@@ -179,7 +179,6 @@ def joined(models: Sequence[Model]) -> Model:
 
 WITHIN = 0.05  # half width of a range about the value, as a share of it
 COUNTED = ("nozzle.holes", "solenoid.turns", "solenoid.air_gaps")  # whole numbers: they have no tolerance
-MOST_PARAMETERS = 1000
 
 
 class Design(Enum):

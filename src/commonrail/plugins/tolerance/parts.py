@@ -241,6 +241,8 @@ def spread_of(
     A part whose simulation failed counts as out of limits: it would be rejected. None if fewer than two parts could be
     simulated.
     """
+    from scipy.stats import binomtest  # slow to import
+
     known = quantities[codes == OK]
     if len(known) < 2:
         return None
@@ -252,6 +254,7 @@ def spread_of(
     kinds, counts = np.unique(codes[codes != OK], return_counts=True)
     reasons = {Status(int(kind)).sentence: int(number) for kind, number in zip(kinds, counts, strict=True)}
     out = below + above + failed
+    interval = binomtest(out, len(codes)).proportion_ci(confidence)  # by Clopper and Pearson
     numbers, edges = np.histogram(known, BARS)
     return Spread(
         len(codes),
@@ -264,7 +267,7 @@ def spread_of(
         upper,
         below,
         above,
-        (out / len(codes), *binomial_interval(out, len(codes), confidence)),
+        (out / len(codes), float(interval.low), float(interval.high)),
         *_capability(mean, deviation, lower, upper),
         (tuple(edges.tolist()), tuple(numbers.tolist())),
     )
@@ -280,13 +283,3 @@ def _capability(
     distances += [] if lower is None else [mean - lower]
     cp = (upper - lower) / (6.0 * deviation) if lower is not None and upper is not None else None
     return cp, min(distances) / (3.0 * deviation) if distances else None
-
-
-def binomial_interval(hits: int, tries: int, confidence: float) -> tuple[float, float]:
-    """Interval of a share by Clopper and Pearson, which covers at least with the stated probability."""
-    from scipy.special import betaincinv  # slow to import
-
-    tail = 0.5 * (1.0 - confidence)
-    low = 0.0 if hits == 0 else float(betaincinv(hits, tries - hits + 1, tail))
-    high = 1.0 if hits == tries else float(betaincinv(hits + 1, tries - hits, 1.0 - tail))
-    return low, high
