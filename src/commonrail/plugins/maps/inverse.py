@@ -83,18 +83,18 @@ def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules
     found = Inverse(number, number.copy(), number.copy(), np.full(shape, int(CellState.FAILED)))
     open_ = []
     for cell in np.ndindex(shape):
-        around = _settled(found, (cell[0], cell[1]), lines[cell[0]], float(quantity[cell[1]]), rules)
+        around = _bracket(found, (cell[0], cell[1]), lines[cell[0]], float(quantity[cell[1]]), rules)
         if around is not None:
             open_.append((cell, around))
     if open_:
         place = np.array([cell for cell, _ in open_], np.intp).T
         around = np.array([found for _, found in open_]).transpose(1, 2, 0)
-        lines = _searched(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
+        lines = _search(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
     _mark_several(found, lines, quantity)
     return found, lines
 
 
-def _settled(found: Inverse, cell: tuple[int, int], line: Line, wanted: float, rules: Rules) -> Floats | None:
+def _bracket(found: Inverse, cell: tuple[int, int], line: Line, wanted: float, rules: Rules) -> Floats | None:
     """Three times around a cell and their misses (2, 3), as in `_Cells`; None where its number needs no search."""
     if wanted == 0.0:
         found.energising_time[cell], found.delivered[cell], found.state[cell] = 0.0, 0.0, CellState.ZERO
@@ -123,20 +123,20 @@ def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
     return float(time[-1] - miss[-1] / slope)
 
 
-def _searched(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
+def _search(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
     """Search all open cells in `found`; return the lines with the samples that were simulated."""
-    seen: list[tuple[IndexArray, Floats, Response]] = []
+    simulated: list[tuple[IndexArray, Floats, Response]] = []
     while cells.place.size:
         near, far, _ = cells.time
         narrow = np.abs(far - near) <= NARROWEST
-        time = np.where(narrow, np.maximum(near, far), near + _share(cells, first=not seen) * (far - near))
+        time = np.where(narrow, np.maximum(near, far), near + _share(cells, first=not simulated) * (far - near))
         response = simulate(cells.place[0], time)
-        seen.append((cells.place[0], time, response))
+        simulated.append((cells.place[0], time, response))
         miss = response.volume - cells.wanted
         done = (np.abs(miss) <= TOLERANCE) | narrow | ~np.isfinite(miss)
-        _take(found, cells.only(done), time[done], response.only(done))
+        _store(found, cells.only(done), time[done], response.only(done))
         cells = _narrowed(cells, time, miss).only(~done)
-    return _with_samples(lines, seen)
+    return _with_samples(lines, simulated)
 
 
 def _share(cells: _Cells, first: bool) -> Floats:
@@ -164,7 +164,7 @@ def _narrowed(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
     return cells._replace(time=moved(time, cells.time), miss=moved(miss, cells.miss))
 
 
-def _take(found: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
+def _store(found: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
     """Write cells that are done into `found`."""
     at = cells.place[0], cells.place[1]
     sound = np.isfinite(response.volume)
@@ -174,9 +174,9 @@ def _take(found: Inverse, cells: _Cells, time: Floats, response: Response) -> No
     found.state[at] = np.select([~sound, met], [int(CellState.FAILED), int(CellState.REACHED)], int(CellState.JUMP))
 
 
-def _with_samples(lines: list[Line], seen: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
-    rows, times = np.concatenate([s[0] for s in seen]), np.concatenate([s[1] for s in seen])
-    both = Response(*(np.concatenate([getattr(s[2], name) for s in seen]) for name in ("volume", "lift")))
+def _with_samples(lines: list[Line], simulated: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
+    rows, times = np.concatenate([s[0] for s in simulated]), np.concatenate([s[1] for s in simulated])
+    both = Response(*(np.concatenate([getattr(s[2], name) for s in simulated]) for name in ("volume", "lift")))
     return [line.joined(times[rows == row], both.only(rows == row)) for row, line in enumerate(lines)]
 
 

@@ -75,8 +75,8 @@ def simulate_many(
     if len(places) < ENOUGH * threads:
         return _joined([simulated(place, threads) for place in places])
     compiled(injector.wired(names), Precision.F64, False)  # in the calling thread, where Ctrl-C ends it
-    with ThreadPoolExecutor(threads) as crew:
-        return _joined(list(crew.map(lambda place: simulated(place, 1), places)))
+    with ThreadPoolExecutor(threads) as pool:
+        return _joined(list(pool.map(lambda place: simulated(place, 1), places)))
 
 
 def _joined(parts: Sequence[Batch]) -> Batch:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
@@ -79,6 +79,7 @@ def sweep(
     """
     from commonrail.plugins.maps.file import check_map_file
     from commonrail.plugins.maps.sweep import Base
+    from commonrail.plugins.maps.sweep import sweep as run
     from commonrail.runs.model_name import read_model_name
 
     for path in out:
@@ -100,11 +101,24 @@ def sweep(
     variables = [_variable(text) for text in vary]
     say(SIMULATING)
     if hold is None:
-        _sweep(injector, variables, base, (out, report, json))
+        outcome = _swept(run(injector, variables, base))
     else:
-        _print_held(
-            _held(injector, variables, base, hold, parse(longest, "s", "--longest")), label, (out, report, json)
-        )
+        second = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
+        outcome = _compensated(second, label)
+    for path in out:
+        outcome.write(path)
+    if report is not None:
+        write_text(report, outcome.html())
+    print_result(json, outcome.record, outcome.show, (*out, report))
+
+
+class _Outcome(NamedTuple):
+    """What is made of a result: a file, a page, a record, and text in the terminal."""
+
+    write: Callable[[Path], None]
+    html: Callable[[], str]
+    record: Callable[[], dict[str, Any]]
+    show: Callable[[], None]
 
 
 def _variable(text: str) -> Variable:
@@ -117,25 +131,17 @@ def _variable(text: str) -> Variable:
     return Variable(full, unit, read_axis(values, unit, f"--vary {name}"))
 
 
-def _sweep(
-    injector: Injector, variables: list[Variable], base: Base, wanted: tuple[Sequence[Path], Path | None, bool]
-) -> None:
-    from commonrail.plugins.maps.sweep import sweep as run
+def _swept(found: Sweep) -> _Outcome:
     from commonrail.plugins.maps.sweep_file import sweep_record, write_sweep
     from commonrail.plugins.maps.sweep_page import fusion_table, sweep_html, sweep_lines
 
-    out, report, json = wanted
-    found = run(injector, variables, base)
     fusion = _fusion(found)
-    for path in out:
-        write_sweep(path, found)
-    if report is not None:
-        write_text(report, sweep_html(found, fusion))
-    print_result(
-        json,
+    tables = [fusion_table(fusion)] if fusion else []
+    return _Outcome(
+        lambda path: write_sweep(path, found),
+        lambda: sweep_html(found, fusion),
         lambda: sweep_record(found, fusion),
-        lambda: print_text(sweep_lines(found), [fusion_table(fusion)] if fusion else []),
-        (*out, report),
+        lambda: print_text(sweep_lines(found), tables),
     )
 
 
@@ -169,20 +175,21 @@ def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, 
     return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
 
 
-def _print_held(found: Compensation, label: str, wanted: tuple[Sequence[Path], Path | None, bool]) -> None:
+def _compensated(found: Compensation, label: str) -> _Outcome:
     from commonrail.plugins.maps.file import write_map_file
     from commonrail.plugins.maps.sweep_file import compensation_record, write_compensation
     from commonrail.plugins.maps.sweep_page import compensation_html, compensation_table
     from commonrail.plugins.maps.table import compensation_tables
 
-    out, report, json = wanted
-    for path in out:
+    def write(path: Path) -> None:
         if path.suffix.lower() == ".csv":
             write_compensation(path, found)
         else:
             write_map_file(path, compensation_tables(found, label))
-    if report is not None:
-        write_text(report, compensation_html(found))
-    print_result(
-        json, lambda: compensation_record(found), lambda: print_table(compensation_table(found)), (*out, report)
+
+    return _Outcome(
+        write,
+        lambda: compensation_html(found),
+        lambda: compensation_record(found),
+        lambda: print_table(compensation_table(found)),
     )

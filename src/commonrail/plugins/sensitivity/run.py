@@ -171,7 +171,7 @@ def study_of_model(
     results = []
     for k, output in enumerate(model.outputs):
         failed = _failed(found.codes[:, k], away[k], space)
-        _heed(how, output, failed)
+        _refuse_failed(how, output, failed)
         y = found.values[:, k].reshape(design.shape)
         indices = effects = None
         if failed.share <= how.most_failed:
@@ -207,7 +207,9 @@ def _values(space: Space, cube: Floats, exact: Floats) -> Floats:
     return np.where(cube == space.to_unit(exact), exact, space.from_unit(cube))
 
 
-def _evaluated(model: Model, space: Space, design: _Design, told: Callable[[int], object]) -> tuple[Evaluated, Floats]:
+def _evaluated(
+    model: Model, space: Space, design: _Design, report: Callable[[int], object]
+) -> tuple[Evaluated, Floats]:
     """Outputs of all candidates, and for each output the mean position of the failed ones less that of all."""
     values, codes, done = [], [], 0
     outputs, d = len(model.outputs), space.dimension
@@ -219,7 +221,7 @@ def _evaluated(model: Model, space: Space, design: _Design, told: Callable[[int]
         values.append(found.values)
         codes.append(found.codes)
         done += len(cube)
-        told(done)
+        report(done)
     away = np.divide(sums, failed[:, None], out=np.zeros_like(sums), where=failed[:, None] > 0.0)
     away = np.where(failed[:, None] > 0.0, away - everything / done, 0.0)
     return Evaluated(np.concatenate(values), np.concatenate(codes)), away
@@ -234,7 +236,7 @@ def _failed(codes: Codes, away: Floats, space: Space) -> Failed:
     return Failed(total, total / len(codes), reasons, where)
 
 
-def _heed(how: SensitivitySettings, output: Output, failed: Failed) -> None:
+def _refuse_failed(how: SensitivitySettings, output: Output, failed: Failed) -> None:
     if how.on_failure is OnFailure.REFUSE and failed.number:
         why = max(failed.reasons, key=lambda text: failed.reasons[text])
         raise SimulationError(

@@ -58,13 +58,13 @@ def tolerance(
     """
     t = instance(tolerances, Tolerances, "tolerances")
     sure = amount(confidence, "1", "confidence", Limits(0.5, 0.999))
-    told = function(progress, "progress") or (lambda _: None)
+    report = function(progress, "progress") or (lambda _: None)
     begin = time.perf_counter()
     simulated = Simulated(t, thread_count(threads))
     nominal = _nominal(simulated)
     limits = [_limits(t, k, nominal[k]) for k in range(len(t.points))]
     with held_interrupts() as wish:
-        found, shares, done = _all(simulated, nominal, told, lambda: wish.asked)
+        found, shares, done = _all(simulated, nominal, report, lambda: wish.asked)
         if not done:
             wish.heed()
         spreads = [
@@ -76,7 +76,7 @@ def tolerance(
             raise SimulationError(f"{t.title}: hardly any part can be simulated at {lost[0]}. {why.sentence}")
         trim = None
         if t.trim is not None and not wish.asked:
-            trim = trimmed(simulated, found, nominal, limits, sure, lambda i, n: told(Progress("trimming", i, n)))
+            trim = trimmed(simulated, found, nominal, limits, sure, lambda i, n: report(Progress("trimming", i, n)))
     results = tuple(
         PointResult(p.name, p.point, nominal[k], spreads[k], shares.shares(k, sure))  # type: ignore[arg-type]
         for k, p in enumerate(t.points)
@@ -106,7 +106,7 @@ def _limits(t: Tolerances, k: int, nominal: float) -> tuple[float | None, float 
 
 
 def _all(
-    simulated: Simulated, nominal: Floats, told: Callable[[Progress], None], stop: Callable[[], bool]
+    simulated: Simulated, nominal: Floats, report: Callable[[Progress], None], stop: Callable[[], bool]
 ) -> tuple[Parts, VarianceShares, int]:
     """Quantities of all parts, the sums of the shares, and the number of parts that were simulated."""
     t = simulated.tolerances
@@ -122,5 +122,5 @@ def _all(
         quantities[done:following], codes[done:following] = part
         shares.add((done // size) % GROUPS, values, part.quantities)
         done = following
-        told(Progress("simulating", done, t.parts))
+        report(Progress("simulating", done, t.parts))
     return Parts(quantities, codes), shares, done

@@ -63,11 +63,11 @@ def trimmed(
     nominal: Floats,
     limits: list[tuple[float | None, float | None]],
     confidence: float,
-    told: Callable[[int, int], None],
+    report: Callable[[int, int], None],
 ) -> Trimmed:
     """Trim the first parts of a study; `found` are all parts before the trim, `nominal` (points,) and limits in [m³].
 
-    `told` is called with operating points done and in all. SimulationError if the nominal quantity does not rise with
+    `report` is called with operating points done and in all. SimulationError if the nominal quantity does not rise with
     the energising time at a test point.
     """
     t = simulated.tolerances
@@ -91,7 +91,7 @@ def trimmed(
             raise SimulationError(f"{t.title}: hardly any trimmed part can be simulated at {p.name}.")
         shift = times - p.point.pulses[0].duration
         points.append(TrimmedPoint(p.name, before, after, (float(shift.mean()), float(shift.std())), held))
-        told(k + 1, len(t.points))
+        report(k + 1, len(t.points))
     return Trimmed(int(known.sum()), count - int(known.sum()), tuple(slopes), tuple(points))
 
 

@@ -365,7 +365,7 @@ def _steady(injector: Injector, values: dict[str, float], name: str) -> list[Che
     return [check(what + name, 100.0 * (ratio - 1.0), 0.1, "%", detail) for what, ratio in ratios.items()]
 
 
-def books(injector: Injector) -> list[Check]:
+def mass_balance(injector: Injector) -> list[Check]:
     """Fuel in, less fuel out, less fuel stored, over the fuel injected."""
     worst = 0.0
     for boundary in (Boundary.IDEAL, Boundary.VOLUME):
@@ -374,7 +374,7 @@ def books(injector: Injector) -> list[Check]:
             pulses = (Energising(0.0, 300e-6), Energising(1.2e-3, 500e-6))
             worst = max(worst, abs(simulate(wired, OperatingPoint(pressure, pulses)).balance))
     detail = "40, 100, 180 MPa, two injections, ideal rail and rail volume; limit: rounding of 4000 steps, with room"
-    return [check("books of mass", worst, 1e-9, "1", detail)]
+    return [check("balance of mass", worst, 1e-9, "1", detail)]
 
 
 def _case(injector: Injector, values: dict[str, float]) -> Injector:
@@ -382,4 +382,4 @@ def _case(injector: Injector, values: dict[str, float]) -> Injector:
     return wired.with_values(TIGHT | values)
 
 
-ALL: tuple[Callable[[Injector], list[Check]], ...] = (joukowsky, pipe_period, chain_modes, steady_flow, books)
+ALL: tuple[Callable[[Injector], list[Check]], ...] = (joukowsky, pipe_period, chain_modes, steady_flow, mass_balance)

@@ -93,11 +93,11 @@ def gaps(run: Run, solution: Solution) -> Gaps:
 def against_outside(runs: Sequence[Run], pool: Executor) -> list[Check]:
     """Largest gaps of both engines, simulated by a pool of processes."""
     return [
-        one for engine, simulated in ENGINES.items() for one in judged(engine, runs, list(pool.map(simulated, runs)))
+        one for engine, simulated in ENGINES.items() for one in checks_of(engine, runs, list(pool.map(simulated, runs)))
     ]
 
 
-def judged(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
+def checks_of(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
     """Checks of the gaps of one engine."""
     for short, what in ((False, "from 400 us"), (True, "short injections")):
         members = [one for run, one in zip(runs, found, strict=True) if run.short is short]

@@ -23,7 +23,7 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.verification import closed_forms
 from commonrail.plugins.verification.closed_forms import Check, check
 from commonrail.plugins.verification.external import Run, against_outside, objective_and_scores
-from commonrail.plugins.verification.study import Course, Task, Volume, comparisons
+from commonrail.plugins.verification.study import RateLimits, Task, VolumeLimit, comparisons
 
 INTERVAL = 3e-6  # of a rate meter's samples [s]
 # A batch ends once a valve train is at rest: what a relaxing SAC dribbles after that was 1e-5 mm³ at the most [mm³].
@@ -32,7 +32,7 @@ INJECTS = 1e-12  # more than this is an injection [m³]
 HOLES = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter")
 DIRECT_HOLES = ("nozzle.hole_diameter",)  # of an injector without a control chamber
 SHIFT = 5e-4  # the share by which they are moved
-UNITS = {"rate, L1": "%", "volume": "%", "opening": "us", "closing": "us"}  # of the fields of `Course`
+UNITS = {"rate, L1": "%", "volume": "%", "opening": "us", "closing": "us"}  # of the fields of `RateLimits`
 
 
 class Difference(NamedTuple):
@@ -92,7 +92,7 @@ def _sound(*solutions: Solution) -> float:
 
 
 def _sensitivity(task: Task) -> float:
-    if isinstance(task.limits, Course):
+    if isinstance(task.limits, RateLimits):
         return math.nan
     holes = DIRECT_HOLES if task.injector.variant.actuation is Actuation.DIRECT else HOLES
     own = np.array([task.injector.values[name] for name in holes])
@@ -140,7 +140,7 @@ def verify(
         for k, (task, one) in enumerate(zip(tasks, pool.map(compare, tasks), strict=True)):
             found.append(one)
             tell(f"{k + 1} of {len(tasks)}: {task.group}")
-        checks = judged(tasks, found)
+        checks = checks_of(tasks, found)
         tell("objective against scores")
         checks += objective_and_scores(injector)
         if outside:
@@ -152,7 +152,7 @@ def verify(
     return checks
 
 
-def judged(tasks: Sequence[Task], found: Sequence[Compared]) -> list[Check]:
+def checks_of(tasks: Sequence[Task], found: Sequence[Compared]) -> list[Check]:
     """The worst figures of each group, in the order in which the groups appear, then of the batches."""
     groups: dict[str, list[tuple[Task, Compared]]] = {}
     single: dict[str, list[Difference]] = {}
@@ -163,16 +163,16 @@ def judged(tasks: Sequence[Task], found: Sequence[Compared]) -> list[Check]:
     checks: list[Check] = []
     for group, members in groups.items():
         limits = members[0][0].limits
-        if isinstance(limits, Course):
-            checks += _courses(group, limits, [one.double for _, one in members])
+        if isinstance(limits, RateLimits):
+            checks += _rate_checks(group, limits, [one.double for _, one in members])
         else:
-            checks += [_volumes(group, limit, members) for limit in limits]
+            checks += [_volume_check(group, limit, members) for limit in limits]
     for group, differences in single.items():
-        checks += _courses(group, Course(), differences)
+        checks += _rate_checks(group, RateLimits(), differences)
     return [*checks, _batches(tasks, found)]
 
 
-def _courses(group: str, limits: Course, differences: Sequence[Difference]) -> Iterator[Check]:
+def _rate_checks(group: str, limits: RateLimits, differences: Sequence[Difference]) -> Iterator[Check]:
     for (name, unit), limit, values in zip(UNITS.items(), limits, zip(*differences, strict=True), strict=True):
         size = np.abs(values)
         worst = float(np.max(size))  # NaN, where a needle did not close, fails
@@ -180,7 +180,7 @@ def _courses(group: str, limits: Course, differences: Sequence[Difference]) -> I
         yield check(f"{group}: {name}", worst, limit, unit, detail)
 
 
-def _volumes(group: str, limit: Volume, members: Sequence[tuple[Task, Compared]]) -> Check:
+def _volume_check(group: str, limit: VolumeLimit, members: Sequence[tuple[Task, Compared]]) -> Check:
     shares = np.array([100.0 * abs(one.gap) / limit.of(one.volume) for _, one in members])
     shares = np.where(np.isnan(shares), np.inf, shares)
     # the largest of those that must keep the limit

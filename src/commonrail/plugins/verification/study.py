@@ -1,6 +1,6 @@
-"""Simulations that the fast engine is judged by: points, wirings and parameter sets, chosen beforehand.
+"""Simulations that the fast engine is checks_of by: points, variants and parameter sets, chosen beforehand.
 
-A group of them is judged by one set of limits: a main injection by rate, volume and the needle's instants, a short
+A group of them is checks_of by one set of limits: a main injection by rate, volume and the needle's instants, a short
 injection or a random injector by volume alone. The instants of a needle that hardly leaves its seat, or that falls back
 on it, hang on its bounces, so that half a step may move them by a microsecond where the volume stays.
 """
@@ -41,7 +41,7 @@ SOME = 1e-9  # the least that one of them injects [m³]
 AWAY = 5.0  # of hot and cold fuel from the ends of its range [K]
 
 
-class Course(NamedTuple):
+class RateLimits(NamedTuple):
     """Limits of a main injection: L1 of the rate and volume [%], opening and closing [us]."""
 
     rate: float = 0.1
@@ -49,12 +49,12 @@ class Course(NamedTuple):
     opening: float = 0.5
     closing: float = 0.5
 
-    def times(self, factor: float) -> Course:
+    def times(self, factor: float) -> RateLimits:
         """All limits by a factor."""
-        return Course(*(factor * limit for limit in self))
+        return RateLimits(*(factor * limit for limit in self))
 
 
-class Volume(NamedTuple):
+class VolumeLimit(NamedTuple):
     """Limit of the volume alone: the larger of a share [1] and a quantity [m³], and how many must keep it [1]."""
 
     relative: float
@@ -73,11 +73,11 @@ class Volume(NamedTuple):
 
 
 # Of a step of 1 us. One rigid mass meets its seat at full speed, no chain softens the blow.
-MAINS, RIGID = Course(), Course().times(2.0)
-PAIR, ANY = (Volume(0.003, 1e-11),), (Volume(0.005, 1e-11),)
+MAINS, RIGID = RateLimits(), RateLimits().times(2.0)
+PAIR, ANY = (VolumeLimit(0.003, 1e-11),), (VolumeLimit(0.005, 1e-11),)
 # The needle of a short injection may fall back on its seat and open again: its volume then moves by tens of per cent
 # per 1 % of a hole, and the step's error with it. Most keep the first limit, all the second.
-SHORT = (Volume(0.003, 1e-11, 0.9), Volume(0.01, 3e-11))
+SHORT = (VolumeLimit(0.003, 1e-11, 0.9), VolumeLimit(0.01, 3e-11))
 
 
 class Task(NamedTuple):
@@ -90,7 +90,7 @@ class Task(NamedTuple):
     group: str
     injector: Injector
     point: OperatingPoint
-    limits: Course | tuple[Volume, ...] = MAINS
+    limits: RateLimits | tuple[VolumeLimit, ...] = MAINS
     single: str = ""
     method: Literal["lsoda", "explicit"] = "explicit"
 
@@ -102,7 +102,7 @@ def comparisons(injector: Injector, quick: bool = False, catalogue: Sequence[Inj
     compared with two injections, a long dwell between them.
     """
     tasks = (
-        _stiffnesses(injector, quick) + _wirings(injector) + _random_stiffnesses(injector, 4 if quick else CANDIDATES)
+        _stiffnesses(injector, quick) + _variants(injector) + _random_stiffnesses(injector, 4 if quick else CANDIDATES)
     )
     if quick:
         return tasks + _traces(injector, TWO[1:]) + _short(injector, SHORT_TIMES[1:2], SHORT_AT[1:2])
@@ -128,7 +128,7 @@ def _stiffnesses(injector: Injector, quick: bool) -> list[Task]:
     ]
 
 
-def _wirings(injector: Injector) -> list[Task]:
+def _variants(injector: Injector) -> list[Task]:
     rigid = injector.variant._replace(body=Body.RIGID)
     volume = injector.variant._replace(boundary=Boundary.VOLUME, drive=Drive.REGULATED)
     return [
@@ -168,9 +168,9 @@ def _fuels(injector: Injector) -> list[Task]:
 def _short(injector: Injector, times: tuple[float, ...], pressures: tuple[float, ...]) -> list[Task]:
     whole = f"{times[0] * 1e6:g} us" if len(times) == 1 else f"{times[0] * 1e6:g} to {times[-1] * 1e6:g} us"
     return [
-        Task(f"energising time {whole}", wired, OperatingPoint(pressure, time), SHORT)
+        Task(f"energising time {whole}", driven, OperatingPoint(pressure, time), SHORT)
         for time in times
-        for wired in (_driven(injector, Drive.PWM), _driven(injector, Drive.REGULATED))
+        for driven in (_driven(injector, Drive.PWM), _driven(injector, Drive.REGULATED))
         for pressure in pressures
     ]
 
