@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -21,6 +19,7 @@ from commonrail.plugins.maps.dcm import number_text, write_dcm
 from commonrail.plugins.maps.difference import Comparison
 from commonrail.plugins.maps.run import InjectionMap, MapBands
 from commonrail.plugins.maps.table import Axis, Layer, MapTable
+from commonrail.report.html import render
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
 
@@ -156,71 +155,12 @@ def _sheet_name(wanted: str, taken: Sequence[str]) -> str:
     return name
 
 
-# ASAM CDF 2.0 (CDFX), the XML format of calibration data of control units.
-
-_DOCTYPE = (
-    '<!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" '
-    '"cdf_v2.0.0.sl.dtd">'
-)
-_UNKNOWN = "information-not-available"  # of a system that is not named; the format's own word
-
-
 def _write_cdfx(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all; InputError if a cell has no number.
-
-    Each map is a SW-INSTANCE of the category MAP with its own two axes; its value groups follow the y axis, the values
-    in a group the x axis. The notes of the maps stand in the long name of the tree.
-    """
+    """ASAM CDF 2.0, the XML format of calibration data of control units; InputError if a cell has no number."""
     for table in tables:
         table.require_numbers("A CDFX file")
-    root = Element("MSRSW")
-    _text(root, "SHORT-NAME", "commonrail")
-    _text(root, "CATEGORY", "CDF20")
-    system = SubElement(SubElement(root, "SW-SYSTEMS"), "SW-SYSTEM")
-    _text(system, "SHORT-NAME", _UNKNOWN)
-    tree = SubElement(SubElement(system, "SW-INSTANCE-SPEC"), "SW-INSTANCE-TREE")
-    _text(tree, "SHORT-NAME", "commonrail")
-    _text(tree, "LONG-NAME", "; ".join(dict.fromkeys(note for table in tables for note in table.notes)))
-    _text(tree, "CATEGORY", "NO_VCD")
-    for table in tables:
-        tree.append(_instance(table))
-    ElementTree.indent(root)
-    body = ElementTree.tostring(root, encoding="unicode")
-    write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{_DOCTYPE}\n{body}\n')
-
-
-def _instance(table: MapTable) -> Element:
-    instance = Element("SW-INSTANCE")
-    _text(instance, "SHORT-NAME", table.label)
-    _text(instance, "LONG-NAME", table.title)
-    _text(instance, "CATEGORY", "MAP")
-    content = SubElement(instance, "SW-VALUE-CONT")
-    _text(content, "UNIT-DISPLAY-NAME", table.unit)
-    values = SubElement(content, "SW-VALUES-PHYS")
-    for place, row in zip(table.y.values.tolist(), table.values.tolist(), strict=True):
-        group = SubElement(values, "VG")
-        _text(group, "LABEL", number_text(place))
-        _values(group, row)
-    axes = SubElement(instance, "SW-AXIS-CONTS")
-    for axis in (table.x, table.y):
-        _axis(axes, axis)
-    return instance
-
-
-def _axis(axes: Element, axis: Axis) -> None:
-    container = SubElement(axes, "SW-AXIS-CONT")
-    _text(container, "CATEGORY", "STD_AXIS")
-    _text(container, "UNIT-DISPLAY-NAME", axis.unit)
-    _values(SubElement(container, "SW-VALUES-PHYS"), axis.values.tolist())
-
-
-def _values(parent: Element, values: Iterable[float]) -> None:
-    for value in values:
-        _text(parent, "V", number_text(value))
-
-
-def _text(parent: Element, tag: str, text: str) -> None:
-    SubElement(parent, tag).text = text
+    notes = dict.fromkeys(note for table in tables for note in table.notes)
+    write_text(path, render("cdfx.xml", __package__, tables=tables, notes="; ".join(notes), text=number_text) + "\n")
 
 
 _WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
