@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from commonrail.base.chart import Bars
 from commonrail.base.output import summed, write_csv, write_text
 from commonrail.base.text import MISSING, duration, significant
 from commonrail.data.records import Record
@@ -32,30 +33,31 @@ class Analysis(Protocol):
 Result = TypeVar("Result", bound=Analysis)
 
 
-def run_into(folder: Path | None, name: str, run: Callable[[], Result], texts: Mapping[str, str] = {}) -> Result:
+def run_into(folder: Path | None, table: str, run: Callable[[], Result], texts: Mapping[str, str] = {}) -> Result:
     """Run an analysis, and write record, table, report and further texts into a new folder, if there is to be one.
 
-    The record is called ``<name>.json``, the table ``<name>.csv``. The folder is removed again if nothing comes of the
-    analysis.
+    The record has the name of the table, such as "tolerance.csv", with the ending ``.json``. The folder is removed
+    again if nothing comes of the analysis.
     """
     if folder is None:
         return run()
     with new_run_folder(folder):
         found = run()
-        _write(folder, name, found)
+        _write(folder, table, found)
         for file, text in texts.items():
             write_text(folder / file, text)
         write_report(folder)
     return found
 
 
-def _write(folder: Path, name: str, found: Analysis) -> None:
+def _write(folder: Path, table: str, found: Analysis) -> None:
     record, rows = found.record(), found.rows()
+    record_file = Path(table).with_suffix(".json").name
     notes = (record["title"], "simulated, not measured; SI units", *synthetic_lines(record))
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    with summed(folder, f"{name}.json", f"{name}.csv"):
-        write_record(folder / f"{name}.json", record)
-        write_csv(folder / f"{name}.csv", notes, heads, ([_cell(row.get(head)) for head in heads] for row in rows))
+    with summed(folder, record_file, table):
+        write_record(folder / record_file, record)
+        write_csv(folder / table, notes, heads, ([_cell(row.get(head)) for head in heads] for row in rows))
 
 
 def _cell(value: Any) -> str:
@@ -85,6 +87,12 @@ def analysis_html(
         facts=[*facts, ("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)],
         **values,
     )
+
+
+def interval_bars(label: str, look: str, rows: Sequence[Record], key: str, scale: float, slot: int = 0) -> Bars:
+    """Bars from zero with their intervals: of each row the value, low and high of a key, times a scale."""
+    value, low, high = (tuple(scale * row[key][end] for row in rows) for end in ("value", "low", "high"))
+    return Bars(label, look, (0.0,) * len(rows), value, low, high, slot=slot)
 
 
 def bar_height(rows: int) -> int:

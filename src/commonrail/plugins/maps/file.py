@@ -67,18 +67,9 @@ def _cell(value: float) -> str:
 
 def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
     maps = [
-        {
-            "label": table.label,
-            "title": table.title,
-            "name": table.name,
-            "unit": table.unit,
-            "x": _named_values(table.x),
-            "y": _named_values(table.y),
-            "values": numbers(table.values),
-            "states": table.states,
-            "notes": table.notes,
-            "layers": list(map(_named_values, table.layers)),
-        }
+        vars(table)
+        | {name: _named_values(axis) for name, axis in (("x", table.x), ("y", table.y))}
+        | {"values": numbers(table.values), "layers": list(map(_named_values, table.layers))}
         for table in tables
     ]
     write_text(path, json.dumps({"kind": "maps", "schema": 1, "maps": maps}, indent=1, allow_nan=False) + "\n")

@@ -164,8 +164,14 @@ def injection_map(
 # Maps and sweeps in one call, with units in texts.
 
 # Operating point of a sweep where nothing is said: SI values.
-_USUAL = {"rail_pressure": 100e6, "energising_time": 500e-6, "first_energising_time": 0.0, "dwell": 1e-3}
-_PRESSURES = {"cylinder_pressure": 5e6, "return_pressure": 0.5e6}
+_USUAL = {
+    "rail_pressure": 100e6,
+    "energising_time": 500e-6,
+    "first_energising_time": 0.0,
+    "dwell": 1e-3,
+    "cylinder_pressure": 5e6,
+    "return_pressure": 0.5e6,
+}
 
 
 def map(
@@ -260,11 +266,9 @@ def sweep(
     for name in fixed:
         if name not in OPERATING:
             raise ConfigurationError(f"There is no {name} of an operating point; there are {', '.join(OPERATING)}.")
-    own = {name: number(value, OPERATING[name], name) for name, value in fixed.items()}
-    given = _USUAL | _PRESSURES | own
-    pressures = given["cylinder_pressure"], given["return_pressure"]
-    conditions = Conditions(*pressures, number(time_step, "s", "time step"), threads)
-    base = Base(**{name: given[name] for name in _USUAL}, conditions=conditions)
+    given = _USUAL | {name: number(value, OPERATING[name], name) for name, value in fixed.items()}
+    pressures = given.pop("cylinder_pressure"), given.pop("return_pressure")
+    base = Base(**given, conditions=Conditions(*pressures, number(time_step, "s", "time step"), threads))
     return swept(injector, [_variable(*item) for item in vary.items()], base)
 
 

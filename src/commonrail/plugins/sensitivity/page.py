@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from commonrail.base.chart import Bars, Figure, Panel, Points, Series
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import field_unit, percent, quantity, significant
 from commonrail.data.records import Record
-from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height
+from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.draw.figure import figure_html
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
@@ -155,27 +154,21 @@ def _indices(record: Record, output: Record) -> Figure | None:
     names = tuple(row["name"] for row in rows)
     if record["design"] == "sobol":
         bars = (
-            _measured("takes part in", "start", rows, "total", 100.0),
-            _measured("alone", "best", rows, "first", 100.0),
+            interval_bars("takes part in", "start", rows, "total", 100.0),
+            interval_bars("alone", "best", rows, "first", 100.0, slot=1),  # beside the total ones
         )
         caption = "Total and first-order Sobol' indices with their bootstrap intervals."
         return Figure(
             "Share of the variance", caption, "share of the variance, %", (Panel("", (), bars=bars, rows=names),)
         )
     _, unit, scale = field_unit(output["unit"])
-    bar = _measured("mean size of the effects", "start", rows, "magnitude", scale)
+    bar = interval_bars("mean size of the effects", "start", rows, "magnitude", scale)
     return Figure(
         "Elementary effects",
         "Mean size µ* of the change of the output when a parameter moves over its whole range.",
         f"effect, {unit}" if unit else "effect",
         (Panel("", (), bars=(bar,), rows=names),),
     )
-
-
-def _measured(label: str, look: str, rows: Sequence[Record], key: str, scale: float) -> Bars:
-    """Bars with their intervals; the first-order indices stand beside the total ones."""
-    value, low, high = (tuple(scale * row[key][end] for row in rows) for end in ("value", "low", "high"))
-    return Bars(label, look, (0.0,) * len(rows), value, low, high, slot=int(key == "first"))
 
 
 def _tornado(output: Record) -> Figure | None:

@@ -126,7 +126,7 @@ def sensitivity(
                 progress=lambda p: bar.show(Stage("simulating", p.done, p.total, f"{p.total} candidates")),
             )
 
-    found = run_into(out, "sensitivity", work)
+    found = run_into(out, "sensitivity.csv", work)
     record = found.record()
     if json:
         print_json(record)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from commonrail.base.chart import Bars, Figure, Panel, Series
+from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
-from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height
+from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.draw.figure import figure_html
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
@@ -153,9 +153,8 @@ def _figures(point: Record) -> list[tuple[Figure, int]]:
     figures = [(_histogram(point), 260)]
     rows = [row for row in point["dimensions"] if row["share"] is not None][:SHOWN]
     if rows:
-        value, low, high = (tuple(100.0 * row["share"][key] for row in rows) for key in ("value", "low", "high"))
-        bars = Bars("", "start", (0.0,) * len(rows), value, low, high)
-        panel = Panel("", (), bars=(bars,), rows=tuple(row["name"] for row in rows))
+        bars = (interval_bars("", "start", rows, "share", 100.0),)
+        panel = Panel("", (), bars=bars, rows=tuple(row["name"] for row in rows))
         figure = Figure(
             "Share of the variance", "Covariance of each dimension's part of a cubic fit.", "share, %", (panel,)
         )

@@ -53,7 +53,7 @@ def tolerance(
     changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
     with held_interrupts():  # what is simulated is written whatever keys are pressed
-        found = run_into(out, "tolerance", lambda: _run(loaded, threads), {"tolerances.toml": loaded.text})
+        found = run_into(out, "tolerance.csv", lambda: _run(loaded, threads), {"tolerances.toml": loaded.text})
     record = found.record()
     if json:
         print_json(record)
