@@ -53,12 +53,12 @@ def with_bands(
 
 
 def _check_values(found: InjectionMap, best: Mapping[str, float]) -> None:
-    own = found.injector.values
+    values = found.injector.values
     for name, value in best.items():
-        if name in own and not np.isclose(own[name], value, rtol=SAME, atol=0.0):
+        if name in values and not np.isclose(values[name], value, rtol=SAME, atol=0.0):
             raise ConfigurationError(
-                f"{found.injector.name} has {name} = {own[name]:g} and the fit {value:g}: the bands of a fit are those "
-                "of the injector that it has calibrated; omit the changes or the bands."
+                f"{found.injector.name} has {name} = {values[name]:g} and the fit {value:g}: the bands of a fit are "
+                "those of the injector that it has calibrated; omit the changes or the bands."
             )
 
 
@@ -76,6 +76,6 @@ def _volume_factor(stated: float, density: float) -> float:
 def _tables(volume: Floats, which: Bools, apart: list[Floats]) -> tuple[Floats, Floats]:
     """Edges of all cells, from their distances from the quantities of marked ones; none is injected backwards."""
     low, high = np.full((2, *volume.shape), np.nan)
-    own = volume[which]
-    low[which], high[which] = np.maximum(own + apart[0], np.minimum(own, 0.0)), own + apart[1]
+    centre = volume[which]
+    low[which], high[which] = np.maximum(centre + apart[0], np.minimum(centre, 0.0)), centre + apart[1]
     return low, high

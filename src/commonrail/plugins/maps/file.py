@@ -56,8 +56,8 @@ def _cells(table: MapTable) -> list[list[str]]:
     rows = []
     for i, x in enumerate(table.x.values.tolist()):
         for j, y in enumerate(table.y.values.tolist()):
-            own = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
-            rows.append(own + [_cell(layer.values[j, i]) for layer in table.layers])
+            cells = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
+            rows.append(cells + [_cell(layer.values[j, i]) for layer in table.layers])
     return rows
 
 

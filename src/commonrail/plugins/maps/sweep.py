@@ -257,11 +257,11 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     """
     _check(variables, base)
     _check_values(injector, variables)
-    moving = [v for v in variables if v.name in OPERATING]
-    own = [v for v in variables if v.name not in OPERATING]
-    columns = _columns(moving)
-    values = np.stack(list(_columns(own).values()), axis=1) if own else None
-    names = [v.name for v in own]
+    operating = [v for v in variables if v.name in OPERATING]
+    parameters = [v for v in variables if v.name not in OPERATING]
+    columns = _columns(operating)
+    values = np.stack(list(_columns(parameters).values()), axis=1) if parameters else None
+    names = [v.name for v in parameters]
 
     def simulated(points: Sequence[OperatingPoint]) -> Batch:
         return simulate_many(injector, points, base.conditions, names, values)
@@ -282,8 +282,8 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
         fused = fused_of(both, whole.last_starts, first.opening[:, which])
     second = np.where(fused, np.nan, total - alone)
-    sizes = [len(v.values) for v in (*own, *moving)]
-    order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
+    sizes = [len(v.values) for v in (*parameters, *operating)]
+    order = [[v.name for v in (*parameters, *operating)].index(v.name) for v in variables]
 
     def shaped(table: NDArray[Any]) -> NDArray[Any]:
         """Axes in the order of the variables, from (candidates, points)."""
@@ -304,11 +304,11 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
 
 def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
     """Distinct points with the first of two injections alone, and of each given point the index among them."""
-    own = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
-    if not own:
+    shared = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
+    if not shared:
         return [base.point({}, alone=True)], np.zeros(count, np.intp)
-    distinct, which = np.unique(np.stack(list(own.values())), axis=1, return_inverse=True)
-    changed = dict(zip(own, distinct, strict=True))
+    distinct, which = np.unique(np.stack(list(shared.values())), axis=1, return_inverse=True)
+    changed = dict(zip(shared, distinct, strict=True))
     return base.points(changed, alone=True), np.asarray(which, np.intp).reshape(-1)
 
 

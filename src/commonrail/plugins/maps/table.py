@@ -125,13 +125,13 @@ def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_U
     tables = []
     for dwell, inverse in zip(found.dwell.tolist(), found.inverses, strict=True):
         ballistic = np.zeros(inverse.state.shape, bool)
-        own = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label, units)
+        table = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label, units)
         pause = (
             f"dwell {dwell * 1e6:g} us from the end of the first energising ({found.first_energising_time * 1e6:g} us)"
         )
         title = f"Energising time of the second injection of {found.alone.injector.name}, {pause}"
         name = check_label(f"{label}_{dwell * 1e6:g}us".replace(".", "_"))
-        tables.append(replace(own, label=name, title=title, notes=(*own.notes, f"second injection: {pause}")))
+        tables.append(replace(table, label=name, title=title, notes=(*table.notes, f"second injection: {pause}")))
     return tables
 
 

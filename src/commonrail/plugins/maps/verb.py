@@ -235,7 +235,8 @@ def _write(
 
     for path in paths:
         usual = ECU_UNITS if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
-        write_map_file(path, [table(MapUnits(*(given or own for given, own in zip(units, usual, strict=True))))])
+        chosen = MapUnits(*(given or default for given, default in zip(units, usual, strict=True)))
+        write_map_file(path, [table(chosen)])
 
 
 def _compared(found: InjectionMap, path: Path) -> Comparison:

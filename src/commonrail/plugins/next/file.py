@@ -66,12 +66,12 @@ def plan_record(plan: Plan) -> dict[str, Any]:
                 "factor": one.factor,
             }
         )
-    own = plan.settings
+    settings = plan.settings
     return {
         "kind": "next",
-        "criterion": own.criterion.value,
-        "draws": own.draws,
-        "seed": own.seed,
+        "criterion": settings.criterion.value,
+        "draws": settings.draws,
+        "seed": settings.seed,
         "candidates": plan.candidates,
         "failed": plan.failed,
         "cost": plan.cost,

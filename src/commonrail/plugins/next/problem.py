@@ -39,32 +39,32 @@ def prior_information(likelihood: Likelihood, unit: Floats) -> Floats:
 
 def slope_weights(estimate: Estimate) -> Floats:
     """Information of an innovation (n,) of each value's law over that of the Gaussian one."""
-    own, found = estimate.likelihood, np.ones(estimate.likelihood.size)
-    innovations = own.whiten(estimate.errors)
-    for block, noise in zip(own.blocks, own.noises, strict=True):
+    likelihood, found = estimate.likelihood, np.ones(estimate.likelihood.size)
+    innovations = likelihood.whiten(estimate.errors)
+    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
         found[block.rows] = max(float(noise.density.slope(innovations[block.rows]).mean()), 0.05)
     return found
 
 
-def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
+def laplace_draws(estimate: Estimate, n: int, seed: int) -> Floats:
     """Positions (s, d): the most likely ones, then draws of the normal distribution that the curvature there gives.
 
     Draws beyond bounds and constraints are pulled back to them.
     """
-    own, unit = estimate.likelihood, estimate.unit
-    tangents = own.whiten(estimate.slopes)
-    information = (tangents * slope_weights(estimate)) @ tangents.T + prior_information(own, unit)
-    moves = estimate.covariance.nuisances
-    covariance = np.linalg.inv(information) + np.where(np.isfinite(moves), moves, 0.0).T @ moves
-    normal = np.random.default_rng(seed).standard_normal((many - 1, len(unit)))
+    likelihood, unit = estimate.likelihood, estimate.unit
+    tangents = likelihood.whiten(estimate.slopes)
+    information = (tangents * slope_weights(estimate)) @ tangents.T + prior_information(likelihood, unit)
+    shifts = estimate.covariance.nuisances
+    covariance = np.linalg.inv(information) + np.where(np.isfinite(shifts), shifts, 0.0).T @ shifts
+    normal = np.random.default_rng(seed).standard_normal((n - 1, len(unit)))
     drawn = unit + normal @ np.linalg.cholesky(covariance).T
-    inside = FeasibleSet.of(own.space).within(np.repeat(unit[None], many - 1, axis=0), drawn)
+    inside = FeasibleSet.of(likelihood.space).within(np.repeat(unit[None], n - 1, axis=0), drawn)
     return np.vstack([unit, inside])
 
 
-def posterior_draws(estimate: Estimate, points: Floats, many: int, seed: int) -> Floats:
-    """Positions (s, d), at most `many`: the most likely, then some of the posterior's (m, d) [SI], none twice."""
-    chosen = np.random.default_rng(seed).permutation(len(points))[: many - 1]
+def posterior_draws(estimate: Estimate, points: Floats, n: int, seed: int) -> Floats:
+    """Positions (s, d), at most `n`: the most likely, then some of the posterior's (m, d) [SI], none twice."""
+    chosen = np.random.default_rng(seed).permutation(len(points))[: n - 1]
     return np.vstack([estimate.unit, estimate.likelihood.space.to_unit(points[chosen])])
 
 
@@ -90,8 +90,8 @@ def common_loads(block: Block, places: Floats) -> Floats:
     loads = replace(block, rows=slice(0, len(both)), places=both).stated_courses()
     weight = np.sum(loads**2, axis=1)
     order = np.argsort(-weight, kind="stable")
-    many = int(np.searchsorted(np.cumsum(weight[order]), KEPT * weight.sum())) + 1
-    return np.asarray(loads[order[:many]])
+    n = int(np.searchsorted(np.cumsum(weight[order]), KEPT * weight.sum())) + 1
+    return np.asarray(loads[order[:n]])
 
 
 def decorrelated(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
@@ -148,12 +148,12 @@ class Responder(NamedTuple):
         found: dict[int, Response] = {}
         for kind in dict.fromkeys(one.kind for one in candidates):
             which = [i for i, one in enumerate(candidates) if one.kind == kind]
-            own = [candidates[i] for i in which]
-            sets = planned(kind, [one.point for one in own], data)
+            group = [candidates[i] for i in which]
+            sets = planned(kind, [one.point for one in group], data)
             if isinstance(sets[0], QuantityData):
-                made = self._of_map(own, sets[0], noises[kind])
+                made = self._of_map(group, sets[0], noises[kind])
             else:
-                made = [self._of_curve(c, one, noises[kind]) for c, one in zip(own, sets, strict=True)]
+                made = [self._of_curve(c, one, noises[kind]) for c, one in zip(group, sets, strict=True)]
             found |= dict(zip(which, made, strict=True))
         return [found[i] for i in range(len(candidates))]
 
@@ -178,7 +178,7 @@ class Responder(NamedTuple):
         loads = np.array([shifts.get(name, none) for name in self.uncertain])
         return np.concatenate([slopes, np.repeat(loads[None], len(slopes), axis=0)], axis=1)
 
-    def _of_map(self, own: Sequence[Candidate], data: QuantityData, noise: FittedNoise) -> list[Response]:
+    def _of_map(self, candidates: Sequence[Candidate], data: QuantityData, noise: FittedNoise) -> list[Response]:
         best = data.simulated(self.simulator, self.best)[0]
         data = replace(data, quantity=np.maximum(np.where(np.isfinite(best), best, 0.0), 0.0))
         tolerance = data.absolute + data.relative * data.quantity
@@ -189,10 +189,10 @@ class Responder(NamedTuple):
         failed = np.count_nonzero(~sound, axis=0)
         return [
             Response(one, float(best[i]), float(tolerance[i]), rows[:, None, :, i], plain[..., i], int(failed[i]))
-            for i, one in enumerate(own)
+            for i, one in enumerate(candidates)
         ]
 
-    def _of_curve(self, own: Candidate, data: DataSet, noise: FittedNoise) -> Response:
+    def _of_curve(self, candidate: Candidate, data: DataSet, noise: FittedNoise) -> Response:
         slopes = self._slopes(data)
         sound: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
         both = self._with_loads(data, np.where(sound[:, None, None], slopes, 0.0))
@@ -203,7 +203,7 @@ class Responder(NamedTuple):
         rows = np.array([np.linalg.qr(one.T, mode="r") for one in tangents])
         value = float(np.sum(best * data.widths)) if isinstance(data, RateData) else float("nan")
         failed = int(np.count_nonzero(~sound))
-        return Response(own, value, float("nan"), rows, np.zeros(self.unit.shape), failed)
+        return Response(candidate, value, float("nan"), rows, np.zeros(self.unit.shape), failed)
 
 
 def problem_of(
@@ -263,8 +263,8 @@ def _rows(responses: Sequence[Response], planned: Floats, scales: Sequence[float
     most = max(one.rows.shape[1] for one in responses)
     rows = np.zeros((s, len(responses), most, size + len(planned)))
     for i, one in enumerate(responses):
-        own = one.rows.shape[1]
-        rows[:, i, :own, :size] = one.rows
+        n = one.rows.shape[1]
+        rows[:, i, :n, :size] = one.rows
         if math.isfinite(one.scale):
             sound: Bools = np.asarray(one.rows.any(axis=(1, 2)))[:, None]
             rows[:, i, 0, size:] = np.where(sound, planned[:, i] / scales[i], 0.0)

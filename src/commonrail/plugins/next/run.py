@@ -300,24 +300,26 @@ def next_measurements(
     """
     instance(study, Study, "study")
     settings = settings or DesignSettings()
-    own = Likelihood.of(study, thread_count(threads))
-    columns = [_column(own, name) for name in settings.parameters or own.names]
+    likelihood = Likelihood.of(study, thread_count(threads))
+    columns = [_column(likelihood, name) for name in settings.parameters or likelihood.names]
     wanted = list(candidates_of(study) if candidates is None else candidates)
     _check(wanted)
-    begin = own.space.to_unit(np.array([best[name] for name in own.names]))[None]
+    begin = likelihood.space.to_unit(np.array([best[name] for name in likelihood.names]))[None]
     note("fitting the noise of the data ...")
-    found = estimate(own, begin)
+    found = estimate(likelihood, begin)
     data = in_order(of_role(study.data, Role.FIT))
     noises, notes = _trusted(found, data)
     many = settings.draws, settings.seed
     unit = laplace_draws(found, *many) if posterior is None else posterior_draws(found, posterior, *many)
     note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
-    simulator = Simulator(study.injector, own.names, study.time_step, thread_count(threads), same_bits=study.same_bits)
+    simulator = Simulator(
+        study.injector, likelihood.names, study.time_step, thread_count(threads), same_bits=study.same_bits
+    )
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
-    uncertain = tuple(one.name for one in own.nuisances)
-    responses = Responder(simulator, own.space, unit, uncertain).of(wanted, data, by_kind)
-    likelihood = found.likelihood.with_noises(noises)
-    problem = problem_of(found, likelihood, data, unit, responses, (settings.criterion, columns))
+    uncertain = tuple(one.name for one in likelihood.nuisances)
+    responses = Responder(simulator, likelihood.space, unit, uncertain).of(wanted, data, by_kind)
+    trusted = found.likelihood.with_noises(noises)
+    problem = problem_of(found, trusted, data, unit, responses, (settings.criterion, columns))
     rules = _rules(wanted, data, settings)
     plan = select(problem, rules)
     if not plan:

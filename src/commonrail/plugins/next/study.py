@@ -89,9 +89,9 @@ def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
     return pressures, times
 
 
-def _rounded(values: Floats, many: int, step: float) -> Floats:
+def _rounded(values: Floats, n: int, step: float) -> Floats:
     low, high = float(values.min()), float(values.max())
-    inner = step * np.round(np.linspace(low, high, many) / step)
+    inner = step * np.round(np.linspace(low, high, n) / step)
     return np.unique(np.clip(inner, low, high))
 
 

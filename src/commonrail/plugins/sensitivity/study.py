@@ -274,9 +274,9 @@ class SensitivitySettings:
             precision=chosen(self.precision, Precision, "precision"),
         )
 
-    def step_or(self, own: float | None) -> float:
+    def step_or(self, of_study: float | None) -> float:
         """Time step [s]: the one that is set, else the study's own, else the engine's default."""
-        return check_step(own or DEFAULT_STEP if self.time_step is None else self.time_step)
+        return check_step(of_study or DEFAULT_STEP if self.time_step is None else self.time_step)
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:
@@ -314,16 +314,16 @@ def parameters_within(
         If a name is unknown, a value is zero and has no range, or a range is crossed or leaves the domain.
     """
     instance(injector, Injector, "injector")
-    own = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
+    given = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
     share = number(within, "1", "share of the ranges")
     if not 0.0 < share <= 1.0:
         raise ConfigurationError(f"The share of the ranges must be greater than 0 and at most 1, not {share:g}.")
     if names is None:
-        names = () if own else default_names(injector)
-    wanted = known_names(list(dict.fromkeys([*names, *own])), parameter_quantities(), "names", "valve.lift")
+        names = () if given else default_names(injector)
+    wanted = known_names(list(dict.fromkeys([*names, *given])), parameter_quantities(), "names", "valve.lift")
     if not wanted:
         raise ConfigurationError("At least one parameter is needed among the names.")
-    return tuple(_ranged(injector, name, own.get(name), share) for name in wanted)
+    return tuple(_ranged(injector, name, given.get(name), share) for name in wanted)
 
 
 def _ranged(injector: Injector, name: str, given: object, share: float) -> Parameter:

@@ -144,9 +144,9 @@ class VarianceShares:
         everything = terms.T @ terms
         for k, column in enumerate((quantities - self._centre).T):
             there = np.isfinite(column)
-            own, known = (terms, column) if there.all() else (terms[there], column[there])
-            self._products[group, k] += everything if len(own) == len(terms) else own.T @ own
-            self._sums[group, k] += own.T @ known
+            rows, known = (terms, column) if there.all() else (terms[there], column[there])
+            self._products[group, k] += everything if len(rows) == len(terms) else rows.T @ rows
+            self._sums[group, k] += rows.T @ known
             self._squares[group, k] += float(known @ known)
 
     def shares(self, k: int, confidence: float) -> Shares | None:
@@ -178,9 +178,9 @@ class VarianceShares:
         with_quantity = sums[1:] / n - means * float(sums[0]) / n
         slopes: Floats = np.asarray(np.linalg.lstsq(covariances, with_quantity, rcond=1e-12)[0], dtype=np.float64)
         by_degree = (slopes * with_quantity).reshape(DEGREE, d).sum(axis=0)
-        own = [_quadratic(covariances, slopes, np.arange(j, DEGREE * d, d)) for j in range(d)]
+        variances = [_quadratic(covariances, slopes, np.arange(j, DEGREE * d, d)) for j in range(d)]
         odd = slopes.reshape(DEGREE, d)[::2].sum(axis=0)
-        halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * np.array(own), 0.0))
+        halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * np.array(variances), 0.0))
         shares = by_degree / variance
         return Shares(shares, shares, shares, float(1.0 - shares.sum()), 2.0 * odd, halved)
 

@@ -63,10 +63,10 @@ def tolerance(
     simulated = Simulated(t, thread_count(threads))
     nominal = _nominal(simulated)
     limits = [_limits(t, k, nominal[k]) for k in range(len(t.points))]
-    with held_interrupts() as wish:
-        found, shares, done = _all(simulated, nominal, report, lambda: wish.asked)
+    with held_interrupts() as request:
+        found, shares, done = _all(simulated, nominal, report, lambda: request.asked)
         if not done:
-            wish.heed()
+            request.heed()
         spreads = [
             spread_of(found.quantities[:done, k], found.codes[:done, k], limits[k], sure) for k in range(len(limits))
         ]
@@ -75,7 +75,7 @@ def tolerance(
             why = Status(int(np.bincount(found.codes[:done].ravel()).argmax()))
             raise SimulationError(f"{t.title}: hardly any part can be simulated at {lost[0]}. {why.sentence}")
         trim = None
-        if t.trim is not None and not wish.asked:
+        if t.trim is not None and not request.asked:
             trim = trimmed(simulated, found, nominal, limits, sure, lambda i, n: report(Progress("trimming", i, n)))
     results = tuple(
         PointResult(p.name, p.point, nominal[k], spreads[k], shares.shares(k, sure))  # type: ignore[arg-type]

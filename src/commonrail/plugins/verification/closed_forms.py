@@ -151,15 +151,11 @@ def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Fl
 
 def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
     """Delay [s], near the expected one, after which a wave (n,) that left comes back with its sign changed."""
-    from scipy.optimize import minimize_scalar  # slow to import
 
     def miss(delay: float) -> float:
         return float(np.sum((arriving + np.interp(time - delay, time, leaving, left=0.0)) ** 2))
 
-    coarse = np.linspace(0.8, 1.2, 401) * near
-    best = float(coarse[np.argmin([miss(delay) for delay in coarse])])
-    step = float(coarse[1] - coarse[0])
-    return float(minimize_scalar(miss, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-10}).x)
+    return _least(miss, np.linspace(0.8, 1.2, 401) * near, 1e-10)
 
 
 def frequency(signal: Floats, dt: float, near: float) -> float:
@@ -167,16 +163,21 @@ def frequency(signal: Floats, dt: float, near: float) -> float:
 
     The signal (n,) has a value every `dt` [s].
     """
-    from scipy.optimize import minimize_scalar  # slow to import
-
     shaped, time = signal * np.hanning(len(signal)), dt * np.arange(len(signal))
 
     def weakness(f: float) -> float:
         return -float(abs(np.sum(shaped * np.exp(-2j * np.pi * f * time))))
 
-    coarse = np.linspace(0.3, 1.3, 501) * near
-    best = float(coarse[np.argmin([weakness(f) for f in coarse])])
-    return float(minimize_scalar(weakness, bounds=(0.99 * best, 1.01 * best), method="bounded").x)
+    return _least(weakness, np.linspace(0.3, 1.3, 501) * near, 1e-5)
+
+
+def _least(function: Callable[[float], float], grid: Floats, tolerance: float) -> float:
+    """Argument at which a function is least: the best of an even grid, refined between its neighbours."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    best, step = grid[np.argmin([function(x) for x in grid.tolist()])], grid[1] - grid[0]
+    ends = (best - step, best + step)
+    return float(minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": tolerance}).x)
 
 
 def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Floats]:
@@ -203,15 +204,15 @@ def chain_frequency(
     c = plunger_needle.coefficients(p, dt)
     load = Loads(-2000.0, 0.0, 0.0, 0.0, 0.0)
     rest = np.array(plunger_needle.at_rest(c, seat, load).z)
-    away = 1e-8 * shape / np.abs(shape).max()
-    before = Nine(*(0.5 * dt * omega**2 * away))
-    state = State(Nine(*(rest + away)), before, before)
-    course = np.empty(200 * periods)
-    for i in range(len(course)):
-        course[i] = (np.array(state.z) - rest) @ (mass * shape)
+    displacement = 1e-8 * shape / np.abs(shape).max()
+    before = Nine(*(0.5 * dt * omega**2 * displacement))
+    state = State(Nine(*(rest + displacement)), before, before)
+    amplitude = np.empty(200 * periods)
+    for i in range(len(amplitude)):
+        amplitude[i] = (np.array(state.z) - rest) @ (mass * shape)
         state = plunger_needle.advance(c, seat, state, load, dt)
-    at = np.flatnonzero(course[:-1] * course[1:] < 0.0)
-    crossings = at + course[at] / (course[at] - course[at + 1])
+    at = np.flatnonzero(amplitude[:-1] * amplitude[1:] < 0.0)
+    crossings = at + amplitude[at] / (amplitude[at] - amplitude[at + 1])
     return float(math.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * dt))
 
 
