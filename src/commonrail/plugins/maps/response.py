@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -12,7 +12,6 @@ import numpy as np
 from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
-from commonrail.engine.job import Courses
 from commonrail.engine.lanes import compiled
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare, reference_density
@@ -36,18 +35,17 @@ class Conditions(NamedTuple):
     time_step: float = DEFAULT_STEP
     threads: int | None = None
 
-    def point(self, rail_pressure: float, energisings: Iterable[tuple[float, float]] | float) -> OperatingPoint:
-        """Operating point at a rail pressure [Pa], with one energising time [s] or several (start, duration) [s]."""
-        pulses = [(0.0, energisings)] if isinstance(energisings, float) else list(energisings)
-        horizon = pulses[-1][0] + (1.0 + AFTER[1]) * pulses[-1][1] + AFTER[0]
+    def point(self, rail_pressure: float, energising_time: float) -> OperatingPoint:
+        """Operating point of a single injection: rail pressure [Pa], energising time [s]."""
+        horizon = (1.0 + AFTER[1]) * energising_time + AFTER[0]
         return OperatingPoint(
-            rail_pressure, tuple(pulses), self.cylinder_pressure, self.return_pressure, horizon=horizon
+            rail_pressure, energising_time, self.cylinder_pressure, self.return_pressure, horizon=horizon
         )
 
 
 # Simulation of many operating points that share their pressures and energisings.
 
-AT_A_TIME = 2048  # points of a batch: Ctrl-C is heeded between batches
+AT_A_TIME = 2048  # points of a batch: Ctrl-C takes effect between batches
 ENOUGH = 4  # batches for each thread from which on every thread has batches of its own
 
 
@@ -102,24 +100,20 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
         by_pressure.append(pressures[pressure])
         by_energising.append(energisings[energising])
     few = prepare(injector, chosen, dt)
+    once = few.courses
     return few._replace(
         points=points,
-        courses=_spread(few.courses, np.array(by_pressure), np.array(by_energising)),
+        courses=once._replace(
+            settings=once.settings[by_pressure],
+            steps=once.steps[by_energising],
+            earliest_end=once.earliest_end[by_energising],
+            clock=once.clock[by_energising],
+            first=once.first[by_energising],
+            trace=once.trace[by_energising],
+        ),
         begin=few.begin[by_energising],
         densities=few.densities[:, by_pressure],
         highest=few.highest[by_pressure],
-    )
-
-
-def _spread(few: Courses, by_pressure: Ints, by_energising: Ints) -> Courses:
-    """Boundary conditions of many points, from the index of the same pressures and energisings among a few."""
-    return few._replace(
-        settings=few.settings[by_pressure],
-        steps=few.steps[by_energising],
-        earliest_end=few.earliest_end[by_energising],
-        clock=few.clock[by_energising],
-        first=few.first[by_energising],
-        trace=few.trace[by_energising],
     )
 
 
@@ -144,20 +138,13 @@ def density_at(injector: Injector, conditions: Conditions) -> float:
 
 
 def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, conditions: Conditions) -> Response:
-    """Simulate single injections at rail pressures [Pa] and energising times [s], arrays of one shape.
+    """Simulate single injections at rail pressures (n,) [Pa] and energising times (n,) [s].
 
-    ConfigurationError if a point lies outside what the injector's model covers.
+    One whose needle is still open at its end is repeated with a longer horizon. ConfigurationError if a point lies
+    outside what the injector's model covers.
     """
-    pairs = zip(rail_pressure.ravel().tolist(), energising_time.ravel().tolist(), strict=True)
-    found = simulate_points(injector, [conditions.point(rail, time) for rail, time in pairs], conditions)
-    return Response(found.volume.reshape(rail_pressure.shape), found.lift.reshape(rail_pressure.shape))
-
-
-def simulate_points(injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions) -> Response:
-    """Simulate operating points; one whose needle is still open at its end is repeated with a longer horizon.
-
-    Of the conditions, the time step and the threads count.
-    """
+    pairs = zip(rail_pressure.tolist(), energising_time.tolist(), strict=True)
+    points = [conditions.point(*pair) for pair in pairs]
     volume, lift, status = _simulated(injector, points, conditions)
     open_ = np.flatnonzero(status == STILL_INJECTING).tolist()
     if open_:
