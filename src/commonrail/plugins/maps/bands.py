@@ -42,7 +42,8 @@ def with_bands(
     study = replace(study, time_step=conditions.time_step)
     predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
     (band,) = predicted.bands
-    factor = _volume_factor(float(np.asarray(band.data.mass_density)), found.density)
+    stated = float(np.asarray(band.data.mass_density))  # of the data; NaN for the injector's
+    factor = stated / found.density if np.isfinite(stated) else 1.0
     count = int(forward.sum())
     quantity, delivered = {}, {}
     for level, edges in band.edges.items():
@@ -66,11 +67,6 @@ def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[floa
     """Rail pressures and energising times of marked cells."""
     rail = np.broadcast_to(rail_pressure[:, None], time.shape)
     return list(zip(rail[which].tolist(), time[which].tolist(), strict=True))
-
-
-def _volume_factor(stated: float, density: float) -> float:
-    """Factor from volumes at the density that the data state, NaN for the injector's own, to those of the map."""
-    return stated / density if np.isfinite(stated) else 1.0
 
 
 def _tables(volume: Floats, which: Bools, apart: list[Floats]) -> tuple[Floats, Floats]:

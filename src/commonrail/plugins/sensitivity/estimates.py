@@ -115,7 +115,7 @@ def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidenc
 
     def estimates(weights: Floats) -> Floats:
         """Indices (resamples, 2 d) of weighted base points."""
-        count, total, squares = (_sum(weights, of) for of in (there, ends, ends**2))
+        count, total, squares = (weights @ np.nansum(each, axis=1) for each in (there, ends, ends**2))
         variance = squares / count - (total / count) ** 2
         return np.asarray(_means(weights, terms) / variance[:, None])
 
@@ -159,11 +159,6 @@ def morris_effects(
         np.nanstd(effects, axis=0, ddof=1),
         used,
     )
-
-
-def _sum(weights: Floats, columns: Floats) -> Floats:
-    """Weighted sums (resamples,) over all columns; NaN counts as absent."""
-    return np.asarray(weights @ np.nansum(columns, axis=1))
 
 
 def _means(weights: Floats, columns: Floats) -> Floats:

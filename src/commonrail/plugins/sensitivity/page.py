@@ -21,8 +21,9 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of a sensitivity study; `folder` is its name for the command lines in it."""
     sections = []
     for k, (output, table) in enumerate(zip(record["outputs"], sensitivity_tables(record), strict=True)):
-        figures = _figures(record, output)
-        drawn = [(f, figure_html(f, f"figure-{k}-{i}", bar_height(_rows(f)))) for i, f in enumerate(figures)]
+        drawn = []
+        for i, figure in enumerate(_figures(record, output)):
+            drawn.append((figure, figure_html(figure, f"figure-{k}-{i}", bar_height(len(figure.panels[0].rows)))))
         sections.append((_heading(output), _output_lines(record, output), table, drawn))
     return analysis_html(
         "sensitivity.html",
@@ -105,16 +106,10 @@ def _table(record: Record, output: Record) -> Table:
 
 
 def _interval(found: Record, scale: float) -> str:
-    value, low, high = (significant(found[key], 3, scale) for key in ("value", "low", "high"))
-    if scale == 100.0:  # shares: whole tenths of a percent
-        value, low, high = (_tenths(100.0 * found[key]) for key in ("value", "low", "high"))
+    """Value with its interval; shares, whose scale is 100, in whole tenths of a percent without a sign at zero."""
+    numbers = (scale * found[key] for key in ("value", "low", "high"))
+    value, low, high = (f"{round(x, 1) + 0.0:.1f}" if scale == 100.0 else significant(x, 3) for x in numbers)
     return f"{value} ({low} to {high})".replace("-", "−")
-
-
-def _tenths(value: float) -> str:
-    """Percentage with one decimal, without a sign at zero."""
-    text = f"{value:.1f}"
-    return text.removeprefix("-") if not float(text) else text
 
 
 def _output_lines(record: Record, output: Record) -> list[str]:
@@ -176,7 +171,11 @@ def _tornado(output: Record) -> Figure | None:
     if base is None:
         return None
     _, unit, scale = field_unit(output["unit"])
-    rows = sorted(output["parameters"], key=lambda row: -max(_reach(row, base)))[:SHOWN]
+
+    def reach(row: Record) -> float:
+        return max(0.0 if row[key] is None else abs(row[key] - base) for key in ("low", "high"))
+
+    rows = sorted(output["parameters"], key=reach, reverse=True)[:SHOWN]
     start: Points = (scale * base,) * len(rows)
 
     def ends(key: str) -> Points:
@@ -193,15 +192,6 @@ def _tornado(output: Record) -> Figure | None:
         f"{output['name'].replace('_', ' ')}{f', {unit}' if unit else ''}",
         (Panel("", (line,), bars=bars, rows=tuple(row["name"] for row in rows)),),
     )
-
-
-def _reach(row: Record, base: float) -> tuple[float, float]:
-    low, high = (0.0 if row[key] is None else abs(row[key] - base) for key in ("low", "high"))
-    return low, high
-
-
-def _rows(figure: Figure) -> int:
-    return len(figure.panels[0].rows)
 
 
 def _range_table(record: Record) -> Table:

@@ -22,8 +22,6 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.plugins.sensitivity.estimates import (
-    Effects,
-    Indices,
     morris_effects,
     one_at_a_time,
     saltelli,
@@ -164,7 +162,8 @@ def study_of_model(
     centre = space.to_unit(space.reference)
     cross = one_at_a_time(centre)
     total = design.shape[0] * design.shape[1] + len(cross)
-    about = model.evaluate(_values(space, cross, space.reference))
+    # the reference has its values without rounding
+    about = model.evaluate(np.where(cross == centre, space.reference, space.from_unit(cross)))
     found, away = _evaluated(
         model, space, design, lambda done: progress and progress(Progress(done + len(cross), total))
     )
@@ -175,7 +174,11 @@ def study_of_model(
         y = found.values[:, k].reshape(design.shape)
         indices = effects = None
         if failed.share <= how.most_failed:
-            indices, effects = _estimates(design, y, how, np.random.default_rng(resampling.integers(2**63)))
+            drawing = np.random.default_rng(resampling.integers(2**63)), how.resamples, how.confidence
+            if how.design is Design.MORRIS:
+                effects = morris_effects(design.points, y, *drawing)
+            else:
+                indices = sobol_indices(y, *drawing)
         results.append(OutputSensitivity(output, _tornado(about, k, space), indices, effects, failed))
     seconds = time.perf_counter() - begin
     return replace(empty, outputs=tuple(results), injections=total * model.injections, seconds=seconds)
@@ -200,11 +203,6 @@ def _radial(a: Floats, b: Floats) -> Floats:
     rows[:, 1 + np.arange(d), np.arange(d)] = b
     rows[:, -1] = b
     return np.asarray(rows.reshape(n * (d + 2), d))
-
-
-def _values(space: Space, cube: Floats, exact: Floats) -> Floats:
-    """Values of positions; a position that is that of the reference has the reference itself, without rounding."""
-    return np.where(cube == space.to_unit(exact), exact, space.from_unit(cube))
 
 
 def _evaluated(
@@ -243,14 +241,6 @@ def _refuse_failed(how: SensitivitySettings, output: Output, failed: Failed) -> 
             f"{failed.number} simulations have no {output.name}, most at {failed.where}, and the policy is to refuse "
             f"that: {why}"
         )
-
-
-def _estimates(
-    design: _Design, y: Floats, how: SensitivitySettings, rng: np.random.Generator
-) -> tuple[Indices | None, Effects | None]:
-    if how.design is Design.MORRIS:
-        return None, morris_effects(design.points, y, rng, how.resamples, how.confidence)
-    return sobol_indices(y, rng, how.resamples, how.confidence), None
 
 
 def _tornado(about: Evaluated, k: int, space: Space) -> Tornado:

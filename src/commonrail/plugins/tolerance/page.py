@@ -26,7 +26,8 @@ def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
     sections = []
     for k, point in enumerate(record["points"]):
         figures = [(f, figure_html(f, f"figure-{k}-{i}", height)) for i, (f, height) in enumerate(_figures(point))]
-        sections.append((point["name"], _point_lines(point), figures, _share_table(record, point)))
+        lines = [f"{number:,} parts failed: {text}" for text, number in point["spread"]["reasons"].items()]
+        sections.append((point["name"], lines, figures, _share_table(record, point)))
     return analysis_html(
         "tolerance.html",
         __package__,
@@ -142,11 +143,6 @@ def _share(row: Record) -> str:
         return MISSING
     value, low, high = (percent(row["share"][key]) for key in ("value", "low", "high"))
     return f"{value} ({low} to {high})".replace("-", "−")
-
-
-def _point_lines(point: Record) -> list[str]:
-    spread = point["spread"]
-    return [f"{number:,} parts failed: {text}" for text, number in spread["reasons"].items()]
 
 
 def _figures(point: Record) -> list[tuple[Figure, int]]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.simulate import simulate_batch
@@ -178,16 +178,12 @@ class VarianceShares:
         with_quantity = sums[1:] / n - means * float(sums[0]) / n
         slopes: Floats = np.asarray(np.linalg.lstsq(covariances, with_quantity, rcond=1e-12)[0], dtype=np.float64)
         by_degree = (slopes * with_quantity).reshape(DEGREE, d).sum(axis=0)
-        variances = [_quadratic(covariances, slopes, np.arange(j, DEGREE * d, d)) for j in range(d)]
-        odd = slopes.reshape(DEGREE, d)[::2].sum(axis=0)
-        halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * np.array(variances), 0.0))
+        powers = slopes.reshape(DEGREE, d)
+        variances = np.einsum("aj,ajbj,bj->j", powers, covariances.reshape(DEGREE, d, DEGREE, d), powers)
+        odd = powers[::2].sum(axis=0)
+        halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * variances, 0.0))
         shares = by_degree / variance
         return Shares(shares, shares, shares, float(1.0 - shares.sum()), 2.0 * odd, halved)
-
-
-def _quadratic(covariances: Floats, slopes: Floats, columns: IndexArray) -> float:
-    """Variance of one dimension's polynomial."""
-    return float(slopes[columns] @ covariances[np.ix_(columns, columns)] @ slopes[columns])
 
 
 # Figures of the spread of a quantity over parts, and of the capability within limits.

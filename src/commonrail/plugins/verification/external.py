@@ -130,20 +130,16 @@ def objective_and_scores(injector: Injector) -> list[Check]:
     """J of the search against Σ weight · J of the reported scores, at the fuel's own and at another temperature."""
     data: list[DataSet] = [_curve(injector), _map(injector)]
     low, high = injector.fuel.temperature_range
-    names = [*PAPER_OPTIMUM, FUEL_TEMPERATURE]
+    names, stiffness = [*PAPER_OPTIMUM, FUEL_TEMPERATURE], np.array([injector.values[name] for name in PAPER_OPTIMUM])
     checks = []
     for what, temperatures in (("own temperature", (injector.values[FUEL_TEMPERATURE],)), ("others", (low, high))):
-        rows = [_row(injector, factor, t) for factor in FACTORS for t in temperatures]
+        rows = [[*(factor * stiffness), t] for factor in FACTORS for t in temperatures]
         costs = Objective(injector, names, data, STEP, 1).costs(np.array(rows)).costs
         scores = [_reported(injector.with_values(dict(zip(names, row, strict=True))), data) for row in rows]
         worst = float(np.max(np.abs(costs / np.array(scores) - 1.0)))
         detail = f"J of {len(rows)} candidates, a curve and a map, relative; limit: rounding of 1900 steps, with room"
         checks.append(check(f"objective against scores, {what}", worst, ROUNDING, "1", detail))
     return checks
-
-
-def _row(injector: Injector, factor: float, temperature: float) -> list[float]:
-    return [*(factor * injector.values[name] for name in PAPER_OPTIMUM), temperature]
 
 
 def _reported(injector: Injector, data: Sequence[DataSet]) -> float:

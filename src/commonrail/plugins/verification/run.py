@@ -187,18 +187,14 @@ def _volume_check(group: str, limit: VolumeLimit, members: Sequence[tuple[Task, 
     k = int(np.argsort(shares)[math.ceil(limit.share * len(shares)) - 1])
     task, worst = members[k]
     some = sum(one.volume > INJECTS for _, one in members)
+    pressure, drive = task.point.at_start(task.point.rail_pressure), task.injector.variant.drive.value
     detail = (
         f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations, of which {some} inject; "
-        f"here {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3{_where(task)}, where 1 % of a hole's "
-        f"diameter moves {worst.sensitivity:.0f} %"
+        f"here {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3 at {1e-6 * pressure:.0f} MPa, {drive} drive, "
+        f"where 1 % of a hole's diameter moves {worst.sensitivity:.0f} %"
     )
     of = "volume" if limit.share == 1.0 else f"volume of {100.0 * limit.share:g} % of them"
     return check(f"{group}: {of}", float(shares[k]), 100.0, "% of its limit", detail)
-
-
-def _where(task: Task) -> str:
-    pressure = task.point.at_start(task.point.rail_pressure) * 1e-6
-    return f" at {pressure:.0f} MPa, {task.injector.variant.drive.value} drive"
 
 
 def _batches(tasks: Sequence[Task], found: Sequence[Compared]) -> Check:
