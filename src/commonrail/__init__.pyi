@@ -396,6 +396,9 @@ from .plugins.sensitivity.study import (
 from .plugins.tolerance.file import (
     ToleranceResult as ToleranceResult,
 )
+from .plugins.tolerance.file import (
+    load_tolerances as load_tolerances,
+)
 from .plugins.tolerance.run import (
     tolerance as tolerance,
 )
@@ -425,9 +428,6 @@ from .plugins.tolerance.study import (
 )
 from .plugins.tolerance.study import (
     Uniform as Uniform,
-)
-from .plugins.tolerance.study import (
-    load_tolerances as load_tolerances,
 )
 from .readers.fuel import (
     load_fuel as load_fuel,
