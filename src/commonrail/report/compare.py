@@ -112,17 +112,9 @@ def comparison_commands(record: Record, folder: str) -> list[tuple[str, str]]:
 
 
 def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: Sequence[str]) -> list[str]:
-    """Sentence on which model has the least error of which data sets.
+    """Sentence on which model has the least error of which data sets, of their errors by label.
 
-    Parameters
-    ----------
-    what : str
-        What the best model has.
-    errors : sequence of mapping
-        Errors by label, of each data set.
-    names : sequence of str
-        Of the data sets.
-    labels : sequence of str
+    `what` is what the best model has; `names` are those of the data sets.
     """
     won: dict[str, list[str]] = {}
     for name, own in zip(names, errors, strict=True):

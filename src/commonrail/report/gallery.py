@@ -30,18 +30,9 @@ _TRACED = (Drive.VOLTAGE, Drive.CURRENT)
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One injector of the gallery.
+    """One injector of the gallery by its name in the catalogue.
 
-    Attributes
-    ----------
-    name : str
-        In the catalogue.
-    injector : Injector
-    points : tuple of OperatingPoint
-    solutions : dict of str to Solution
-        By rail pressure, as the legend says it.
-    notes : tuple of str
-        Sentences about what is not measured or assumed.
+    `solutions` are by rail pressure, as the legend says it; `notes` say what is not measured or assumed.
     """
 
     name: str
@@ -52,14 +43,9 @@ class Exhibit:
 
 
 def exhibit(name: str, injector: Injector) -> Exhibit:
-    """Simulate an injector for the gallery.
+    """Simulate an injector of the catalogue for the gallery.
 
-    Parameters
-    ----------
-    name : str
-        In the catalogue.
-    injector : Injector
-        One that follows a measured voltage or current is driven by the peaks and holds of its file instead.
+    One that follows a measured voltage or current is driven by the peaks and holds of its file instead.
     """
     notes = [injector.synthetic] if injector.synthetic else []
     shown, drive = injector, injector.variant.drive
@@ -77,14 +63,7 @@ def exhibit(name: str, injector: Injector) -> Exhibit:
 
 
 def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
-    """Page of several injectors.
-
-    Parameters
-    ----------
-    exhibits : sequence of Exhibit
-    version : str
-        Of the program.
-    """
+    """Page of several injectors; `version` is that of the program."""
     return render(
         "gallery.html",
         exhibits=[

@@ -189,13 +189,7 @@ MOST_FIGURES = 12
 
 
 class Picture:
-    """Figures of a result: a notebook shows them, `save` writes them as a page that needs no other file.
-
-    Parameters
-    ----------
-    title : str
-    figures : sequence of Figure or HeatMap
-    """
+    """Figures of a result: a notebook shows them, `save` writes them as a page that needs no other file."""
 
     def __init__(self, title: str, figures: Sequence[Drawn]) -> None:
         self.title, self.figures = title, tuple(figures)
@@ -236,13 +230,7 @@ def html_of(result: Any) -> str:
 
 
 def plot_of(result: Any) -> Picture:
-    """Figures of a result.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are none.
-    """
+    """Figures of a result; ConfigurationError if there are none."""
     figures = list(presenter_of(result).figures(result))
     if not figures:
         raise ConfigurationError(
@@ -256,12 +244,8 @@ def plot_of(result: Any) -> Picture:
 def frame_of(result: Any) -> Any:
     """Values of a result as a pandas.DataFrame: a row for each place on its axes, the unit behind each name.
 
-    A result that makes rows of its own has those, in SI units.
-
-    Raises
-    ------
-    ConfigurationError
-        If pandas is missing, or there are no values.
+    A result that makes rows of its own has those, in SI units. ConfigurationError if pandas is missing, or there are no
+    values.
     """
     pandas = _library("pandas")
     if hasattr(result, "rows"):
@@ -279,10 +263,7 @@ def frame_of(result: Any) -> Any:
 def dataset_of(result: Any) -> Any:
     """Values of a result as an xarray.Dataset; units are in the attribute `units` of each array.
 
-    Raises
-    ------
-    ConfigurationError
-        If xarray is missing, or there are no values.
+    ConfigurationError if xarray is missing, or there are no values.
     """
     xarray, arrays = _library("xarray"), _arrays(result)
     made = {

@@ -88,16 +88,10 @@ CALIBRATION = ResultKind(RESULT, "calibration", "calibrate", _page, KEYS)
 def report_html(
     record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN", bench: bool = False
 ) -> str:
-    """Page of a result.
+    """Page of a calibration from its record and its curves by data set.
 
-    Parameters
-    ----------
-    record, traces : mapping
-        Record, and curves by data set.
-    run : str
-        The folder's name, for the command lines in the page.
-    bench : bool
-        A page with sliders lies beside, to be linked.
+    `run` is the folder's name for the command lines in the page; with `bench` a page with sliders lies beside, to be
+    linked.
     """
     figures = figures_of(record, traces)
     many = len(figures) > MANY

@@ -72,15 +72,7 @@ def presenter_of(result: Any) -> Presenter:
 
 
 def in_common_unit(axes: tuple[str, ...], values: Any, unit: str) -> Array:
-    """Array in the unit of the field, such as MPa, from values in an SI unit.
-
-    Parameters
-    ----------
-    axes : tuple of str
-    values : array
-    unit : str
-        SI unit.
-    """
+    """Array in the unit of the field, such as MPa, from values in an SI unit."""
     own = np.asarray(values)
     common = _COMMON.get(unit, unit)
     return Array(axes, convert(own, unit, common) if unit in _COMMON else own, common.removesuffix("1"))

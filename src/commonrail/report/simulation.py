@@ -88,16 +88,10 @@ def simulation_figure(
 
 
 def course_figure(solutions: Mapping[str, Solution], shown: Mapping[str, Floats] = MappingProxyType({})) -> Figure:
-    """Figure data of solutions by name ("" for a single one).
+    """Figure of solutions by name ("" for a single one).
 
-    A single solution has a colour for each channel; several have a colour each, and a dash for each
-    channel of a panel.
-
-    Parameters
-    ----------
-    solutions : mapping of str to Solution
-    shown : mapping of str to (samples,)
-        Rates [m³/s] of the single solution as meters show them, by the meters' names.
+    A single solution has a colour for each channel; several have a colour each, and a dash for each channel of a panel.
+    `shown` are rates (samples,) [m³/s] of the single solution as meters show them, by the meters' names.
     """
     panels = []
     for y_title, scale, channels in (_RATE, *_PANELS):

@@ -38,20 +38,7 @@ FLAGS = r"(?:(?:reassoc|nsz|arcp|contract|nnan|ninf|afn|fast|nuw|nsw|exact|disjo
 
 
 def expression(text: str, c: Value) -> tuple[str, str]:
-    """Type and C text of the value of an instruction.
-
-    Parameters
-    ----------
-    text : str
-        Right side of the instruction.
-    c : function (value, type) -> str
-        C text of its operands.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no translation of it.
-    """
+    """Type and C text of the value of an instruction, whose right side `text` is; `c` makes C texts of its operands."""
     for read in _READERS:
         found = read(text, c)
         if found is not None:
@@ -60,13 +47,7 @@ def expression(text: str, c: Value) -> tuple[str, str]:
 
 
 def constant(value: str, kind: str) -> str:
-    """C constant of an LLVM one.
-
-    Parameters
-    ----------
-    value, kind : str
-        Its text and type.
-    """
+    """C constant of an LLVM one of a type."""
     if kind == "double":
         return _double(value)
     if value in ("true", "false"):
@@ -234,18 +215,7 @@ static inline uint64_t umin(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
 
 def kernel_source(text: str) -> str:
-    """C source of a module.
-
-    Parameters
-    ----------
-    text : str
-        LLVM text, of `objects.linked_text`.
-
-    Raises
-    ------
-    ConfigurationError
-        If it contains an instruction that is not translated.
-    """
+    """C source of a module, from LLVM's text of it; ConfigurationError if it has an instruction that is not translated."""
     functions = re.findall(r"^define [^\n]*\n.*?^}", text, re.M | re.S)
     return "\n".join([_HEAD, *(_Function(one).source() for one in functions)])
 

@@ -68,19 +68,9 @@ class Kind(NamedTuple):
 
 
 class Variable(NamedTuple):
-    """One variable.
+    """One variable with its reference in the C sources; `start`, `low` and `high` are in its SI unit.
 
-    Attributes
-    ----------
-    name : str
-    reference : int
-    kind : Kind
-    unit : str
-        SI unit, "" for what is no real number.
-    start : float or None
-    low, high : float
-        Limits, infinite where there are none.
-    meaning : str
+    `unit` is "" for what is no real number; the limits are infinite where there are none.
     """
 
     name: str
@@ -121,14 +111,7 @@ def _parameters(injector: Injector) -> list[Variable]:
 
 
 def _inside(limit: float, other: float, is_open: int) -> float:
-    """Limit that belongs to the range itself, as the standard's do: the next number inside where it does not.
-
-    Parameters
-    ----------
-    limit, other : float
-    is_open : int
-        1 if the limit itself is outside.
-    """
+    """Limit that belongs to the range itself, as the standard's do: the next number inside where it `is_open`."""
     if not is_open:
         return limit
     beside = math.nextafter(limit, other)
@@ -204,16 +187,9 @@ def _outputs(injector: Injector) -> list[Variable]:
 
 
 def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
-    """Text of the description.
+    """Text of modelDescription.xml of FMI 2.0; `token` is the GUID that the binary compares.
 
-    Parameters
-    ----------
-    model : Model
-    listed : sequence of Variable
-    token : str
-        GUID that the binary compares.
-    sources : sequence of str
-        C files to be compiled where there is no binary.
+    `sources` are the C files to be compiled where there is no binary.
     """
     attributes = {"fmiVersion": "2.0", "guid": token, **about(model), "numberOfEventIndicators": "0"}
     root = Xml.Element("fmiModelDescription", attributes)
@@ -321,17 +297,7 @@ _TYPES = {"Real": "Float64", "Boolean": "Boolean", "Integer": "Int32"}
 
 
 def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
-    """Text of the description.
-
-    Parameters
-    ----------
-    model : Model
-    listed : sequence of Variable
-    token : str
-        Instantiation token that the binary compares.
-    sources : sequence of str
-        Not used: `build_description` lists them.
-    """
+    """Text of modelDescription.xml of FMI 3.0; `token` is the one that the binary compares."""
     root = Xml.Element("fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": token, **about(model)})
     Xml.SubElement(
         root,
@@ -393,13 +359,7 @@ def build_description(model: Model, sources: Sequence[str]) -> str:
 
 
 def terminals(listed: Sequence[Variable]) -> str:
-    """Text of ``terminalsAndIcons/terminalsAndIcons.xml``: fuel line and coil.
-
-    Parameters
-    ----------
-    listed : sequence of Variable
-        Of the FMU: a terminal has the variables that are among them.
-    """
+    """Text of terminalsAndIcons.xml: fuel line and coil, each with those of its variables that are `listed`."""
     names = {variable.name for variable in listed}
     root = Xml.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     table = Xml.SubElement(root, "Terminals")

@@ -55,13 +55,7 @@ _TEXT = (
 
 
 def documentation_page(model: Model, listed: Sequence[Variable]) -> str:
-    """HTML text.
-
-    Parameters
-    ----------
-    model : Model
-    listed : sequence of Variable
-    """
+    """HTML text of the page inside an FMU."""
     injector = model.injector
     notes = [f"Not measured: {injector.synthetic}"] if injector.synthetic else []
     low, high = (1e-6 * p for p in injector.fuel.pressure_range)
@@ -131,27 +125,10 @@ _WHEN = (1980, 1, 1, 0, 0, 0)
 
 @lasting(ALL_ENTRIES)
 def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
-    """Write an injector as an FMU for co-simulation.
+    """Write an injector as an FMU for co-simulation; returns the names of its files.
 
-    Parameters
-    ----------
-    injector : Injector
-        Its values are the start values.
-    out : Path
-    targets : sequence of Target
-        Platforms of the binaries.
-    fmi : int
-        Version of the standard, 2 or 3.
-
-    Returns
-    -------
-    tuple of str
-        Names of the files in it.
-
-    Raises
-    ------
-    ConfigurationError
-        If the standard knows no such platform, there is no compiler for one, or it fails.
+    Its values are the start values. Binaries are those of the target platforms, `fmi` is the version of the standard, 2
+    or 3. ConfigurationError if the standard knows no such platform, there is no compiler for one, or it fails.
     """
     check_fmi(fmi)
     folders = {target.name: _folder(target, fmi) for target in targets}
@@ -189,12 +166,7 @@ def _link(compiler: Compiler, model: Model, folder: Path, binary: Path, target: 
 
 
 def check_fmi(version: int) -> None:
-    """Refuse a version of the standard that is not written.
-
-    Raises
-    ------
-    ConfigurationError
-    """
+    """Refuse a version of the standard that is not written (ConfigurationError)."""
     if version not in _HEADERS:
         known = " and ".join(map(str, _HEADERS))
         raise ConfigurationError(f"FMUs are written for version {known} of the FMI standard, not {version}.")

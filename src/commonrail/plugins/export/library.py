@@ -34,13 +34,8 @@ from commonrail.plugins.export.sources import Model, model_of, named, template
 def placed(folder: Path) -> Iterator[Path]:
     """Empty folder to write into; when the block ends without an error, its files are those of `folder`.
 
-    A new folder appears at once. In one that exists, each file takes the place of that of its name, and others stay.
-    After an error nothing has changed.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing, with the folders above it.
+    A new folder, with those above it, appears at once. In one that exists, each file takes the place of that of its
+    name, and others stay. After an error nothing has changed.
     """
     exists = folder.exists()
     if not exists:
@@ -71,17 +66,7 @@ _EXAMPLES = {name: name.removesuffix(".in") for name in ("example.c", "example.c
 
 
 class Library(NamedTuple):
-    """Files of a library.
-
-    Attributes
-    ----------
-    model : Model
-    folder : Path
-    shared : dict of str to Path
-        Shared library of each target.
-    files : tuple of Path
-        All that was written.
-    """
+    """Files of a library: the shared one of each target by its name, and all that was written."""
 
     model: Model
     folder: Path
@@ -93,23 +78,9 @@ class Library(NamedTuple):
 def write_library(injector: Injector, folder: Path, targets: Sequence[Target], prefer_zig: bool = False) -> Library:
     """Write an injector as a C library; nothing is changed before all of it is complete.
 
-    Parameters
-    ----------
-    injector : Injector
-    folder : Path
-        Made where it is missing; files of the same names are replaced.
-    targets : sequence of Target
-        Each gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
-        folders by their names.
-    prefer_zig : bool
-        See `compiler_for`.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no compiler for a target, or it fails.
-    InputError
-        If files of the examples' names are there that no export has written.
+    Each target gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
+    folders by their names. Files of the same names are replaced. ConfigurationError if there is no compiler for a
+    target, or it fails; InputError if files of the examples' names are there that no export has written.
     """
     _refuse_foreign_examples(folder)
     compilers = {target.name: compiler_for(target, prefer_zig) for target in targets if target.suffix != ".wasm"}
@@ -152,17 +123,9 @@ def _write_block(model: Model, folder: Path) -> tuple[Path, ...]:
 
 
 def _write_binaries(model: Model, folder: Path, place: Path, target: Target, compiler: Compiler) -> list[Path]:
-    """Write what is compiled for a target: objects, static library and, last, the shared one.
+    """Write what is compiled for a target into `place`: objects, static library and, last, the shared one.
 
-    Parameters
-    ----------
-    model : Model
-    folder : Path
-        Of the sources.
-    place : Path
-        Folder to write to.
-    target : Target
-    compiler : Compiler
+    `folder` has the sources.
     """
     upper, vectors = model.name.upper(), vectors_of(target)
     kernels = [_write_kernel(model, place, target)]
@@ -205,12 +168,7 @@ def _refuse_foreign_examples(folder: Path) -> None:
 def write_examples(model: Model, folder: Path, beside: str) -> tuple[Path, ...]:
     """Write programs that use the library.
 
-    Parameters
-    ----------
-    model : Model
-    folder : Path
-    beside : str
-        Path from there to the binaries, as in a command line; "" where they are in the folder itself.
+    `beside` is the path from `folder` to the binaries, as in a command line; "" where they are in the folder itself.
     """
     size = sizes(model.injector.wired())
     numbers = f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}"

@@ -184,16 +184,10 @@ DEGREE = 24
 
 
 class FuelTable(NamedTuple):
-    """Series of `FuelCoefficients` over a range of temperature.
+    """Series of `FuelCoefficients` over a range of temperature, from `coldest` to `hottest` [K].
 
-    Attributes
-    ----------
-    coldest, hottest : float
-        [K].
-    series : (coefficients, degree + 1)
-        In T_k((2 T − coldest − hottest)/(hottest − coldest)).
-    own : (coefficients,)
-        Those of the model's own temperature, to the last bit.
+    `series` (coefficients, degree + 1) are in T_k((2 T − coldest − hottest)/(hottest − coldest)); `own` (coefficients,)
+    are those of the model's own temperature, to the last bit.
     """
 
     coldest: float
@@ -208,21 +202,11 @@ class FuelTable(NamedTuple):
 
 
 def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
-    """Table of a fuel.
+    """Table of a fuel, with the coefficients of `fuel_coefficients` at the temperature `exact_at` [K].
 
     Single coefficients carry rounding of the fit of some 1e-11, which cancels in the polynomials; a shift makes them
-    those of `fuel_coefficients` at one temperature.
-
-    Parameters
-    ----------
-    fuel : Fuel
-    exact_at : float
-        That temperature [K].
-
-    Raises
-    ------
-    ConfigurationError
-        If the fuel's laws bend too sharply for the polynomials of the hot loop anywhere in its range.
+    those at that one temperature. ConfigurationError if the fuel's laws bend too sharply for the polynomials of the hot
+    loop anywhere in its range.
     """
     low, high = fuel.temperature_range
     nodes = chebyshev.chebpts1(DEGREE + 1)
@@ -266,20 +250,10 @@ _OWN_SENTENCES = {
 
 
 class Model(NamedTuple):
-    """Sources of a model.
+    """Sources of an injector's library.
 
-    Attributes
-    ----------
-    injector : Injector
-        With the variant that computes it.
-    name : str
-        C identifier that begins its functions' names.
-    stamp : str
-        Hexadecimal digest of all that decides over its numbers.
-    header : str
-        Text of ``NAME.h``.
-    sources : dict of str to str
-        Texts of the other files by name.
+    `name` is a C identifier that begins its functions' names, `stamp` a hexadecimal digest of all that decides over its
+    numbers, `header` the text of ``NAME.h``, `sources` are the texts of the other files by name.
     """
 
     injector: Injector
@@ -292,10 +266,7 @@ class Model(NamedTuple):
 def model_of(injector: Injector) -> Model:
     """Sources of an injector's library.
 
-    Raises
-    ------
-    ConfigurationError
-        If the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
+    ConfigurationError if the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
     """
     wired = injector.wired()
     tables, defines = _tables(injector), _defines(injector)
@@ -433,14 +404,7 @@ def _sentence_rows() -> list[list[str]]:
 
 
 def bounds_of(injector: Injector, path: str) -> tuple[float, float, int, int]:
-    """Smallest and largest value of a parameter, and 1 for each of the two that is itself outside.
-
-    Parameters
-    ----------
-    injector : Injector
-    path : str
-        Dotted name of the parameter.
-    """
+    """Smallest and largest value of a parameter [SI], and 1 for each of the two that is itself outside."""
     if path == FUEL_TEMPERATURE:
         coldest, hottest = injector.fuel.temperature_range
         return coldest - _TOLERANCE, hottest + _TOLERANCE, 0, 0

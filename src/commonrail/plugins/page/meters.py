@@ -21,14 +21,7 @@ def packed(values: ArrayLike) -> str:
 
 
 def meter_of(d: RateData, dt: float) -> dict[str, Any] | None:
-    """Meter of an injection curve, None where there is none or it shows what it is given.
-
-    Parameters
-    ----------
-    d : RateData
-    dt : float
-        Time step [s].
-    """
+    """Meter of an injection curve for steps of `dt` [s], None where there is none or it shows what it is given."""
     if d.meter is None or d.meter.neutral:
         return None
     given = {key: float(value[0]) for key, value in given_values(d.meter, {}, 1).items()}

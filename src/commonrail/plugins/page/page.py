@@ -54,13 +54,8 @@ MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
 def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, Any]:
     """Mapping that the page's script reads; arrays are base64 of little-endian doubles.
 
-    Parameters
-    ----------
-    subject : Subject
-    first : OperatingPoint
-        Of a page without data; of one with maps alone it is the measured point that lies nearest to this one.
-    version : str
-        Of the program.
+    `first` is the operating point of a page without data; of one with maps alone it is the measured point that lies
+    nearest to this one. `version` is that of the program.
     """
     injector, variant = subject.injector, variant_of(subject)
     first = _first_measured(subject, first)
@@ -175,14 +170,7 @@ def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> d
 
 
 def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) -> int:
-    """Slots of a ring of waves that suffice for every place of the sliders.
-
-    Parameters
-    ----------
-    subject : Subject
-    sliders : tuple of Slid
-    first : OperatingPoint
-    """
+    """Slots of a ring of waves that suffice for every place of the sliders."""
     injector = subject.injector
     longest_ways = {s.name: max(s.high, injector.values[s.name]) for s in sliders if s.name.endswith(".length")}
     longer = replace(injector, values={**injector.values, **longest_ways})
@@ -255,18 +243,9 @@ def _density(d: RateData, injector: Injector, nodes: Sequence[float]) -> list[fl
 def _densities_of(
     mass_density: float, meter: Meter | None, pressure: float, injector: Injector, nodes: Sequence[float]
 ) -> list[float]:
-    """Densities [kg/m³] that make volumes of masses, one for each temperature of the fuel, or one for all.
+    """Densities [kg/m³] that make volumes of masses, one for each temperature [K] of `nodes`, or one for all.
 
-    Parameters
-    ----------
-    mass_density : float
-        That the data state [kg/m³], or NaN.
-    meter : Meter or None
-    pressure : float
-        In the cylinder [Pa].
-    injector : Injector
-    nodes : sequence of float
-        Temperatures [K].
+    `mass_density` is what the data state [kg/m³], or NaN; `pressure` is that in the cylinder [Pa].
     """
     known = {} if meter is None else meter.values
     if np.isfinite(mass_density):
@@ -342,18 +321,9 @@ FIRST_POINT = OperatingPoint(100e6, 700e-6)  # of a page whose subject has no da
 
 @lasting(ALL_ENTRIES)
 def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
-    """Page of a subject, one HTML document that loads nothing.
+    """Page of a subject, one HTML document that loads nothing; `point` is the first one where the subject has no data.
 
-    Parameters
-    ----------
-    subject : Subject
-    point : OperatingPoint
-        First operating point of a page whose subject has no data.
-
-    Raises
-    ------
-    ConfigurationError
-        If the module cannot be made, as in `wasm_module`, or the fuel does not cover the point.
+    ConfigurationError if the module cannot be made, as in `wasm_module`, or the fuel does not cover the point.
     """
     program = version("commonrail")
     numbers = content(subject, point, program)

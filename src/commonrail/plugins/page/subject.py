@@ -45,16 +45,9 @@ FLOOR = 1e-3  # smallest share of the largest curvature: beyond it a direction i
 
 @dataclass(frozen=True)
 class Fan:
-    """Members of a fan.
+    """Members of a fan (members, names) [SI] in the parameters of these dotted names.
 
-    Attributes
-    ----------
-    short, note : str
-        Text of the legend, and a sentence that says what the members are.
-    names : tuple of str
-        Dotted names of the parameters in which they differ.
-    members : (members, names)
-        [SI].
+    `short` is the text of the legend, `note` a sentence that says what the members are.
     """
 
     short: str
@@ -196,27 +189,10 @@ class Slid:
 class Subject:
     """Content of a page before it is put into numbers.
 
-    Attributes
-    ----------
-    title : str
-    injector : Injector
-        With the calibrated values of a run.
-    sliders : tuple of Slid
-        Those of a run's free parameters first.
-    time_step : float
-        [s].
-    start : dict of str to float
-        Start values of a run's free parameters [SI]; empty for a model.
-    data : tuple of RateData
-        Injection curves of a run.
-    synthetic : tuple of str
-        Sentences about what is not measured.
-    fan : Fan or None
-        Fits near the best one.
-    space : Space or None
-        Of a run, whose linear constraints its sliders keep.
-    maps : tuple of QuantityData
-        Quantity maps of a run, without those of the quantity that returns.
+    The injector has the calibrated values of a run, whose free parameters are the first sliders and have the `start`
+    values [SI]; `start` is empty for a model. `time_step` is in s. `synthetic` says what is not measured, `fan` are
+    fits near the best one; a run's `space` has the linear constraints that its sliders keep. `data` are a run's
+    injection curves, `maps` its quantity maps without those of the quantity that returns.
     """
 
     title: str
@@ -237,23 +213,11 @@ class Subject:
 
 
 def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None) -> Subject:
-    """Subject that the command line names.
+    """Subject that the command line names: a run folder, an injector's file or a name of the catalogue.
 
-    Parameters
-    ----------
-    text : str
-        A run folder, an injector's file or a name of the catalogue, as `read_model_name` takes them.
-    more : tuple of str
-        Dotted names of further parameters for sliders.
-    threads : int, optional
-        That simulate the fits near the best one.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or there is no such parameter.
-    ConfigurationError
-        If the injector follows a measured voltage or current, and there are no data that hold it.
+    `more` are dotted names of further parameters for sliders, `threads` simulate the fits near the best one. InputError
+    if it cannot be read, or there is no such parameter; ConfigurationError if the injector follows a measured voltage
+    or current, and there are no data that hold it.
     """
     run = Path(text)
     if run.is_dir() and (run / RESULT).is_file():

@@ -31,14 +31,9 @@ PASSES = 2  # low-passes in a row
 class Sensor:
     """A measuring chain: two equal first-order low-passes in a row, then Gaussian noise, then rounding.
 
-    Attributes
-    ----------
-    bandwidth : float
-        Corner frequency of each low-pass [Hz]; infinite for none.
-    noise : float
-        Standard deviation of a sample, in the signal's unit; independent from sample to sample.
-    resolution : float
-        Step of the digital signal in the same unit; zero for none.
+    `bandwidth` is the corner frequency of each low-pass [Hz], infinite for none. `noise` is the standard deviation of a
+    sample, independent from sample to sample, and `resolution` the step of the digital signal, zero for none; both in
+    the signal's unit.
     """
 
     bandwidth: float = math.inf
@@ -46,29 +41,11 @@ class Sensor:
     resolution: float = 0.0
 
     def of_means(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """Shown signal of one that was zero before, given as means.
-
-        Parameters
-        ----------
-        signal : (n,)
-        interval : float
-            Length of each mean [s].
-        rng : Generator
-            Of the noise.
-        """
+        """Shown signal (n,) of one that was zero before, given as means over intervals of a length [s]."""
         return self._shown(self._passed(signal, 0.0, interval), rng)
 
     def of_values(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """Shown signal of one that rested at its first value before, given as values.
-
-        Parameters
-        ----------
-        signal : (n,)
-        interval : float
-            Time between values [s].
-        rng : Generator
-            Of the noise.
-        """
+        """Shown signal (n,) of one that rested at its first value before, given as values at an interval [s]."""
         return self._shown(self._passed(signal, float(signal[0]), interval), rng)
 
     def as_meter(self, name: str) -> Meter:
@@ -294,20 +271,10 @@ class Bench:
 
 
 class Curve(NamedTuple):
-    """One injection curve of the bench.
+    """One injection curve of the bench, at the rail pressure asked for [Pa]; arrays have 520 samples.
 
-    Attributes
-    ----------
-    rail_pressure : float
-        Asked for [Pa].
-    time : (520,)
-        Ends of the samples [s].
-    rate : (520,)
-        Shown by the rate meter, means over the samples [m³/s].
-    trace_time : (520,)
-        [s].
-    rail : (520,)
-        Pressure at the injector's inlet, shown by its sensor at `trace_time` [Pa].
+    `rate` are means over the samples [m³/s] as the rate meter shows them, which end at `time` [s]; `rail` is the
+    pressure at the injector's inlet [Pa] as its sensor shows it at `trace_time` [s].
     """
 
     rail_pressure: float

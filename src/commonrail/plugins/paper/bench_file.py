@@ -103,13 +103,7 @@ def truth_catalogue() -> list[str]:
 
 
 def truth_text(source: str | Path) -> tuple[str, str]:
-    """Text of a truth's file, and how to call the file in a message.
-
-    Raises
-    ------
-    InputError
-        If there is no such name or the file cannot be read.
-    """
+    """Text of a truth's file, and how to call the file in a message; InputError if it cannot be read."""
     source = source_of(source, "source of a truth")
     if isinstance(source, Path):
         return read_text(source, LARGEST_TOML), str(source)
@@ -210,21 +204,9 @@ OWN = "# SYNTHETIC: virtual test bench of commonrail, not a measurement"  # firs
 def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
     """Simulate the paper's three injection curves on the virtual test bench and write them to ``folder/data``.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the case.
-    seed : int
-        Of scatter and noise: the same seed gives the same files.
-    truth : Truth, optional
-        `DEFAULT_TRUTH` if left out.
-
-    Raises
-    ------
-    InputError
-        If the files cannot be written, or one of them exists and is not the bench's own.
-    SimulationError
-        If the truth cannot be simulated.
+    The same seed, of scatter and noise, gives the same files; `truth` is `DEFAULT_TRUTH` if left out. InputError if the
+    files cannot be written, or one of them exists and is not the bench's own; SimulationError if the truth cannot be
+    simulated.
     """
     truth = truth or load_truth(DEFAULT_TRUTH)
     injector = load_injector(truth.injector)

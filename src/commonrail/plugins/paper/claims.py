@@ -19,25 +19,12 @@ ClaimVerdict = str
 
 
 class Claim(NamedTuple):
-    """One claim.
+    """One claim: the paper's sentence in our words and where it stands, what is measured, and what came out.
 
-    Attributes
-    ----------
-    id : str
-    claim, where : str
-        The paper's sentence in our words, and where it stands.
-    measure, figure : str
-        What is measured, and what came out.
-    verdict : str
-        "holds", "does not hold" or "cannot be told".
-    true_in, of : int
-        Seeds in which it is true, and all of them.
-    interval : (float, float)
-        95 % interval of that share (Clopper and Pearson).
-    comment : str
-        What else a reader must know, such as that the bench builds it in.
-    chance : float or None
-        Share of random feasible stiffnesses that satisfy the claim without any search; None where it is not of them.
+    `verdict` is "holds", "does not hold" or "cannot be told"; it is true in `true_in` seeds `of` all, and `interval` is
+    the 95 % interval of that share (Clopper and Pearson). `comment` is what else a reader must know, such as that the
+    bench builds it in. `chance` is the share of random feasible stiffnesses that satisfy the claim without any search;
+    None where it is not of them.
     """
 
     id: str
@@ -72,19 +59,10 @@ def judged(
     valid: ArrayLike = True,
     chance: float | None = None,
 ) -> Claim:
-    """Claim from what is true in each seed.
+    """Claim from what is true in each seed; those that are not `valid` have no number and are left out.
 
-    It holds if the 95 % interval of the share lies above one half, and does not if it lies below.
-
-    Parameters
-    ----------
-    s : Sentence
-    figure, comment, chance
-        As for `Claim`.
-    true, valid : (seeds,) bool
-        Whether it is true; seeds without a number, those that are not valid, are left out.
-    verdict : str, optional
-        Stands in place of that of the interval.
+    It holds if the 95 % interval of the share lies above one half, and does not if it lies below; `verdict` stands in
+    its place.
     """
     from scipy.stats import binomtest  # slow to import
 

@@ -160,14 +160,7 @@ def box(values: ArrayLike) -> Box:
 def edges(rate: Floats, bounds: Floats, level: float) -> Edges:
     """First rise and last fall of a curve through a level, linear between the middles of the samples.
 
-    Parameters
-    ----------
-    rate : (n,)
-        [m³/s].
-    bounds : (n + 1,)
-        Of the samples [s].
-    level : float
-        [m³/s].
+    Rate (n,) and level are in m³/s, the bounds (n + 1,) of the samples in s.
     """
     middle = 0.5 * (bounds[1:] + bounds[:-1])
     above = rate > level
@@ -190,16 +183,9 @@ def level_of(measured: Floats) -> float:
 
 
 def j_by_phase(rate: Floats, measured: Floats, bounds: Floats, opening: float) -> Floats:
-    """Parts of J [mm³/ms] in the phases of `PHASES`; they add up to J.
+    """Parts of J [mm³/ms] in the phases of `PHASES`, counted from the experiment's opening [s]; they add up to J.
 
-    Parameters
-    ----------
-    rate, measured : (n,)
-        [m³/s].
-    bounds : (n + 1,)
-        Of the samples [s].
-    opening : float
-        Of the experiment [s]; phases count from it.
+    Rates (n,) are in m³/s, the bounds (n + 1,) of the samples in s.
     """
     middle = 0.5 * (bounds[1:] + bounds[:-1])
     phase = np.digitize(middle - opening, (0.0, PHASE_LENGTH, 2.0 * PHASE_LENGTH))
@@ -322,14 +308,7 @@ class Figures:
         }
 
     def edge_errors(self, name: str, label: str, which: str) -> Floats:
-        """Difference (n,) of a model's opening or closing from the experiment's [s].
-
-        Parameters
-        ----------
-        name, label : str
-            Of the data and of the model.
-        which : {"opening", "closing"}
-        """
+        """Difference (n,) of a model's "opening" or "closing" from the experiment's [s]."""
         i, at = list(study.RAIL_PRESSURES).index(name), Edges._fields.index(which)
 
         def of(r: Repetition) -> float:

@@ -219,17 +219,9 @@ PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as
 
 
 def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:
-    """Page of a reproduction.
+    """Page of a reproduction from its record and its curves by seed and data set.
 
-    Parameters
-    ----------
-    record : mapping
-    traces : mapping
-        Curves by seed and data set.
-    folder : str
-        Its name, for the command lines in the page.
-    plates : bool
-        Whether figures for print lie beside the page.
+    `folder` is its name for the command lines in the page, and `plates` is whether figures for print lie beside it.
     """
     charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
     drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
@@ -336,17 +328,8 @@ def _page(record: Record, folder: Path) -> str:
 def draw_plates(folder: Path) -> str:
     """Draw the figures for print of a reproduction's folder, those that are missing.
 
-    Returns
-    -------
-    str
-        Empty, or a sentence with the extra that is to be installed.
-
-    Raises
-    ------
-    InputError
-        If the folder is not whole.
-    OutputError
-        If they cannot be written.
+    Returns an empty text, or a sentence with the extra that is to be installed. InputError if the folder is not whole;
+    OutputError if they cannot be written.
     """
     if _has_plates(folder):
         return ""

@@ -80,27 +80,11 @@ TIME_STEP = 1e-6
 
 
 def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, quick: bool) -> Outcome:
-    """Repeat the paper's study into a new folder, with its progress on stderr.
+    """Repeat the paper's study with seeds 1 to `count` into a new or empty folder, with its progress on stderr.
 
-    Parameters
-    ----------
-    truth : str
-        Name of a truth, or its file.
-    count : int
-        Number of repetitions, with seeds 1 to `count`.
-    folder : Path
-        New or empty.
-    threads : int or None
-        None: all processors.
-    quick : bool
-        Noted in the record.
-
-    Raises
-    ------
-    InputError
-        If the truth cannot be read, or the folder is not empty or cannot be written.
-    SimulationError
-        If the truth cannot be simulated; the empty folder is removed.
+    `truth` is its name or its file; None for `threads` are all processors; `quick` is noted in the record. InputError
+    if the truth cannot be read, or the folder is not empty or cannot be written; SimulationError if the truth cannot be
+    simulated, and the empty folder is removed.
     """
     from commonrail.plugins.paper.bench import Bench
     from commonrail.plugins.paper.bench_file import load_truth

@@ -46,26 +46,16 @@ class _Frame(NamedTuple):
 def heat_map_html(figure: HeatMap, key: str, height: int = 0) -> str:
     """Element of a page that shows a heat map, drawn for a page and for a telephone.
 
-    Parameters
-    ----------
-    figure : HeatMap
-    key : str
-        Identifier, unique within the page.
-    height : int
-        [px]; by default a fixed one for each row.
+    The identifier `key` is unique within the page; the height [px] is by default a fixed one for each row.
     """
     wide, narrow = Markup(heat_map_svg(figure, height)), Markup(heat_map_svg(figure, width=NARROW))
     return Markup('<div class="drawing heat" id="{}">{}{}</div>').format(key, wide, narrow)
 
 
 def heat_map_svg(figure: HeatMap, height: int = 0, width: int = WIDE) -> str:
-    """Picture of a heat map.
+    """Picture of a heat map, of a size [px]; its height is by default a fixed one for each row.
 
-    Parameters
-    ----------
-    figure : HeatMap
-    height, width : int
-        [px]; the height by default a fixed one for each row. A narrow picture has its scale of colours below the map.
+    A narrow picture has its scale of colours below the map.
     """
     frame = _frame(figure, height, float(width))
     size = _number_size(figure, frame)
@@ -151,17 +141,7 @@ def _cell(
 ) -> str:
     """Cell with its number, and on a page, which a mouse moves over, with its place and number in words.
 
-    Parameters
-    ----------
-    figure : HeatMap
-    at : (int, int)
-        Row and column.
-    place : (float, float, float, float)
-        Left, top, width and height [px].
-    narrow : bool
-        On a telephone.
-    size : float
-        Of the number [px]; 0 for none.
+    `at` is row and column, `place` left, top, width and height [px], `size` that of the number [px], 0 for none.
     """
     i, j = at
     value, text = figure.values[i][j], figure.texts[i][j]

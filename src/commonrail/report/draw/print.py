@@ -38,13 +38,7 @@ LONGEST = 120.0  # [s]
 
 
 def browser() -> str:
-    """Command of the first browser found.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Command of the first browser found; InputError if there is none."""
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if found is None:
         raise InputError(
@@ -55,23 +49,9 @@ def browser() -> str:
 
 
 def print_pdf(page: Path) -> Path:
-    """Print a page to a PDF beside it.
+    """Print a page to a PDF beside it, whose path is returned.
 
-    Parameters
-    ----------
-    page : Path
-
-    Returns
-    -------
-    Path
-        The PDF.
-
-    Raises
-    ------
-    InputError
-        If no browser is found.
-    OutputError
-        If the browser fails.
+    InputError if no browser is found; OutputError if it fails.
     """
     command, target = browser(), page.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:

@@ -290,18 +290,9 @@ class Step(NamedTuple):
 
 
 class ReportVerdict(NamedTuple):
-    """Verdict on a calibration.
+    """Verdict on a calibration: "good", "care" or "bad", what speaks against it, what to do next, most urgent on top.
 
-    Attributes
-    ----------
-    level : str
-        "good", "care" or "bad".
-    title : str
-        In a few words.
-    reasons : list of str
-        What speaks against the result; what speaks for it where there is nothing.
-    steps : list of Step
-        What to do next, the most urgent first.
+    `reasons` are what speaks for the result where there is nothing against it.
     """
 
     level: str
