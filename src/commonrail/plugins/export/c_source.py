@@ -215,7 +215,7 @@ static inline uint64_t umin(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
 
 def kernel_source(text: str) -> str:
-    """C source of a module, from LLVM's text of it; ConfigurationError if it has an instruction that is not translated."""
+    """C source of a module from LLVM's text of it; ConfigurationError if an instruction has no translation."""
     functions = re.findall(r"^define [^\n]*\n.*?^}", text, re.M | re.S)
     return "\n".join([_HEAD, *(_Function(one).source() for one in functions)])
 

@@ -34,7 +34,7 @@ _FOREIGN = re.compile(r"inttoptr|addrspacecast|asm |alloca .*ptr|@llvm\.(x86|aar
 
 
 def entry_texts(variant: Variant) -> dict[str, str]:
-    """LLVM text of each entry by its name, from the cache where it is kept; ConfigurationError if the compiler fails."""
+    """LLVM text of each entry by name, from the cache where it is kept; ConfigurationError if the compiler fails."""
     return _kept(variant, _SINGLE)
 
 

@@ -149,7 +149,7 @@ def _combinations(found: Record) -> Table:
 
 
 def posterior_table(drawn: Record, units: Record) -> Table:
-    """Medians and intervals of draws, R-hat and effective draws, of the record of a posterior; SI units by parameter."""
+    """Medians, intervals, R-hat and effective draws of the record of a posterior; units are SI, by parameter."""
     level = fixed(drawn["level"], 0, 100.0)
     parts = (
         Part(("parameter",), lambda p: (p["name"],)),

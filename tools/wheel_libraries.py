@@ -1,4 +1,4 @@
-"""Libraries of lane loops for a wheel or clone: ``python -m commonrail.plugins.export.wheel_libraries [FOLDER] [all]``.
+"""Libraries of lane loops for a wheel or clone: ``python -m tools.wheel_libraries [FOLDER] [all]``.
 
 Each level of x86-64 gets one library, of the same objects that the cache of kernels holds. `engine.library` uses them.
 """
@@ -72,7 +72,7 @@ def write_libraries(
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         _write_objects(place, _tasks(variants, precisions, levels), processes)
-        shutil.copy(Path(__file__).with_name("c") / "level.c", place)
+        shutil.copy(Path(__file__).with_name("level.c"), place)
         for level in levels:
             library = place / file_of(level.name).name
             inputs = [place / "level.c", *sorted((place / level.name).glob("*.o"))]
