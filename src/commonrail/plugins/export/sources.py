@@ -6,11 +6,12 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.polynomial import chebyshev
 
 from commonrail.base.arrays import Floats
@@ -76,94 +77,45 @@ def _used(lines: list[str], result: str) -> list[str]:
     return kept[::-1]
 
 
-class _Symbol:
-    """A number or condition whose value C computes: operations on it append a statement to `lines`."""
-
-    __slots__ = ("lines", "text")
+class _Symbol(NDArrayOperatorsMixin):
+    """A number or condition that C computes: each of NumPy's operations on it appends a statement to `lines`."""
 
     def __init__(self, text: str, lines: list[str]) -> None:
         self.text, self.lines = text, lines
 
-    def _made(self, expression: str, kind: str = "double") -> _Symbol:
+    def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **_: Any) -> Any:
+        if function is np.power and inputs[1] == 0.5:
+            return self._statement("double", f"sqrt({_text(inputs[0])})")
+        kind, expression = _IN_C.get(function, ("", ""))
+        return self._statement(kind, expression.format(*map(_text, inputs))) if kind else NotImplemented
+
+    def clip(self, low: Any, high: Any, out: None = None) -> _Symbol:
+        """Value within limits, as `numpy.clip` asks for it."""
+        return self._statement("double", f"fmin(fmax({self.text}, {_text(low)}), {_text(high)})")
+
+    def _statement(self, kind: str, expression: str) -> _Symbol:
         name = f"t{len(self.lines)}"
         self.lines.append(f"const {kind} {name} = {expression};")
         return _Symbol(name, self.lines)
 
-    def _two(self, left: Any, sign: str, right: Any, kind: str = "double") -> _Symbol:
-        return self._made(f"{_text(left)} {sign} {_text(right)}", kind)
 
-    def __add__(self, other: Any) -> _Symbol:
-        return self._two(self, "+", other)
-
-    def __radd__(self, other: Any) -> _Symbol:
-        return self._two(other, "+", self)
-
-    def __sub__(self, other: Any) -> _Symbol:
-        return self._two(self, "-", other)
-
-    def __rsub__(self, other: Any) -> _Symbol:
-        return self._two(other, "-", self)
-
-    def __mul__(self, other: Any) -> _Symbol:
-        return self._two(self, "*", other)
-
-    def __rmul__(self, other: Any) -> _Symbol:
-        return self._two(other, "*", self)
-
-    def __truediv__(self, other: Any) -> _Symbol:
-        return self._two(self, "/", other)
-
-    def __rtruediv__(self, other: Any) -> _Symbol:
-        return self._two(other, "/", self)
-
-    def __pow__(self, exponent: Any) -> _Symbol:
-        if exponent != 0.5:
-            raise NotImplementedError(f"a power of {exponent}")
-        return self._made(f"sqrt({self.text})")
-
-    def __abs__(self) -> _Symbol:
-        return self._made(f"fabs({self.text})")
-
-    def __gt__(self, other: Any) -> _Symbol:
-        return self._two(self, ">", other, "int")
-
-    def __ge__(self, other: Any) -> _Symbol:
-        return self._two(self, ">=", other, "int")
-
-    def __lt__(self, other: Any) -> _Symbol:
-        return self._two(self, "<", other, "int")
-
-    def __le__(self, other: Any) -> _Symbol:
-        return self._two(self, "<=", other, "int")
-
-    def __eq__(self, other: object) -> Any:
-        return self._two(self, "==", other, "int")
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __and__(self, other: Any) -> _Symbol:
-        return self._two(self, "&", other, "int")
-
-    def __rand__(self, other: Any) -> _Symbol:
-        return self._two(other, "&", self, "int")
-
-    def __or__(self, other: Any) -> _Symbol:
-        return self._two(self, "|", other, "int")
-
-    def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **_: Any) -> Any:
-        known: Mapping[Any, Callable[..., str]] = {
-            np.maximum: lambda a, b: f"fmax({a}, {b})",
-            np.minimum: lambda a, b: f"fmin({a}, {b})",
-        }
-        if method != "__call__" or function not in known:
-            return NotImplemented
-        return self._made(known[function](*map(_text, inputs)))
-
-    def __array_function__(self, function: Any, types: Any, arguments: Any, named: Any) -> Any:
-        if function is not np.clip:
-            return NotImplemented
-        value, low, high = map(_text, arguments)
-        return self._made(f"fmin(fmax({value}, {low}), {high})")
+# Type and C text of each operation.
+_IN_C: dict[Any, tuple[str, str]] = {
+    np.add: ("double", "{} + {}"),
+    np.subtract: ("double", "{} - {}"),
+    np.multiply: ("double", "{} * {}"),
+    np.divide: ("double", "{} / {}"),
+    np.absolute: ("double", "fabs({})"),
+    np.maximum: ("double", "fmax({}, {})"),
+    np.minimum: ("double", "fmin({}, {})"),
+    np.greater: ("int", "{} > {}"),
+    np.greater_equal: ("int", "{} >= {}"),
+    np.less: ("int", "{} < {}"),
+    np.less_equal: ("int", "{} <= {}"),
+    np.equal: ("int", "{} == {}"),
+    np.bitwise_and: ("int", "{} & {}"),
+    np.bitwise_or: ("int", "{} | {}"),
+}
 
 
 def _text(value: Any) -> str:
