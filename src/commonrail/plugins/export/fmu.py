@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import os
-import struct
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Sequence
-from html import escape
 from importlib.metadata import version
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import ALL_ENTRIES, lasting
@@ -35,83 +29,22 @@ from commonrail.plugins.export.description import (
 )
 from commonrail.plugins.export.library import write_sources
 from commonrail.plugins.export.objects import Compiler, Target, compiler_for, emit, link_shared
-from commonrail.plugins.export.sources import Model, model_of, named, template
-
-# Page inside an FMU: what it is, its variables, its limits.
-
-_STYLE = (
-    "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem}"
-    "table{border-collapse:collapse}td,th{padding:.2rem .6rem;border-bottom:1px solid #8884;text-align:left}"
-)
-_TEXT = (
-    "Set the pressures of the boundaries and, before the initialization, any parameter. Energise the solenoid by the "
-    "Boolean input command, or plan up to four energisings by the parameters energising[i]; do not mix the two.",
-    "All numbers are in SI units; display units are bar, mg, um and us. The inner time step is time_step. Any "
-    "communication step is possible: outputs are those of the last inner step that has been completed, inputs are held "
-    "over a communication step, and edges of command fall on communication points to the exact time.",
-    "A simulation that fails (a parameter outside its domain, a time step that is too long, pressures that the fuel "
-    "does not cover) says so in one sentence to the logger, and the step is discarded.",
-)
+from commonrail.plugins.export.sources import Model, model_of, named, source_file, template
+from commonrail.report.html import render
 
 
 def documentation_page(model: Model, listed: Sequence[Variable]) -> str:
-    """HTML text of the page inside an FMU."""
+    """HTML text of the page inside an FMU: what it is, its variables, its limits."""
     injector = model.injector
-    notes = [f"Not measured: {injector.synthetic}"] if injector.synthetic else []
-    low, high = (1e-6 * p for p in injector.fuel.pressure_range)
-    coldest, hottest = injector.fuel.temperature_range
-    notes += [
-        f"Wiring: {injector.wired().label}.",
-        f"Fuel: {injector.fuel.title}, from {low:g} to {high:g} MPa and {coldest:g} to {hottest:g} K.",
-        "Values that were fitted to bench data hold for the operating points of that bench.",
-    ]
-    paragraphs = "".join(f"<p>{escape(text)}</p>" for text in (*_TEXT, *notes))
-    head = "<tr><th>variable</th><th>kind</th><th>unit</th><th>start</th><th>meaning</th></tr>"
-    rows = "".join(
-        f"<tr><td>{escape(v.name)}</td><td>{v.kind.causality}</td><td>{escape(v.unit)}</td>"
-        f"<td>{'' if v.start is None else f'{v.start:.6g}'}</td><td>{escape(v.meaning)}</td></tr>"
-        for v in listed
+    return render(
+        "model.html",
+        package=__package__,
+        title=injector.name,
+        injector=injector,
+        pressures=[1e-6 * pressure for pressure in injector.fuel.pressure_range],
+        variables=listed,
+        version=version("commonrail"),
     )
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(injector.name)}</title>'
-        f"<style>{_STYLE}</style><h1>{escape(injector.name)}</h1><p>{escape(injector.title)}</p>{paragraphs}"
-        f"<table>{head}{rows}</table><p>Written by commonrail {escape(version('commonrail'))}.</p></html>\n"
-    )
-
-
-# Icon of an exported model: an injector nozzle with its needle and a spray, drawn here as a PNG.
-
-SIZE = 64
-INK, NEEDLE, SPRAY, PAPER = (29, 39, 51), (193, 39, 45), (0, 121, 180), (255, 255, 255)
-
-
-def icon_png() -> bytes:
-    """PNG of `SIZE` by `SIZE` points in true colour; the same bytes each time."""
-    rows = b"".join(b"\0" + row.tobytes() for row in _drawn())
-    header = struct.pack(">IIBBBBB", SIZE, SIZE, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + _chunk(b"IDAT", zlib.compress(rows, 9)) + _chunk(b"IEND", b"")
-    )
-
-
-def _drawn() -> NDArray[np.uint8]:
-    """Points (rows, columns, colours)."""
-    y, x = np.mgrid[0:SIZE, 0:SIZE]
-    across = np.abs(x - (SIZE - 1) / 2.0)
-    half = np.where(y < 26, 13.0, np.clip(13.0 - 0.5 * (y - 26), 5.0, None))  # of the body, which ends in a cone
-    picture = np.full((SIZE, SIZE, 3), PAPER, np.uint8)
-    picture[(across <= half) & (y >= 3) & (y < 44)] = INK
-    picture[(across <= half - 4.0) & (y >= 3) & (y < 40)] = PAPER
-    picture[(across <= np.clip(4.0 - 0.5 * np.clip(y - 34, 0, None), 0.0, None)) & (y >= 3) & (y < 42)] = NEEDLE
-    angle = np.arctan2(across, y - 42.0)
-    for middle in (0.25, 0.85):
-        picture[(np.abs(angle - middle) < 0.1) & (y >= 46) & (np.hypot(across, y - 42.0) < 20.0)] = SPRAY
-    return picture
-
-
-def _chunk(kind: bytes, content: bytes) -> bytes:
-    checked = kind + content
-    return struct.pack(">I", len(content)) + checked + struct.pack(">I", zlib.crc32(checked))
 
 
 _HEADERS = {
@@ -147,7 +80,7 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
             _link(compilers[target.name], model, folder, binary, target)
             contents[f"binaries/{folders[target.name]}/{model.name}{target.suffix}"] = binary.read_bytes()
         contents |= {f"sources/{path.name}": path.read_bytes() for path in written}
-    contents["model.png" if fmi == 2 else "terminalsAndIcons/icon.png"] = icon_png()
+    contents["model.png" if fmi == 2 else "terminalsAndIcons/icon.png"] = source_file("icon.png").read_bytes()
     if fmi == 3:
         contents["sources/buildDescription.xml"] = build_description(model, to_compile).encode()
         contents["terminalsAndIcons/terminalsAndIcons.xml"] = terminals(listed).encode()

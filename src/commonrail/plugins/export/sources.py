@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -262,9 +263,14 @@ def reads_of(variant: Variant) -> list[tuple[str, int, str]]:
     return [(f"READS_{name.upper()}", int(name not in unread), text) for name, text in words.items()]
 
 
+def source_file(name: str) -> Traversable:
+    """Hand-written source, or another file that goes with a model."""
+    return resources.files("commonrail.plugins.export").joinpath("c", name)
+
+
 def template(name: str) -> str:
     """Text of a hand-written source."""
-    return resources.files("commonrail.plugins.export").joinpath("c", name).read_text(encoding="utf-8")
+    return source_file(name).read_text(encoding="utf-8")
 
 
 def named(text: str, name: str) -> str:

@@ -8,13 +8,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined, select_autoescape
-from markupsafe import Markup
 
 from commonrail.base.arrays import Floats
 from commonrail.base.hooks import ALL_ENTRIES, lasting
@@ -42,6 +39,7 @@ from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
 from commonrail.plugins.page.sliders import ONE, borne, limits_of, variant_of
 from commonrail.plugins.page.subject import Slid, Subject, is_traced, read_subject
 from commonrail.readers.injector.file import injector_text
+from commonrail.report.html import render
 
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
 RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees needle and valve alone
@@ -328,31 +326,21 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
     program = version("commonrail")
     numbers = content(subject, point, program)
     module = wasm_module(variant_of(subject))
-    environment = Environment(autoescape=select_autoescape(default_for_string=True), undefined=StrictUndefined)
-    return environment.from_string(_asset("bench.html")).render(
+    return render(
+        "bench.html",
+        package=__package__,
         title=subject.title,
         lead=_lead(subject, numbers),
         synthetic=subject.synthetic,
-        style=Markup(_asset("bench.css")),
-        model=Markup(_embedded(numbers)),
+        model=_embedded(numbers),
         wasm=base64.b64encode(module).decode(),
-        worker=_script("numbers.js", "meter.js", "simulation.js", "worker.js"),
-        script=_script("numbers.js", "simulation.js", "plot.js", "bench.js"),
-        footer=f"Made by commonrail {program}. The page holds all it needs and loads nothing.",
+        version=program,
     )
 
 
 def page_of_run(folder: Path) -> str:
     """Page of a calibration's run folder, beside whose report it lies."""
     return page_html(read_subject(str(folder)))
-
-
-def _asset(name: str) -> str:
-    return (files("commonrail.plugins.page") / "assets" / name).read_text(encoding="utf-8")
-
-
-def _script(*names: str) -> Markup:
-    return Markup("\n".join(map(_asset, names)))
 
 
 def _embedded(numbers: dict[str, Any]) -> str:
