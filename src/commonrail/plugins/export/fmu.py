@@ -27,7 +27,7 @@ from commonrail.plugins.export.description import (
     terminals,
     variables,
 )
-from commonrail.plugins.export.library import write_sources
+from commonrail.plugins.export.library import write_sources, write_texts
 from commonrail.plugins.export.objects import Compiler, Target, compiler_for, emit, link_shared
 from commonrail.plugins.export.sources import Model, model_of, named, source_file, template
 from commonrail.report.html import render
@@ -121,17 +121,13 @@ def _write_instance(model: Model, folder: Path, token: str, fmi: int) -> list[Pa
     defines = [f'#define CR_GUID "{token}"', *(f"#define CR_FMU_{name} {value!r}" for name, value in start.items())]
     unread = unread_inputs(model.injector.variant)
     defines += [f"#define CR_FMU_READS_{name.upper()} {int(name not in unread)}" for name in (RAIL_INPUT, BACK, DRIVE)]
-    header = template("fmu.h").replace("/*START*/", "\n".join(defines) + "\n")
     texts = {
-        f"{model.name}_fmu.h": header,
+        f"{model.name}_fmu.h": template("fmu.h").replace("/*START*/", "\n".join(defines) + "\n"),
         f"{model.name}_fmu.c": template("fmu.c"),
         f"{model.name}_fmi{fmi}.c": template(f"fmi{fmi}.c"),
     }
-    for name, text in texts.items():
-        (folder / name).write_text(named(text, model.name), encoding="utf-8")
-    for name in _HEADERS[fmi]:
-        (folder / name).write_text(template(f"fmi/{name}"), encoding="utf-8")
-    return [folder / name for name in (*texts, *_HEADERS[fmi])]
+    own = write_texts(folder, {name: named(text, model.name) for name, text in texts.items()})
+    return own + write_texts(folder, {name: template(f"fmi/{name}") for name in _HEADERS[fmi]})
 
 
 def _pack(out: Path, contents: dict[str, bytes]) -> None:
