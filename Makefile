@@ -23,7 +23,7 @@ test: BESIDE := for p in f64 f32; do PYTHONPATH=src $(BIN)/python -m tools.compi
 QUICK := $(addprefix tests/,base/test_live.py base/test_text.py physics data report verification workers plugins/maps \
     plugins/foreign_fmu engine/test_stepper.py engine/test_metered.py calibration/test_study_file.py cli/test_simulate.py \
     cli/test_calibrate.py calibration/test_objective.py calibration/test_differential_evolution.py runs/test_run.py) \
-    $(addprefix --ignore=tests/,verification/test_direct_acting.py report/test_plates.py data/test_standard_errors.py \
+    $(addprefix --ignore=tests/,verification/test_direct_acting.py plugins/paper/test_plates.py data/test_standard_errors.py \
     plugins/maps/test_map.py plugins/maps/test_sweep_verb.py)
 REQUIRED := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")
 # Without whole simulations: as plain Python they take minutes.

@@ -100,7 +100,7 @@ AT_THE_TOP = {
     "readers/child/mdf.py": {"asammdf"},
     "readers/child/parquet.py": {"pyarrow"},
     "readers/child/xlsx.py": {"openpyxl"},
-    "report/draw/print.py": {"matplotlib"},
+    "plugins/paper/plates.py": {"matplotlib"},
 }
 
 
@@ -171,7 +171,7 @@ def loaded(code: str, lazy: tuple[str, ...] = LAZY) -> list[str]:
 
 
 def test_the_watch_sees_what_is_loaded() -> None:
-    assert loaded("import commonrail.report.draw.print")
+    assert loaded("import commonrail.plugins.paper.plates")
 
 
 @pytest.mark.parametrize(

@@ -240,6 +240,9 @@ PAPER_OPTIMUM = {
     "plunger_needle.k7": 6.44e7,
 }
 
+# Sec. 5
+RAIL_PRESSURES = {"160 MPa": 160e6, "120 MPa": 120e6, "80 MPa": 80e6}  # [Pa]
+ENERGISING_TIME = 700e-6  # [s]
 SAMPLES, INTERVAL = 520, 3e-6  # Sec. 5: 520 samples; their spacing [s] is ours
 
 

@@ -348,7 +348,7 @@ def draw_plates(folder: Path) -> str:
 
 def make_plates(record: Record, traces: Traces) -> dict[str, bytes]:
     """Figures 4, 5 and 6 of the paper as SVG and PDF, by the names of their files."""
-    from commonrail.report.draw.print import COLUMN, PAGE, printed, side_by_side, single
+    from commonrail.plugins.paper.plates import COLUMN, PAGE, printed, side_by_side, single
 
     rates = figures.rates(record, traces)
     return printed(
