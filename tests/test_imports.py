@@ -50,7 +50,7 @@ OFFENDERS = [
     ("plugins.tolerance", "import commonrail.plugins.fleet", "Plug-ins import one another only where listed"),
     ("physics", "import pydantic", "Physics knows no files"),
     ("physics", "def f():\n    import pint", "Only units imports pint"),
-    ("engine", "import matplotlib.pyplot", "Only report draws"),
+    ("engine", "import matplotlib.pyplot", "Only plates for print load matplotlib"),
 ]
 
 

@@ -31,11 +31,7 @@ def _environment(package: str = CORE) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["drawing"] = Markup
-    environment.filters["breakable"] = breakable
-    environment.filters["unbroken"] = unbroken
-    environment.filters["print_size"] = print_size
-    environment.filters["is_long"] = is_long
+    environment.filters.update({f.__name__: f for f in (breakable, unbroken, print_size, is_long)})
     return environment
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from commonrail.base.chart import HeatMap
+from commonrail.base.chart import Chart
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import fixed, quantity, significant
@@ -20,12 +20,11 @@ from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
-from commonrail.report.draw.figure import figure_svg
-from commonrail.report.draw.heat_map import error_maps, heat_map_svg
-from commonrail.report.fit.figures import convergence_figure, figures_of
+from commonrail.report.draw.element import svg
+from commonrail.report.fit.figures import convergence_figures, error_maps, figures_of
 from commonrail.report.fit.tables import parameter_table, tables_of
 from commonrail.report.html import render
-from commonrail.report.presenter import Array, Arrays, Drawn, Presenter, in_common_unit, presenter_of
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit, presenter_of
 from commonrail.report.simulation import course_figure
 from commonrail.runs.folder import rate_curves
 
@@ -105,7 +104,7 @@ def _calibration_tables(c: Calibration) -> list[Table]:
     return [parameter_table(record["parameters"]), *tables_of(record["data"], record["labels"])]
 
 
-def _calibration_figures(c: Calibration) -> Iterator[Drawn]:
+def _calibration_figures(c: Calibration) -> Iterator[Chart]:
     record = result_record(c, {})
     traces = {
         curve.data: {"time_s": 0.5 * (curve.bounds[1:] + curve.bounds[:-1]), **curve.rates}
@@ -113,8 +112,7 @@ def _calibration_figures(c: Calibration) -> Iterator[Drawn]:
     }
     yield from error_maps(record)
     yield from figures_of(record, traces)
-    if len(record["generations"]) > 1:
-        yield convergence_figure(record["generations"])
+    yield from convergence_figures(record["generations"])
 
 
 def _comparison_lines(c: Comparison) -> list[str]:
@@ -191,7 +189,7 @@ MOST_FIGURES = 12
 class Picture:
     """Figures of a result: a notebook shows them, `save` writes them as a page that needs no other file."""
 
-    def __init__(self, title: str, figures: Sequence[Drawn]) -> None:
+    def __init__(self, title: str, figures: Sequence[Chart]) -> None:
         self.title, self.figures = title, tuple(figures)
 
     def __repr__(self) -> str:
@@ -207,7 +205,7 @@ class Picture:
         from commonrail.base.output import write_text
 
         path = Path(path)
-        parts = [(figure, _svg(figure)) for figure in self.figures]
+        parts = [(figure, svg(figure)) for figure in self.figures]
         write_text(path, render("picture.html", title=self.title, kind="Figures", synthetic=[], figures=parts))
         return path
 
@@ -298,13 +296,9 @@ def _library(name: str) -> Any:
         ) from error
 
 
-def _svg(figure: Drawn) -> Markup:
-    return Markup(heat_map_svg(figure) if isinstance(figure, HeatMap) else figure_svg(figure))
-
-
-def _figure_html(figure: Drawn) -> str:
+def _figure_html(figure: Chart) -> str:
     shown = Markup('<div style="max-width:860px;background:#fff"><b>{}</b>{}<small>{}</small></div>')
-    return shown.format(figure.title, _svg(figure), figure.caption)
+    return shown.format(figure.title, svg(figure), figure.caption)
 
 
 def _table_html(table: Table) -> str:

@@ -14,10 +14,9 @@ from commonrail.base.output import write_text
 from commonrail.base.text import duration, number, significant
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.data.records import Record
-from commonrail.report.draw.figure import drawings, figure_html, small_html
-from commonrail.report.draw.heat_map import error_maps, heat_map_html
+from commonrail.report.draw.element import drawings, small_html
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables
-from commonrail.report.fit.figures import convergence_figure, figures_of
+from commonrail.report.fit.figures import convergence_figures, error_maps, figures_of
 from commonrail.report.fit.record import rerun_lines
 from commonrail.report.fit.tables import parameter_rows, tables_of
 from commonrail.report.fit.verdict import (
@@ -103,11 +102,11 @@ def report_html(
         verdict=verdict(record, run),
         many=many,
         contents=_contents(record, figures) if many else [],
-        heats=[(heat, heat_map_html(heat, f"error-{i}")) for i, heat in enumerate(error_maps(record))],
+        heats=drawings(error_maps(record), name="error"),
         lines=headline(record),
         tables=tables_of(record["data"], record["labels"]),
         figures=[(f, small_html(f, f"figure-{i}")) for i, f in enumerate(figures)] if many else drawings(figures),
-        convergence=_convergence(record),
+        convergence=drawings(convergence_figures(record["generations"]), name="convergence"),
         judgement_lines=judgement_lines(record),
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
@@ -135,13 +134,6 @@ def _dated(record: Record) -> str:
 def _contents(record: Record, figures: Sequence[Figure]) -> list[tuple[str, str]]:
     """Name and anchor of each figure of a long page."""
     return [(figure.title, f"small-{i}") for i, figure in enumerate(figures, start=1)]
-
-
-def _convergence(record: Record) -> tuple[Figure, str] | None:
-    if len(record["generations"]) < 2:
-        return None
-    figure = convergence_figure(record["generations"])
-    return figure, figure_html(figure, "convergence")
 
 
 def _search(settings: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ from commonrail.base.chart import Figure, Panel, Series, points
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.curves.page import RATE
 from commonrail.engine.solution import Solution
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.draw.element import figure_html
 from commonrail.report.html import render
 
 MICRO = 1e6

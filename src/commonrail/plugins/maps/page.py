@@ -17,8 +17,7 @@ from commonrail.plugins.maps.inverse import TOLERANCE
 from commonrail.plugins.maps.response import FALL
 from commonrail.plugins.maps.run import InjectionMap
 from commonrail.plugins.maps.table import notes_of
-from commonrail.report.draw.figure import drawings
-from commonrail.report.draw.heat_map import heat_map_html
+from commonrail.report.draw.element import drawings
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
@@ -44,7 +43,7 @@ def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = No
     maps, curves = map_figures(found, compared)
     first = next(iter(found.values()))
     synthetic = [m.injector.synthetic for m in found.values() if m.injector.synthetic]
-    heats = [(figure, heat_map_html(figure, f"map-{i}")) for i, figure in enumerate(maps)]
+    heats = drawings(maps, name="map")
     return render(
         "map.html",
         package=__package__,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from commonrail.base.arrays import Floats
 from commonrail.base.hooks import ALL_ENTRIES, lasting
@@ -343,9 +344,9 @@ def page_of_run(folder: Path) -> str:
     return page_html(read_subject(str(folder)))
 
 
-def _embedded(numbers: dict[str, Any]) -> str:
+def _embedded(numbers: dict[str, Any]) -> Markup:
     """JSON that no text in it can end as a script."""
-    return json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return Markup(json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def _lead(subject: Subject, numbers: dict[str, Any]) -> str:

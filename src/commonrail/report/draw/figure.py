@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import escape
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Bars, Boxes, Figure, Panel, Points, Series
@@ -224,26 +224,6 @@ class _Sheet:
     def inner(self) -> float:
         """Width of the panels."""
         return self.width - self.left - RIGHT
-
-
-def drawings(figures: Iterable[Figure], height: int = 0) -> list[tuple[Figure, str]]:
-    """Figures with their elements of a page, which are numbered; `height` [px] as for `figure_html`."""
-    return [(figure, figure_html(figure, f"figure-{i}", height)) for i, figure in enumerate(figures)]
-
-
-def figure_html(figure: Figure, key: str, height: int = 0) -> str:
-    """Element of a page that shows a figure, drawn for a page and for a telephone.
-
-    The identifier `key` is unique within the page; the height [px] is by default what its panels need.
-    """
-    sizes = (WIDE, height, "wide"), (NARROW, round(0.75 * height), "narrow")
-    wide, narrow = (figure_svg(figure, *size) for size in sizes)
-    return Markup('<div class="drawing" id="{}">{}{}</div>').format(key, Markup(wide), Markup(narrow))
-
-
-def small_html(figure: Figure, key: str) -> str:
-    """Element of a page that shows a figure among others beside it, with the identifier `key`."""
-    return Markup('<div class="drawing" id="{}">{}</div>').format(key, Markup(figure_svg(figure, NARROW)))
 
 
 def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "") -> str:
