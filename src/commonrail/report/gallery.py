@@ -11,6 +11,7 @@ from commonrail.base.choices import Actuation, Drive
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import fixed, quantity
 from commonrail.base.units import to_text
+from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -20,7 +21,6 @@ from commonrail.report.fit.tables import MARKS
 from commonrail.report.html import render
 from commonrail.report.simulation import course_figure
 
-MICRO = 1e6
 # Operating points of the figures: an everyday main injection at the pressures that each kind of injector is built for.
 # The direct-acting one is shown at the pressures and the cylinder pressure of the traces that it was fitted to.
 SERVO = tuple(OperatingPoint(p, 700e-6, 5e6) for p in (40e6, 80e6, 120e6, 160e6))
@@ -99,17 +99,13 @@ def _commands(e: Exhibit) -> list[str]:
 def _curves(e: Exhibit) -> Figure:
     """Rates and lifts at all points."""
     whole = course_figure(e.solutions)
-    lasting = quantity(e.points[0].pulses[0][1], "s", 3)
+    lasting, back = quantity(e.points[0].pulses[0][1], "s", 3), quantity(e.points[0].initial_pressures()[1], "Pa", 3)
     return replace(
         whole,
         title=f"Rate and lifts, energised for {lasting}",
-        caption=f"Simulated, not measured, in steps of 1 µs; against {quantity(_back(e), 'Pa', 3)} in the cylinder.",
+        caption=f"Simulated, not measured, in steps of 1 µs; against {back} in the cylinder.",
         panels=whole.panels[:2],
     )
-
-
-def _back(e: Exhibit) -> float:
-    return float(e.points[0].initial_pressures()[1])
 
 
 def _figures(e: Exhibit) -> Table:
@@ -120,11 +116,11 @@ def _figures(e: Exhibit) -> Table:
         e.solutions.items(),
         (
             ("rail pressure", lambda row: row[0]),
-            ("quantity, mm³", lambda row: fixed(row[1].injected_volume * 1e9, 2)),
-            ("opening delay, µs", lambda row: fixed(row[1].opening * MICRO, 0)),
-            ("closing delay, µs", lambda row: fixed((row[1].closing - end) * MICRO, 0)),
+            ("quantity, mm³", lambda row: fixed(row[1].injected_volume, 2, MM3)),
+            ("opening delay, µs", lambda row: fixed(row[1].opening, 0, MICROSECOND)),
+            ("closing delay, µs", lambda row: fixed(row[1].closing - end, 0, MICROSECOND)),
             ("peak rate, mm³/ms", lambda row: fixed(max(row[1].rate_mm3_per_ms), 2)),
-            ("largest lift, µm", lambda row: fixed(max(row[1].channels["needle_lift"]) * MICRO, 0)),
+            ("largest lift, µm", lambda row: fixed(max(row[1].channels["needle_lift"]) * 1e6, 0)),
             ("outcome", lambda row: row[1].sentence),
         ),
         note="Quantities by volume at the density at cylinder pressure.",

@@ -11,13 +11,13 @@ from markupsafe import Markup, escape
 
 from commonrail.base.chart import Chart
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import fixed, quantity, significant
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import counted, fixed, quantity, significant
 from commonrail.calibration.compare import Comparison
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
-from commonrail.data.base import DataSet
+from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
 from commonrail.report.draw.element import svg
@@ -30,14 +30,13 @@ from commonrail.runs.folder import rate_curves
 
 # Presenters of simulations, injectors, studies, fits and comparisons: what notebooks show of them.
 
-MICRO, MM3 = 1e6, 1e9
 LONGEST = 100  # letters of a title within a line
 
 
 def _solution_lines(s: Solution) -> list[str]:
     return [
         f"{s.status.name}; {fixed(s.injected_volume, 2, MM3)} mm³ injected, {fixed(s.returned_volume, 2, MM3)} mm³ "
-        f"returned; opens at {fixed(s.opening, 1, MICRO)} µs, closes at {fixed(s.closing, 1, MICRO)} µs"
+        f"returned; opens at {fixed(s.opening, 1, MICROSECOND)} µs, closes at {fixed(s.closing, 1, MICROSECOND)} µs"
     ]
 
 
@@ -53,41 +52,28 @@ def _injector_lines(injector: Injector) -> list[str]:
 
 def _study_lines(study: Study) -> list[str]:
     names = ", ".join(data.name for data in study.data[:4]) + (", …" if len(study.data) > 4 else "")
-    count = study.space.dimension
-    return [f"“{study.title}”: {count} parameter{'' if count == 1 else 's'} of {study.injector.name}; data {names}"]
+    parameters = counted(study.space.dimension, "parameter")
+    return [f"“{study.title}”: {parameters} of {study.injector.name}; data {names}"]
 
 
 def _study_tables(study: Study) -> list[Table]:
-    return [_free_table(study), _data_table(study.data)]
-
-
-def _free_table(study: Study) -> Table:
-    return tabulated(
-        "Free parameters",
-        study.space.parameters,
-        [
-            ("parameter", lambda p: p.name),
-            ("start", lambda p: quantity(p.reference, p.unit)),
-            ("lower", lambda p: quantity(p.lower, p.unit)),
-            ("upper", lambda p: quantity(p.upper, p.unit)),
-        ],
-    )
-
-
-def _data_table(data: Sequence[DataSet]) -> Table:
-    return tabulated(
-        "Data",
-        data,
-        [
-            ("data set", lambda d: d.name),
-            ("kind", lambda d: d.kind),
-            ("role", lambda d: d.role.value),
-            ("values", lambda d: str(len(d.measured))),
-            ("points", lambda d: str(len(d.points))),
-        ],
-        "",
-        3,
-    )
+    free: list[Column] = [
+        ("parameter", lambda p: p.name),
+        ("start", lambda p: quantity(p.reference, p.unit)),
+        ("lower", lambda p: quantity(p.lower, p.unit)),
+        ("upper", lambda p: quantity(p.upper, p.unit)),
+    ]
+    data: list[Column] = [
+        ("data set", lambda d: d.name),
+        ("kind", lambda d: d.kind),
+        ("role", lambda d: d.role.value),
+        ("values", lambda d: str(len(d.measured))),
+        ("points", lambda d: str(len(d.points))),
+    ]
+    return [
+        tabulated("Free parameters", study.space.parameters, free),
+        tabulated("Data", study.data, data, "", 3),
+    ]
 
 
 def _calibration_lines(c: Calibration) -> list[str]:
@@ -146,30 +132,29 @@ def _batch_arrays(found: Batch) -> Arrays:
 
 def _calibration_arrays(found: Calibration) -> Arrays:
     arrays = _study_arrays(found.study)
-    best = np.array([found.best[name] for name in found.study.space.names])
-    return arrays._replace(values={"calibrated": Array(("parameter",), best), **arrays.values})
+    best = _by_parameter([found.best[name] for name in found.study.space.names])
+    return arrays._replace(values={"calibrated": best, **arrays.values})
 
 
 def _study_arrays(found: Study) -> Arrays:
     """Free parameters in SI units."""
-    own = found.space.parameters
-    axis = ("parameter",)
-    values = {key: Array(axis, np.array([getattr(p, name) for p in own])) for key, name in _BOUNDS.items()}
-    return Arrays({"parameter": Array(axis, np.array([p.name for p in own]))}, values, found.title)
-
-
-_BOUNDS = {"start": "reference", "lower": "lower", "upper": "upper", "unit": "unit"}
+    attributes = {"start": "reference", "lower": "lower", "upper": "upper", "unit": "unit"}
+    parameters = found.space.parameters
+    values = {key: _by_parameter([getattr(p, name) for p in parameters]) for key, name in attributes.items()}
+    return Arrays({"parameter": _by_parameter(found.space.names)}, values, found.title)
 
 
 def _injector_arrays(found: Injector) -> Arrays:
-    names = list(found.values)
-    axis = ("parameter",)
     values = {
-        "value": Array(axis, np.array([found.values[name] for name in names])),
-        "unit": Array(axis, np.array([found.quantities[name].unit for name in names])),
-        "meaning": Array(axis, np.array([found.quantities[name].meaning for name in names])),
+        "value": _by_parameter(list(found.values.values())),
+        "unit": _by_parameter([found.quantities[name].unit for name in found.values]),
+        "meaning": _by_parameter([found.quantities[name].meaning for name in found.values]),
     }
-    return Arrays({"parameter": Array(axis, np.array(names))}, values, found.title)
+    return Arrays({"parameter": _by_parameter(list(found.values))}, values, found.title)
+
+
+def _by_parameter(values: Sequence[Any]) -> Array:
+    return Array(("parameter",), np.array(values))
 
 
 SOLUTION = Presenter(_solution_lines, figures=lambda s: [course_figure({"": s})], arrays=_solution_arrays)
@@ -194,7 +179,7 @@ class Picture:
 
     def __repr__(self) -> str:
         """Title and number of figures."""
-        return f"<Picture: {self.title}, {len(self.figures)} figure{'' if len(self.figures) == 1 else 's'}>"
+        return f"<Picture: {self.title}, {counted(len(self.figures), 'figure')}>"
 
     def _repr_html_(self) -> str:
         """Figures, drawn."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import Figure
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.text import duration, number, significant
@@ -94,14 +93,15 @@ def report_html(
     """
     figures = figures_of(record, traces)
     many = len(figures) > MANY
+    by_effect = sorted(record["parameters"], key=lambda p: number(p.get("effect")) or 0.0, reverse=True)
     return render(
         "report.html",
         kind="Calibration",
         record=record,
-        dated=_dated(record),
+        dated=str(record["clock"]["ended"]).replace("T", " ").replace("+00:00", " UTC"),
         verdict=verdict(record, run),
         many=many,
-        contents=_contents(record, figures) if many else [],
+        contents=[(figure.title, f"small-{i}") for i, figure in enumerate(figures, start=1)] if many else [],
         heats=drawings(error_maps(record), name="error"),
         lines=headline(record),
         tables=tables_of(record["data"], record["labels"]),
@@ -111,7 +111,7 @@ def report_html(
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
         certainty_tables=certainty_tables(record),
-        parameters=parameter_rows(sorted(record["parameters"], key=_effect, reverse=True), record.get("certainty")),
+        parameters=parameter_rows(by_effect, record.get("certainty")),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
@@ -119,21 +119,6 @@ def report_html(
         bench=BENCH if bench else "",
         facts=_facts(record),
     )
-
-
-def _effect(parameter: Record) -> float:
-    """Effect of a parameter on the data, by which the page ranks it."""
-    return number(parameter.get("effect")) or 0.0
-
-
-def _dated(record: Record) -> str:
-    """Day and time at which the search ended."""
-    return str(record["clock"]["ended"]).replace("T", " ").replace("+00:00", " UTC")
-
-
-def _contents(record: Record, figures: Sequence[Figure]) -> list[tuple[str, str]]:
-    """Name and anchor of each figure of a long page."""
-    return [(figure.title, f"small-{i}") for i, figure in enumerate(figures, start=1)]
 
 
 def _search(settings: Mapping[str, Any]) -> str:

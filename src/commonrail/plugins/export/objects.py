@@ -191,30 +191,21 @@ def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: T
 
     All `inputs` lie in one folder with their headers; `defines` are names for the preprocessor.
     """
-    command = [
-        *compiler.command,
-        *_WARNINGS,
-        *_ARITHMETIC,
-        "-O2",
-        "-g0",
-        "-fvisibility=hidden",
-        *(f"-D{name}" for name in defines),
-        *(() if target.suffix == ".dll" else ("-fPIC",)),
-        "-shared",
-        "-s",
-        *map(_absolute, inputs),
-        "-o",
-        _absolute(out),
-        *(("-lm",) if target.suffix == ".so" else ()),
-    ]
-    run(command, out.parent)
+    options = [*_options(target, defines), "-fvisibility=hidden", "-shared", "-s"]
+    libraries = ("-lm",) if target.suffix == ".so" else ()
+    paths = [*map(_absolute, inputs), "-o", _absolute(out)]
+    run([*compiler.command, *options, *paths, *libraries], out.parent)
 
 
 def compile_source(compiler: Compiler, source: Path, out: Path, target: Target, defines: Sequence[str] = ()) -> None:
     """Compile one C source into an object; `defines` as of `link_shared`."""
+    paths = [_absolute(source), "-o", _absolute(out)]
+    run([*compiler.command, *_options(target, defines), "-c", *paths], out.parent)
+
+
+def _options(target: Target, defines: Sequence[str]) -> list[str]:
     position = () if target.suffix == ".dll" else ("-fPIC",)
-    options = [*_WARNINGS, *_ARITHMETIC, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
-    run([*compiler.command, *options, "-c", _absolute(source), "-o", _absolute(out)], out.parent)
+    return [*_WARNINGS, *_ARITHMETIC, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
 
 
 def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:

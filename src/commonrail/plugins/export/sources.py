@@ -322,11 +322,14 @@ def _tables(injector: Injector) -> str:
     """Text of the private header: parameters, channels, fuel, sentences, the condition on the step."""
     wired = injector.wired()
     fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    observed = [[_quoted(c.name), _quoted(c.unit)] for c in channels(wired.actuation)]
+    ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
+    sentences = [[str(status), _quoted(text)] for status, text in (ends | _OWN_SENTENCES).items()]
     sizes_of_tables = {
         "DEGREE": fuel.series.shape[1] - 1,
         "COLDEST": repr(fuel.coldest),
         "HOTTEST": repr(fuel.hottest),
-        "SENTENCES": len(_sentences()),
+        "SENTENCES": len(sentences),
     }
     return "\n".join(
         [
@@ -337,8 +340,8 @@ def _tables(injector: Injector) -> str:
             "#include <stdint.h>",
             _directives(sizes_of_tables),
             _parameters(injector),
-            _rows(_CHANNEL, "cr_channel cr_channels[]", _channel_rows(wired)),
-            _rows(_SENTENCE, "cr_words cr_sentences[]", _sentence_rows()),
+            _rows(_CHANNEL, "cr_channel cr_channels[]", observed),
+            _rows(_SENTENCE, "cr_words cr_sentences[]", sentences),
             _fuel(fuel),
             _longest_way(wired.actuation),
             step_condition(wired),
@@ -351,14 +354,6 @@ def _tables(injector: Injector) -> str:
 def _rows(kind: str, name: str, rows: Iterable[Iterable[str]]) -> str:
     body = ",\n".join(f"    {{{', '.join(row)}}}" for row in rows)
     return f"{kind};\nstatic const {name} = {{\n{body}\n}};"
-
-
-def _channel_rows(variant: Variant) -> list[list[str]]:
-    return [[_quoted(c.name), _quoted(c.unit)] for c in channels(variant.actuation)]
-
-
-def _sentence_rows() -> list[list[str]]:
-    return [[str(status), _quoted(text)] for status, text in _sentences().items()]
 
 
 def bounds_of(injector: Injector, path: str) -> tuple[float, float, int, int]:
@@ -374,24 +369,13 @@ def _parameters(injector: Injector) -> str:
     for path in (*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE):
         quantity = injector.quantities[path]
         low, high, low_open, high_open = bounds_of(injector, path)
-        numbers = [_number(injector.values[path]), _number(low), _number(high), str(low_open), str(high_open)]
-        rows.append([_quoted(path), _quoted(quantity.unit), *numbers])
+        numbers = [repr(float(value)).replace("inf", "HUGE_VAL") for value in (injector.values[path], low, high)]
+        rows.append([_quoted(path), _quoted(quantity.unit), *numbers, str(low_open), str(high_open)])
     return _rows(_PARAMETER, "cr_parameter cr_parameters[]", rows)
-
-
-def _number(value: float) -> str:
-    if math.isinf(value):
-        return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
-    return repr(float(value))
 
 
 def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=True)
-
-
-def _sentences() -> dict[int, str]:
-    ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
-    return ends | _OWN_SENTENCES
 
 
 def _fuel(table: FuelTable) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import ArrayLike
 
 from commonrail.base.arrays import Floats
 from commonrail.base.hooks import ALL_ENTRIES, lasting
@@ -32,10 +33,9 @@ from commonrail.engine.schedule import CHECK_AFTER
 from commonrail.engine.stepper.inputs import CoursePlan
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.meters.meter import Meter, is_of_meter
+from commonrail.physics.meters.meter import Meter, is_of_meter, low_pass
 from commonrail.physics.meters.signal import given_values
 from commonrail.plugins.export.entries import channels, sizes
-from commonrail.plugins.page.meters import meter_of, packed
 from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
 from commonrail.plugins.page.sliders import ONE, borne, limits_of, variant_of
 from commonrail.plugins.page.subject import Slid, Subject, is_traced, read_subject
@@ -47,6 +47,7 @@ RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees n
 SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
+NEGLIGIBLE = 1e-13  # share of the largest value of a response; what is smaller at its ends is left out
 MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
 
 
@@ -81,11 +82,11 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "ring": _ring(subject, sliders, first),
         "channels": [c.name for c in channels(variant.actuation)],
         "figures": list(Outcome._fields),
-        "theta": packed(candidate_matrix(injector, (), ONE)[0]),
+        "theta": _packed(candidate_matrix(injector, (), ONE)[0]),
         "temperature": {
             "nodes": nodes,
             "at": at,
-            "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
+            "coefficients": [_packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
         },
         "density": _densities(injector, limits["cylinder"], nodes),
         "limits": limits,
@@ -185,10 +186,10 @@ def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, An
         "origin": origin_of({"synthetic": d.synthetic}),
         "point": _point(point),
         "courses": [_course(course, point, simulator.time_step) for course in traced],
-        "bounds": packed(d.bounds),
-        "rate": packed(d.rate),
+        "bounds": _packed(d.bounds),
+        "rate": _packed(d.rate),
         "density": _density(d, injector, nodes),
-        "meter": meter_of(d, simulator.time_step),
+        "meter": _meter(d, simulator.time_step),
         "reference": number(d.score(simulator).j),
     }
 
@@ -262,7 +263,7 @@ def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> s
         return None
     end = max(course.time[-1] - point.start, point.duration)
     begin: Floats = np.asarray(point.start + dt * np.arange(math.ceil(end / dt) + 1), float)
-    return packed(course.mean(begin, np.asarray(begin + dt, float)))
+    return _packed(course.mean(begin, np.asarray(begin + dt, float)))
 
 
 def _point(point: OperatingPoint) -> dict[str, Any]:
@@ -311,6 +312,42 @@ def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
     if len(measured):
         pressures = measured[np.unique(np.linspace(0, len(measured) - 1, MAP_PRESSURES).round().astype(int))]
     return {"pressures": pressures.tolist(), "times": np.linspace(100e-6, longest, MAP_TIMES).tolist()}
+
+
+# Meters of the data: the responses of their filters, and their quantities, for the page's script.
+
+
+def _packed(values: ArrayLike) -> str:
+    """Base64 of little-endian doubles."""
+    return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode()
+
+
+def _meter(d: RateData, dt: float) -> dict[str, Any] | None:
+    """Meter of an injection curve for steps of `dt` [s], None where there is none or it shows what it is given."""
+    if d.meter is None or d.meter.neutral:
+        return None
+    given = {key: float(value[0]) for key, value in given_values(d.meter, {}, 1).items()}
+    steps = max(round((d.point.duration + d.meter.ahead) / dt), 1)
+    echoes = [{key: given[f"{echo}_{key}"] for key in ("share", "delay", "lag")} for echo in ("echo", "second_echo")]
+    return {
+        "name": d.meter.name,
+        "ahead": d.meter.ahead,
+        **{key: given[key] for key in ("delay", "gain", "offset", "blend", "zeroing")},
+        "echoes": [echo for echo in echoes if echo["share"]],
+        "early": _filter(d.meter, given["cutoff"], steps, dt),
+        "late": _filter(d.meter, given.get("late_cutoff", np.inf), steps, dt),
+    }
+
+
+def _filter(meter: Meter, cutoff: float, steps: int, dt: float) -> dict[str, Any] | None:
+    """Response to a step's unit signal, from its first step that counts; None without a filter."""
+    if np.isinf(cutoff):
+        return None
+    impulse = np.zeros(2 * steps - 1)
+    impulse[steps - 1] = 1.0
+    response = low_pass(impulse, dt, meter.law, meter.order, cutoff)
+    used = np.flatnonzero(np.abs(response) > NEGLIGIBLE * np.max(np.abs(response)))
+    return {"first": int(used[0]) - (steps - 1), "response": _packed(response[used[0] : used[-1] + 1])}
 
 
 # The page itself: styles, scripts, numbers and the compiled module in one HTML file.

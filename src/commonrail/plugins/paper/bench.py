@@ -40,27 +40,16 @@ class Sensor:
     noise: float = 0.0
     resolution: float = 0.0
 
-    def of_means(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """Shown signal (n,) of one that was zero before, given as means over intervals of a length [s]."""
-        return self._shown(self._passed(signal, 0.0, interval), rng)
-
-    def of_values(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """Shown signal (n,) of one that rested at its first value before, given as values at an interval [s]."""
-        return self._shown(self._passed(signal, float(signal[0]), interval), rng)
+    def shown(self, signal: Floats, interval: float, rng: np.random.Generator, rest: float = 0.0) -> Floats:
+        """Shown signal (n,) of means or values at an interval [s], which were `rest` before."""
+        for _ in range(PASSES):
+            signal = first_order(signal, 2.0 * math.pi * self.bandwidth * interval, rest)
+        noisy = signal + self.noise * rng.standard_normal(len(signal))
+        return np.asarray(np.round(noisy / self.resolution) * self.resolution) if self.resolution > 0.0 else noisy
 
     def as_meter(self, name: str) -> Meter:
         """The low-passes as a meter of a fit; noise and resolution are no part of it."""
         return Meter(name, {} if math.isinf(self.bandwidth) else {"cutoff": self.bandwidth}, LowPass.CASCADE, PASSES)
-
-    def _passed(self, signal: Floats, rest: float, interval: float) -> Floats:
-        """Signal behind the low-passes."""
-        for _ in range(PASSES):
-            signal = first_order(signal, 2.0 * math.pi * self.bandwidth * interval, rest)
-        return signal
-
-    def _shown(self, signal: Floats, rng: np.random.Generator) -> Floats:
-        noisy = signal + self.noise * rng.standard_normal(len(signal))
-        return np.asarray(np.round(noisy / self.resolution) * self.resolution) if self.resolution > 0.0 else noisy
 
 
 MASSES = 9  # of plunger and needle, Eq. (10)
@@ -320,8 +309,9 @@ def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energisi
     streams = np.random.SeedSequence((seed, round(rail_pressure))).spawn(3)
     operation, rate_meter, rail_sensor = map(np.random.default_rng, streams)
     shot = _shoot(truth, injector, rail_pressure, energising_time, operation)
-    rate = truth.rate_meter.of_means(shot.rate, INTERVAL, rate_meter)
-    rail = truth.rail_sensor.of_values(shot.channels["inlet_pressure"], INTERVAL, rail_sensor)
+    inlet = shot.channels["inlet_pressure"]
+    rate = truth.rate_meter.shown(shot.rate, INTERVAL, rate_meter)
+    rail = truth.rail_sensor.shown(inlet, INTERVAL, rail_sensor, float(inlet[0]))
     return Curve(rail_pressure, shot.time[1:], rate, shot.time[1:], rail[1:])
 
 

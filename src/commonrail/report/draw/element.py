@@ -14,7 +14,7 @@ from commonrail.report.draw.heat_map import heat_map_svg
 def svg(figure: Chart, width: int = WIDE, height: int = 0, name: str = "") -> Markup:
     """Picture of a chart, of a size [px] and by default as high as it needs; `name` is a class of the element."""
     if isinstance(figure, HeatMap):
-        return Markup(heat_map_svg(figure, width, height))
+        return Markup(heat_map_svg(figure, width))
     return Markup(figure_svg(figure, width, height, name))
 
 
@@ -23,9 +23,9 @@ def figure_html(figure: Chart, key: str, height: int = 0) -> Markup:
 
     The identifier `key` is unique within the page; the height [px] is by default what its panels or rows need.
     """
-    heat = isinstance(figure, HeatMap)
-    pictures = svg(figure, WIDE, height, "wide") + svg(figure, NARROW, 0 if heat else round(0.75 * height), "narrow")
-    return Markup('<div class="drawing{}" id="{}">{}</div>').format(" heat" if heat else "", key, pictures)
+    kind = " heat" if isinstance(figure, HeatMap) else ""
+    pictures = svg(figure, WIDE, height, "wide") + svg(figure, NARROW, round(0.75 * height), "narrow")
+    return Markup('<div class="drawing{}" id="{}">{}</div>').format(kind, key, pictures)
 
 
 def small_html(figure: Figure, key: str) -> Markup:

@@ -18,7 +18,7 @@ _DIVERGING = ("#5b9fcd", "#ffffff", "#e0907a")
 NUMBERS = 9.5  # size of the numbers in the cells [px]
 NARROWEST, BROADEST = 31.0, 84.0  # columns: narrower ones show no numbers [px]
 LOWEST = 84.0  # map, whatever its rows: its vertical title is not cut [px]
-SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row, unless stated [px]
+SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row [px]
 TOP, BELOW, RIGHT = 12.0, 40.0, 12.0
 SMALLEST = 4.4  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
 
@@ -39,12 +39,12 @@ class _Frame(NamedTuple):
         return self.width < WIDE
 
 
-def heat_map_svg(figure: HeatMap, width: int = WIDE, height: int = 0) -> str:
-    """Picture of a heat map, of a size [px]; its height is by default a fixed one for each row.
+def heat_map_svg(figure: HeatMap, width: int = WIDE) -> str:
+    """Picture of a heat map, of a width [px].
 
     A narrow picture has its scale of colours below the map.
     """
-    frame = _frame(figure, height, float(width))
+    frame = _frame(figure, float(width))
     size = _number_size(figure, frame)
     parts = [
         _cell(figure, (i, j), _place(frame, i, j), frame.is_narrow, size)
@@ -63,13 +63,13 @@ def heat_map_svg(figure: HeatMap, width: int = WIDE, height: int = 0) -> str:
     )
 
 
-def _frame(figure: HeatMap, height: int, width: float) -> _Frame:
+def _frame(figure: HeatMap, width: float) -> _Frame:
     rows, columns, narrow = max(len(figure.y), 1), max(len(figure.x), 1), width < WIDE
     left = max(map(text_width, figure.y), default=0.0) + 32.0
     left = min(left, 0.45 * width) if narrow else left
     cell = min((width - left - (0.0 if narrow else SCALE) - RIGHT) / columns, BROADEST)
     below = BELOW + _upright(figure.x, cell) + (34.0 if narrow else 0.0)
-    tall = (height - TOP - below) / rows if height else max(TALL, LOWEST / rows)
+    tall = max(TALL, LOWEST / rows)
     return _Frame(width, left, TOP + tall * rows, cell, tall, below)
 
 
