@@ -78,16 +78,8 @@ def _unbroken_words(text: str, is_number: bool) -> list[str]:
 
 
 def render(template: str, package: str = CORE, **values: Any) -> str:
-    """Fill a template.
+    """Page from a template in the folder ``templates`` of a package, such as ``__package__`` of a plug-in.
 
-    Parameters
-    ----------
-    template : str
-        Name of its file.
-    package : str
-        Package whose folder ``templates`` has it, such as ``__package__`` of a plug-in; what it extends or includes may
-        be in `CORE`.
-    **values
-        What stands in the template.
+    What it extends or includes may be in that of `CORE`; `values` are what stands in it.
     """
     return _environment(package).get_template(template).render(**{"dated": "", "record": {}, **values})

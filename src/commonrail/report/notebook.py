@@ -13,7 +13,6 @@ from commonrail.base.chart import Chart
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import counted, fixed, quantity, significant
-from commonrail.calibration.compare import Comparison
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
@@ -101,10 +100,6 @@ def _calibration_figures(c: Calibration) -> Iterator[Chart]:
     yield from convergence_figures(record["generations"])
 
 
-def _comparison_lines(c: Comparison) -> list[str]:
-    return [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"]
-
-
 _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}
 
 
@@ -164,7 +159,7 @@ STUDY = Presenter(_study_lines, _study_tables, arrays=_study_arrays)
 CALIBRATION = Presenter(
     _calibration_lines, _calibration_tables, lambda c: list(_calibration_figures(c)), _calibration_arrays
 )
-COMPARISON = Presenter(_comparison_lines)
+COMPARISON = Presenter(lambda c: [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"])
 
 
 MOST_ROWS = 24  # of a table in a notebook

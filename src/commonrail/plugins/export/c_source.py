@@ -64,14 +64,6 @@ def constant(value: str, kind: str) -> str:
     return str(number % 2**32) + "u" if kind == "i32" else str(number)
 
 
-def _infix(c: Value, operation: str, kind: str, left: str, right: str) -> tuple[str, str]:
-    return kind, f"{c(left, kind)} {_INFIX[operation]} {c(right, kind)}"
-
-
-def _negation(c: Value, operation: str, kind: str, value: str) -> tuple[str, str]:
-    return kind, ("-" if operation == "fneg" else "") + c(value, kind)
-
-
 def _signed(c: Value, operation: str, left: str, right: str) -> tuple[str, str]:
     sign = {"ashr": ">>", "sdiv": "/", "srem": "%"}[operation]
     return "i64", f"(uint64_t)((int64_t){c(left, 'i64')} {sign} (int64_t){c(right, 'i64')})"
@@ -97,10 +89,6 @@ def _whole_comparison(c: Value, word: str, kind: str, left: str, right: str) -> 
     return "i1", f"{cast}{c(left, kind)} {sign} {cast}{c(right, kind)}"
 
 
-def _choice(c: Value, condition: str, kind: str, yes: str, no: str) -> tuple[str, str]:
-    return kind, f"{c(condition, 'i1')} ? {c(yes, kind)} : {c(no, kind)}"
-
-
 def _conversion(c: Value, operation: str, origin: str, value: str, kind: str) -> tuple[str, str]:
     operand = c(value, origin)
     if operation == "bitcast":
@@ -119,14 +107,6 @@ def _conversion(c: Value, operation: str, origin: str, value: str, kind: str) ->
     if operation == "trunc" and kind == "i1":
         return kind, f"(int)({operand} & 1)"
     return kind, casts[operation] + operand
-
-
-def _address(c: Value, kind: str, base: str, index: str) -> tuple[str, str]:
-    return "ptr", f"{c(base, 'ptr')} + (int64_t){c(index, 'i64')} * {_SIZES[kind]}"
-
-
-def _load(c: Value, kind: str, address: str) -> tuple[str, str]:
-    return kind, f"load_{kind}({c(address, 'ptr')})"
 
 
 def _call(c: Value, kind: str, name: str, arguments: str) -> tuple[str, str]:
@@ -160,13 +140,25 @@ def _any(words: Iterable[str]) -> str:
 _EXPRESSIONS: list[tuple[re.Pattern[str], Callable[..., tuple[str, str]]]] = [
     (re.compile(pattern), rule)
     for pattern, rule in (
-        (rf"{_any(_INFIX)} {FLAGS}(\w+) ({VALUE}), ({VALUE})$", _infix),
-        (rf"(fneg|freeze) {FLAGS}(\w+) ({VALUE})$", _negation),
-        (rf"load (double|i64), ptr ({VALUE})", _load),
-        (rf"getelementptr (?:inbounds |nuw |nusw )*{_any(_SIZES)}, ptr ({VALUE}), i64 ({VALUE})$", _address),
+        (
+            rf"{_any(_INFIX)} {FLAGS}(\w+) ({VALUE}), ({VALUE})$",
+            lambda c, sign, kind, a, b: (kind, f"{c(a, kind)} {_INFIX[sign]} {c(b, kind)}"),
+        ),
+        (
+            rf"(fneg|freeze) {FLAGS}(\w+) ({VALUE})$",
+            lambda c, word, kind, a: (kind, ("-" if word == "fneg" else "") + c(a, kind)),
+        ),
+        (rf"load (double|i64), ptr ({VALUE})", lambda c, kind, address: (kind, f"load_{kind}({c(address, 'ptr')})")),
+        (
+            rf"getelementptr (?:inbounds |nuw |nusw )*{_any(_SIZES)}, ptr ({VALUE}), i64 ({VALUE})$",
+            lambda c, kind, base, index: ("ptr", f"{c(base, 'ptr')} + (int64_t){c(index, 'i64')} * {_SIZES[kind]}"),
+        ),
         (rf"fcmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", _real_comparison),
         (rf"icmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", _whole_comparison),
-        (rf"select {FLAGS}i1 ({VALUE}), (\w+) ({VALUE}), \w+ ({VALUE})$", _choice),
+        (
+            rf"select {FLAGS}i1 ({VALUE}), (\w+) ({VALUE}), \w+ ({VALUE})$",
+            lambda c, condition, kind, yes, no: (kind, f"{c(condition, 'i1')} ? {c(yes, kind)} : {c(no, kind)}"),
+        ),
         (rf"(?:tail |notail )?call {FLAGS}(\w+) @{_any(_CALLS)}\((.*)\)", _call),
         (rf"(sitofp|uitofp|fptosi|zext|sext|ptrtoint|trunc|bitcast) {FLAGS}(\w+) ({VALUE}) to (\w+)$", _conversion),
         (rf"(ashr|sdiv|srem) {FLAGS}i64 ({VALUE}), ({VALUE})$", _signed),

@@ -37,8 +37,16 @@ from commonrail.physics.meters.meter import Meter, is_of_meter, low_pass
 from commonrail.physics.meters.signal import given_values
 from commonrail.plugins.export.entries import channels, sizes
 from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
-from commonrail.plugins.page.sliders import ONE, borne, limits_of, variant_of
-from commonrail.plugins.page.subject import Slid, Subject, is_traced, read_subject
+from commonrail.plugins.page.subject import (
+    ONE,
+    Slid,
+    Subject,
+    borne,
+    is_traced,
+    limits_of,
+    read_subject,
+    variant_of,
+)
 from commonrail.readers.injector.file import injector_text
 from commonrail.report.html import render
 
@@ -96,7 +104,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "columnOf": _columns(injector, subject, sliders),
         "data": data,
         "reference": {"label": "J of the fit" if subject.start else ""},
-        "fan": _fan(subject),
+        "fan": None if subject.fan is None else {**vars(subject.fan), "members": subject.fan.members.tolist()},
         "presets": _presets(subject, first, data),
         "traced": is_traced(injector),
         "map": None if is_traced(injector) else _map(subject, limits["rail"]),
@@ -179,6 +187,7 @@ def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) ->
 
 def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, Any]:
     point, injector = d.point, simulator.injector
+    cylinder = point.at_start(point.cylinder_pressure)
     traced = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
     return {
         "name": d.name,
@@ -188,7 +197,7 @@ def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, An
         "courses": [_course(course, point, simulator.time_step) for course in traced],
         "bounds": _packed(d.bounds),
         "rate": _packed(d.rate),
-        "density": _density(d, injector, nodes),
+        "density": _densities_of(d.mass_density, d.meter, cylinder, injector, nodes),
         "meter": _meter(d, simulator.time_step),
         "reference": number(d.score(simulator).j),
     }
@@ -235,11 +244,6 @@ def _measured_map(d: QuantityData, simulator: Simulator, nodes: Sequence[float])
     }
 
 
-def _density(d: RateData, injector: Injector, nodes: Sequence[float]) -> list[float]:
-    pressure = d.point.at_start(d.point.cylinder_pressure)
-    return _densities_of(d.mass_density, d.meter, pressure, injector, nodes)
-
-
 def _densities_of(
     mass_density: float, meter: Meter | None, pressure: float, injector: Injector, nodes: Sequence[float]
 ) -> list[float]:
@@ -275,17 +279,6 @@ def _point(point: OperatingPoint) -> dict[str, Any]:
         "start": point.start,
         "pulses": [list(p) for p in point.pulses],
         "duration": point.duration,
-    }
-
-
-def _fan(subject: Subject) -> dict[str, Any] | None:
-    if subject.fan is None:
-        return None
-    return {
-        "short": subject.fan.short,
-        "note": subject.fan.note,
-        "names": list(subject.fan.names),
-        "members": subject.fan.members.tolist(),
     }
 
 

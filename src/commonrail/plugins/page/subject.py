@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,12 @@ from commonrail.data.kinds import of_role
 from commonrail.data.metering import with_meters
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.time_step import DEFAULT_STEP
+from commonrail.engine.plan import candidate_matrix
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.time_step import DEFAULT_STEP, longest_step, medium_of, stiffest_corner
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters.meter import is_of_meter
+from commonrail.physics.variants import Variant
 from commonrail.plugins.certainty.posterior.file import POSTERIOR, RefusedDrawsError, read_posterior
 from commonrail.runs.folder import RESULT, read_fit
 from commonrail.runs.model_name import read_model_name
@@ -57,16 +60,7 @@ class Fan:
 
 
 def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan | None:
-    """Parts whose parameters scatter about their values, at random.
-
-    Parameters
-    ----------
-    names : tuple of str
-    values : (names,)
-        [SI].
-    injector : Injector
-        Its domains bound what may be drawn.
-    """
+    """Parts whose parameters scatter about their values (names,) [SI], at random; None if that leaves their domains."""
     if not names:
         return None
     random = np.random.default_rng(SEED)
@@ -84,20 +78,9 @@ def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan
 
 
 def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int | None = None) -> Fan | None:
-    """Draws from the posterior of a run if it has one that may be used, else fits little worse than the best one.
+    """Draws from the posterior of a run if it has one that may be used, else fits little worse than the best one [SI].
 
-    Parameters
-    ----------
-    run : Path
-    study : Study
-    best : mapping of str to float
-        [SI].
-    threads : int, optional
-
-    Raises
-    ------
-    InputError
-        If posterior.npz is damaged.
+    InputError if posterior.npz is damaged.
     """
     names = tuple(study.space.names)
     if (run / POSTERIOR).is_file():
@@ -309,3 +292,70 @@ def _with_more(injector: Injector, sliders: tuple[Slid, ...], more: tuple[str, .
             raise InputError(f"{name} is zero, which gives its slider no range; choose a parameter with a value.")
     had = {s.name for s in sliders}
     return sliders + _around(injector, tuple(name for name in dict.fromkeys(more) if name not in had))
+
+
+# Ends of the sliders, narrowed where the time step would not bear a corner of them.
+
+ONE = np.empty((1, 0))  # the candidate that is the injector as it is
+RAIL = (25e6, 200e6)  # ends of the sliders as far as the fuel's range reaches [Pa]
+CYLINDER, RETURN = (0.1e6, 20e6), (0.05e6, 3e6)
+ENERGISING, DWELL = (50e-6, 3e-3), (20e-6, 4e-3)  # [s]
+LONG = 1.5e-3  # energising after which the needle has risen as far as it will [s]
+LIFTED = 1.25  # margin on the largest lift, which takes room from the control chamber
+SHRUNK = 24  # halvings of the share of the sliders' ranges that the time step bears
+
+
+def variant_of(subject: Subject) -> Variant:
+    """Wiring that a page simulates, with the laws that a moved slider may need."""
+    return subject.injector.wired([s.name for s in subject.sliders])
+
+
+def limits_of(subject: Subject, point: OperatingPoint) -> dict[str, tuple[float, float]]:
+    """Ends of the sliders of an operating point [SI]; they hold the data's points and the first one's."""
+    low, high = subject.injector.fuel.pressure_range
+    points = [point, *subject.points]
+    rails, cylinders, returns = np.array([p.initial_pressures() for p in points]).T
+
+    def ends(usual: tuple[float, float], used: Floats) -> tuple[float, float]:
+        return max(min(usual[0], used.min()), low), min(max(usual[1], used.max()), high)
+
+    found = {"rail": ends(RAIL, rails), "cylinder": ends(CYLINDER, cylinders), "low": ends(RETURN, returns)}
+    below = 0.9 * found["rail"][0]  # no other pressure reaches the rail's
+    for name in ("cylinder", "low"):
+        found[name] = found[name][0], min(found[name][1], below)
+    return {name: (float(a), float(b)) for name, (a, b) in found.items()} | {"energising": ENERGISING, "dwell": DWELL}
+
+
+def borne(subject: Subject, rail: float) -> tuple[tuple[Slid, ...], float]:
+    """Sliders whose ranges the time step bears in every corner, and the share of the ranges that is left."""
+    injector, variant = subject.injector, variant_of(subject)
+    medium, lift = medium_of(injector, rail), LIFTED * _reached(subject, rail)
+
+    def narrowed(share: float) -> tuple[Slid, ...]:
+        middles = [(s, injector.values[s.name]) for s in subject.sliders]
+        return tuple(Slid(s.name, v + share * (s.low - v), v + share * (s.high - v)) for s, v in middles)
+
+    def bears(share: float) -> bool:
+        sliders = narrowed(share)
+        lower, upper = ({s.name: getattr(s, end) for s in sliders} for end in ("low", "high"))
+        corner = replace(injector, values=stiffest_corner(injector.values, lower, upper), variant=variant)
+        return subject.time_step <= longest_step(corner, candidate_matrix(corner, (), ONE)[0], medium, lift)
+
+    if not bears(0.0):
+        raise ConfigurationError(
+            f"{injector.name}: the time step of {subject.time_step * 1e6:g} us is too long for it at "
+            f"{rail * 1e-6:g} MPa, the highest rail pressure of the page; calibrate with a shorter time_step."
+        )
+    low, high = 0.0, 1.0
+    if bears(high):
+        return narrowed(high), high
+    for _ in range(SHRUNK):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if bears(middle) else (low, middle)
+    return narrowed(low), low
+
+
+def _reached(subject: Subject, rail: float) -> float:
+    """Largest lift [m] of the injector as it is, at the highest rail pressure."""
+    points = [d.point for d in subject.data] if is_traced(subject.injector) else [OperatingPoint(rail, LONG)]
+    return float(np.nanmax(simulate_batch(subject.injector, points, time_step=subject.time_step).greatest_lift))

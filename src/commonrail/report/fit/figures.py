@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -82,35 +82,25 @@ def _maps(data: Record) -> list[HeatMap]:
     found = []
     if large:
         title = f"Error of {what}, % of the quantity, above {limit * MM3:.3g} mm³"
-        found.append(_heat(large, title, _percent, ("%", 1, LARGEST_PERCENT), data))
+        found.append(
+            _heat(large, [100.0 * p.error / p.measured for p in large], title, ("%", 1, LARGEST_PERCENT), data)
+        )
     if small:
         title = f"Error of {what}, mm³, quantities up to {SMALL * MM3:.3g} mm³"
-        found.append(_heat(small, title, _absolute, ("mm³", 2, LARGEST_MM3), data))
+        found.append(_heat(small, [p.error * MM3 for p in small], title, ("mm³", 2, LARGEST_MM3), data))
     return found
 
 
-def _percent(point: _Point) -> float:
-    return 100.0 * point.error / point.measured
-
-
-def _absolute(point: _Point) -> float:
-    return point.error * MM3
-
-
 def _heat(
-    points: Sequence[_Point],
-    title: str,
-    measure: Callable[[_Point], float],
-    shown: tuple[str, int, float],
-    data: Record,
+    points: Sequence[_Point], errors: Sequence[float], title: str, scale: tuple[str, int, float], data: Record
 ) -> HeatMap:
-    """Heat map of some points; `shown` is the unit, its decimals, and the error of the last colour."""
-    unit, decimals, most = shown
+    """Heat map of the errors at some points in a unit, with its decimals and the error of the last colour."""
+    unit, decimals, most = scale
     rails = sorted({point.rail for point in points})
     columns, names = _columns([point.time for point in points])
     cells: dict[tuple[int, int], float] = {}
-    for point, column in zip(points, columns, strict=True):
-        cell, error = (rails.index(point.rail), column), measure(point)
+    for point, column, error in zip(points, columns, errors, strict=True):
+        cell = (rails.index(point.rail), column)
         if abs(error) >= abs(cells.get(cell, 0.0)):
             cells[cell] = error
     places = [[(i, j) for j in range(len(names))] for i in range(len(rails))]

@@ -74,7 +74,7 @@ def parameter_table(parameters: Sequence[Record], certainty: Record | None = Non
         "standard error": [r.error or MISSING for r in found],
         "change, %": [r.change for r in found],
         "bounds": [f"{r.lower} to {r.upper}" for r in found],
-        "at a bound": [_bound(r) for r in found],
+        "at a bound": ["yes" if r.at_bound else "no" for r in found],
         "from its prior": [r.pull or MISSING for r in found],
     }
     if certainty:
@@ -83,10 +83,6 @@ def parameter_table(parameters: Sequence[Record], certainty: Record | None = Non
         del columns["from its prior"]
     rows = zip(*columns.values(), strict=True)
     return Table("Parameters", tuple(columns), tuple(tuple(map(Cell, row)) for row in rows), texts=2)
-
-
-def _bound(row: ParameterRow) -> str:
-    return "yes" if row.at_bound else "no"
 
 
 def _row(p: Record, likely: Record | None, level: str) -> ParameterRow:
