@@ -9,8 +9,7 @@ import pytest
 
 from commonrail.base.chart import MARKERS, Band, Bars, Boxes, Figure, HeatMap, Panel, Series
 from commonrail.report.draw.axis import SIZE, Axis, text_width
-from commonrail.report.draw.element import figure_html
-from commonrail.report.draw.figure import NARROW, WIDE, figure_svg
+from commonrail.report.draw.figure import NARROW, WIDE, figure_html, figure_svg
 from commonrail.report.draw.heat_map import SMALLEST, heat_map_svg
 from commonrail.report.fit.figures import figures_of
 from tests.report.samples import map_record, rate_record, rate_traces

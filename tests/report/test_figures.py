@@ -11,7 +11,7 @@ import pytest
 from commonrail.base.chart import Figure
 from commonrail.data.records import LABELS
 from commonrail.report.draw.figure import figure_svg
-from commonrail.report.fit.figures import convergence_figures, figures_of
+from commonrail.report.fit.figures import convergence_figure, figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
 
 TRACE = {
@@ -98,7 +98,7 @@ def test_convergence_is_logarithmic_where_it_spans_much(worst: float, logarithmi
         {"generation": 0, "best": worst, "mean": None},
         {"generation": 1, "best": 100.0, "mean": 150.0},
     ]
-    ((panel,),) = (figure.panels for figure in convergence_figures(generations))
+    (panel,) = convergence_figure(generations).panels
     assert panel.logarithmic is logarithmic
     assert panel.series[0].y == (None, 150.0)
 

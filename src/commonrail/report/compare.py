@@ -9,7 +9,7 @@ from pathlib import Path
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
 from commonrail.data.records import MICROSECOND, Record, Traces
-from commonrail.report.draw.element import drawings
+from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.figures import comparison_figures
 from commonrail.report.fit.record import by_kind
 from commonrail.report.fit.verdict import synthetic_notes

@@ -16,7 +16,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
-from commonrail.report.draw.element import figure_html
+from commonrail.report.draw.figure import figure_html
 from commonrail.report.fit.tables import MARKS
 from commonrail.report.html import render
 from commonrail.report.simulation import course_figure

@@ -19,8 +19,8 @@ from commonrail.calibration.study import Study
 from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
-from commonrail.report.draw.element import svg
-from commonrail.report.fit.figures import convergence_figures, error_maps, figures_of
+from commonrail.report.draw.figure import svg
+from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
 from commonrail.report.fit.tables import parameter_table, tables_of
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit, presenter_of
@@ -97,7 +97,8 @@ def _calibration_figures(c: Calibration) -> Iterator[Chart]:
     }
     yield from error_maps(record)
     yield from figures_of(record, traces)
-    yield from convergence_figures(record["generations"])
+    if len(record["generations"]) > 1:
+        yield convergence_figure(record["generations"])
 
 
 _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}

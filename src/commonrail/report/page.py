@@ -8,14 +8,15 @@ from typing import Any
 
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
+from commonrail.base.chart import Figure
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.text import duration, number, significant
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.data.records import Record
-from commonrail.report.draw.element import drawings, small_html
+from commonrail.report.draw.figure import drawings, figure_html, small_html
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables
-from commonrail.report.fit.figures import convergence_figures, error_maps, figures_of
+from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
 from commonrail.report.fit.record import rerun_lines
 from commonrail.report.fit.tables import parameter_rows, tables_of
 from commonrail.report.fit.verdict import (
@@ -106,7 +107,7 @@ def report_html(
         lines=headline(record),
         tables=tables_of(record["data"], record["labels"]),
         figures=[(f, small_html(f, f"figure-{i}")) for i, f in enumerate(figures)] if many else drawings(figures),
-        convergence=drawings(convergence_figures(record["generations"]), name="convergence"),
+        convergence=_convergence(record),
         judgement_lines=judgement_lines(record),
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
@@ -119,6 +120,13 @@ def report_html(
         bench=BENCH if bench else "",
         facts=_facts(record),
     )
+
+
+def _convergence(record: Record) -> tuple[Figure, str] | None:
+    if len(record["generations"]) < 2:
+        return None
+    figure = convergence_figure(record["generations"])
+    return figure, figure_html(figure, "convergence")
 
 
 def _search(settings: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS
 from commonrail.engine.solution import Solution
-from commonrail.report.draw.element import figure_html
+from commonrail.report.draw.figure import figure_html
 from commonrail.report.html import render
 
 # Title, factor from SI, and the channels with their names.

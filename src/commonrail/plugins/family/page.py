@@ -15,8 +15,8 @@ from commonrail.data.records import Record, Traces
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
 from commonrail.plugins.fleet.page import short_names
-from commonrail.report.draw.element import drawings
-from commonrail.report.fit.figures import convergence_figures, figures_of
+from commonrail.report.draw.figure import drawings, figure_html
+from commonrail.report.fit.figures import convergence_figure, figures_of
 from commonrail.report.fit.tables import tables_of
 from commonrail.report.fit.verdict import baseline_lines, data_lines
 from commonrail.report.html import render
@@ -47,6 +47,8 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
     """
     data = _all_data(record)
     figures = figures_of({"data": data, "labels": TEXTS}, traces)
+    generations = record["generations"]
+    convergence = convergence_figure(generations) if len(generations) > 1 else None
     return render(
         "family.html",
         package=__package__,
@@ -57,7 +59,7 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
         tables=family_tables(record),
         errors=tables_of(data, TEXTS),
         figures=drawings([*family_figures(record), *figures]),
-        convergence=drawings(convergence_figures(record["generations"]), name="convergence"),
+        convergence=(convergence, figure_html(convergence, "convergence")) if convergence else None,
         data=data,
         commands=_commands(record, run),
         facts=_facts(record),

@@ -14,7 +14,7 @@ from commonrail.base.text import duration, fixed, listed, number, percent, quant
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
-from commonrail.report.draw.element import drawings, figure_html, small_html
+from commonrail.report.draw.figure import drawings, figure_html, small_html
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 

@@ -12,8 +12,8 @@ from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.data.records import Record, origin_of, present
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD
-from commonrail.report.draw.element import drawings
-from commonrail.report.fit.figures import convergence_figures
+from commonrail.report.draw.figure import drawings, figure_html
+from commonrail.report.fit.figures import convergence_figure
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -37,6 +37,8 @@ def fmu_html(record: Record, run: str) -> str:
     run : str
         The folder's name, for the command lines in the page.
     """
+    generations = record["generations"]
+    convergence = convergence_figure(generations) if len(generations) > 1 else None
     return render(
         "fmu.html",
         package=__package__,
@@ -46,7 +48,7 @@ def fmu_html(record: Record, run: str) -> str:
         lines=fmu_lines(record),
         tables=fmu_tables(record),
         figures=drawings(fmu_figures(record)),
-        convergence=drawings(convergence_figures(record["generations"]), name="convergence"),
+        convergence=(convergence, figure_html(convergence, "convergence")) if convergence else None,
         data=record["data"],
         commands=[
             ("Run again", f"commonrail calibrate {shlex.quote(f'{run}/fmu-study.toml')} --seed {record['seed']}"),

@@ -17,7 +17,7 @@ from commonrail.plugins.maps.inverse import TOLERANCE
 from commonrail.plugins.maps.response import FALL
 from commonrail.plugins.maps.run import InjectionMap
 from commonrail.plugins.maps.table import notes_of
-from commonrail.report.draw.element import drawings
+from commonrail.report.draw.figure import drawings
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 

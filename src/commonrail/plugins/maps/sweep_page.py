@@ -16,7 +16,7 @@ from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
 from commonrail.plugins.maps.sweep import Sweep, Variable, WithoutNumber, table_unit, without_number
 from commonrail.plugins.maps.table import notes_of
-from commonrail.report.draw.element import drawings
+from commonrail.report.draw.figure import drawings
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 

@@ -11,7 +11,7 @@ from commonrail.base.chart import Bars, Figure, Panel, Points, Series
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, duration, field_unit, percent, quantity, significant
 from commonrail.data.records import Record
-from commonrail.report.draw.element import figure_html
+from commonrail.report.draw.figure import figure_html
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind

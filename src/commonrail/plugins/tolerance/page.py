@@ -11,7 +11,7 @@ from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
 from commonrail.plugins.sensitivity.page import SHOWN, bar_height, time_and_software
-from commonrail.report.draw.element import figure_html
+from commonrail.report.draw.figure import figure_html
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from markupsafe import escape
+from markupsafe import Markup, escape
 
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import Band, Bars, Boxes, Figure, Panel, Points, Series
-from commonrail.report.draw.axis import LONGEST, SIZE, Axis, cut, span, text_width, upright
+from commonrail.base.chart import Band, Bars, Boxes, Chart, Figure, HeatMap, Panel, Points, Series
+from commonrail.report.draw.axis import FONT, INK, LONGEST, NARROW, SIZE, WIDE, Axis, cut, span, text_width, upright
+from commonrail.report.draw.heat_map import heat_map_svg
 
 # Content of one panel of a figure as SVG: bands, boxes, bars, lines and markers.
 
 TENTHS = 10  # coordinates are whole tenths of a pixel
 PASSES = 5  # each may move a line by a tenth of a pixel
-INK = "#1d2733"
 
 # Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
 LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
@@ -199,8 +199,6 @@ def _bars(bars: Bars, x: Axis, y: Axis, slot: tuple[int, int]) -> Iterator[str]:
 
 
 SOFT, GRID = "#586472", "#e3e7eb"
-FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
-WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
 LINE = 16.0  # of a legend [px]
 BETWEEN = 16.0  # panels [px]
 BELOW = 40.0  # the last panel: ticks and title [px]
@@ -224,6 +222,33 @@ class _Sheet:
     def inner(self) -> float:
         """Width of the panels."""
         return self.width - self.left - RIGHT
+
+
+def svg(figure: Chart, width: int = WIDE, height: int = 0, name: str = "") -> Markup:
+    """Picture of a chart, of a size [px] and by default as high as it needs; `name` is a class of the element."""
+    if isinstance(figure, HeatMap):
+        return Markup(heat_map_svg(figure, width))
+    return Markup(figure_svg(figure, width, height, name))
+
+
+def figure_html(figure: Chart, key: str, height: int = 0) -> Markup:
+    """Element that shows a chart, drawn for a page and for a telephone.
+
+    The identifier `key` is unique within the page; the height [px] is by default what its panels or rows need.
+    """
+    kind = " heat" if isinstance(figure, HeatMap) else ""
+    pictures = svg(figure, WIDE, height, "wide") + svg(figure, NARROW, round(0.75 * height), "narrow")
+    return Markup('<div class="drawing{}" id="{}">{}</div>').format(kind, key, pictures)
+
+
+def small_html(figure: Figure, key: str) -> Markup:
+    """Element that shows a figure among others beside it, with the identifier `key`."""
+    return Markup('<div class="drawing" id="{}">{}</div>').format(key, svg(figure, NARROW))
+
+
+def drawings(figures: Iterable[Chart], height: int = 0, name: str = "figure") -> Sequence[tuple[Chart, Markup]]:
+    """Charts with their elements, whose identifiers are the name and a number; `height` [px] as for `figure_html`."""
+    return [(figure, figure_html(figure, f"{name}-{i}", height)) for i, figure in enumerate(figures)]
 
 
 def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "") -> str:

@@ -27,17 +27,15 @@ def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
     return [f for view, own in by_kind(record["data"]) for d in own for f in view.compared_figures(d, plotted)]
 
 
-def convergence_figures(generations: Sequence[Record]) -> list[Figure]:
-    """Best and mean objective of the population against the generation (the paper's Fig. 4); none of a single one."""
-    if len(generations) < 2:
-        return []
+def convergence_figure(generations: Sequence[Record]) -> Figure:
+    """Best and mean objective of the population against the generation (the paper's Fig. 4)."""
     x = scaled(generations, "generation", 1.0)
     best, mean = (scaled(generations, key, 1.0) for key in ("best", "mean"))
     values = [v for v in (*best, *mean) if v is not None]
     spread = bool(values) and min(values) > 0.0 and max(values) > 5.0 * min(values)
     series = (Series("mean of the population", "mean", x, mean), Series("best", "best", x, best))
     note = "Objective of the best member and mean over the population's finite members."
-    return [Figure("Convergence", note, "generation", (Panel("objective", series, logarithmic=spread),))]
+    return Figure("Convergence", note, "generation", (Panel("objective", series, logarithmic=spread),))
 
 
 # Heat maps of the errors of measured quantity maps: all of it in percent, and the small quantities in mm³.
