@@ -70,7 +70,7 @@ class Library(NamedTuple):
 
 
 @lasting(ALL_ENTRIES)
-def write_library(injector: Injector, folder: Path, targets: Sequence[Target], prefer_zig: bool = False) -> Library:
+def write_library(injector: Injector, folder: Path, targets: Sequence[Target]) -> Library:
     """Write an injector as a C library; nothing is changed before all of it is complete.
 
     Each target gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
@@ -78,7 +78,7 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
     target, or it fails; InputError if files of the examples' names are there that no export has written.
     """
     _refuse_foreign_examples(folder)
-    compilers = {target.name: compiler_for(target, prefer_zig) for target in targets if target.suffix != ".wasm"}
+    compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
     model = model_of(injector)
     shared: dict[str, Path] = {}
     with placed(folder) as made:
