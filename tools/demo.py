@@ -16,7 +16,8 @@ from commonrail.cli.fit import Outcome, run_study
 from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED, guarded
 from commonrail.cli.options import Threads
-from commonrail.plugins.paper.verb import QUICK_SEEDS, TRUTH, run_reproduction
+from commonrail.plugins.paper import TRUTH
+from commonrail.plugins.paper.verb import QUICK_SEEDS, run_reproduction
 
 FOLDER = Path(__file__).resolve().parents[1] / "cases"
 CASES = ("paper", "cri2-16")
