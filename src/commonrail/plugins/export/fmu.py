@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
+import uuid
 import zipfile
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import ALL_ENTRIES, lasting
+from commonrail.base.output import replacing
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.physics.reads import DRIVE, unread_inputs
@@ -67,7 +68,7 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
     folders = {target.name: _folder(target, fmi) for target in targets}
     compilers = {target.name: compiler_for(target, prefer_zig=True) for target in targets}
     model = model_of(injector)
-    token = f"{{{model.stamp[:8]}-{model.stamp[8:12]}-{model.stamp[12:16]}-{model.stamp[16:20]}-{model.stamp[20:32]}}}"
+    token = f"{{{uuid.UUID(model.stamp[:32])}}}"
     listed = variables(injector)
     with tempfile.TemporaryDirectory(prefix="commonrail-") as temporary:
         folder = Path(temporary)
@@ -132,15 +133,8 @@ def _write_instance(model: Model, folder: Path, token: str, fmi: int) -> list[Pa
 
 def _pack(out: Path, contents: dict[str, bytes]) -> None:
     """Write the ZIP; a file of that name is replaced once the new one is complete."""
-    handle, name = tempfile.mkstemp(dir=out.parent, prefix=f".{out.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", compresslevel=9) as archive:
-            for path, content in contents.items():
-                entry = zipfile.ZipInfo(path, _WHEN)
-                entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-                archive.writestr(entry, content)
-        os.chmod(name, 0o644)
-        os.replace(name, out)
-    except BaseException:
-        os.unlink(name)
-        raise
+    with replacing(out, "wb") as stream, zipfile.ZipFile(stream, "w", compresslevel=9) as archive:
+        for path, content in contents.items():
+            entry = zipfile.ZipInfo(path, _WHEN)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, content)

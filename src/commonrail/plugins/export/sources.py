@@ -31,7 +31,6 @@ from commonrail.physics.variants import Variant
 from commonrail.plugins.export.c_source import kernel_source
 from commonrail.plugins.export.entries import channels, sizes
 from commonrail.plugins.export.objects import linked_text
-from commonrail.plugins.export.texts import entry_texts
 
 # The condition on the time step as C, from its Python source.
 #
@@ -222,11 +221,9 @@ def model_of(injector: Injector) -> Model:
     ConfigurationError if the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
     """
     wired = injector.wired()
-    tables, defines = _tables(injector), _defines(injector)
-    parts = (tables, defines, json.dumps(entry_texts(wired)))
-    digest = hashlib.sha256("".join(parts).encode()).hexdigest()
-    name = _identifier(injector.name)
-    size = sizes(wired)
+    name, size = _identifier(injector.name), sizes(wired)
+    tables, defines, kernel = _tables(injector), _defines(injector), kernel_source(linked_text(wired, name))
+    digest = hashlib.sha256((tables + defines + kernel).encode()).hexdigest()
     public = "".join(
         f"#define CR_{key} {value} /* {meaning} */\n"
         for key, value, meaning in (
@@ -246,7 +243,7 @@ def model_of(injector: Injector) -> Model:
             f"{name}.c": named(template("core.c"), name),
             f"{name}_core.h": named(template("core.h").replace("/*DEFINES*/\n", core), name),
             f"{name}_model.h": named(tables, name),
-            f"{name}_kernel.c": kernel_source(linked_text(wired, name)),
+            f"{name}_kernel.c": kernel,
         },
     )
 

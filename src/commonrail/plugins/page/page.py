@@ -39,12 +39,12 @@ from commonrail.plugins.export.entries import channels, sizes
 from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
 from commonrail.plugins.page.subject import (
     ONE,
-    Slid,
+    Slider,
     Subject,
-    borne,
     is_traced,
     limits_of,
     read_subject,
+    stable_sliders,
     variant_of,
 )
 from commonrail.readers.injector.file import injector_text
@@ -68,7 +68,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
     injector, variant = subject.injector, variant_of(subject)
     first = _first_measured(subject, first)
     limits = limits_of(subject, first)
-    sliders, share = borne(subject, limits["rail"][1])
+    sliders, share = stable_sliders(subject, limits["rail"][1])
     nodes, at = _nodes(injector)
     size = sizes(variant)
     simulator = Simulator(injector, (), subject.time_step)
@@ -144,7 +144,7 @@ def _densities(injector: Injector, ends: tuple[float, float], nodes: list[float]
     return {"cylinders": pressures.tolist(), "rows": np.round(rows, 9).tolist()}
 
 
-def _slider(injector: Injector, s: Slid) -> dict[str, Any]:
+def _slider(injector: Injector, s: Slider) -> dict[str, Any]:
     q = injector.quantities[s.name]
     unit = to_text(max(abs(s.low), abs(s.high)), q.unit).partition(" ")[2]
     return {
@@ -169,7 +169,7 @@ def _constraints(space: Space) -> list[dict[str, Any]]:
     return found
 
 
-def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> dict[str, int]:
+def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slider]) -> dict[str, int]:
     """Columns of all parameters that the page may set."""
     names = dict.fromkeys([*(s.name for s in sliders), *subject.start, *(subject.fan.names if subject.fan else ())])
     names.pop(FUEL_TEMPERATURE, None)
@@ -177,7 +177,7 @@ def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> d
     return dict(zip(known, map(int, columns(known, injector.variant.actuation)), strict=True))
 
 
-def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) -> int:
+def _ring(subject: Subject, sliders: tuple[Slider, ...], first: OperatingPoint) -> int:
     """Slots of a ring of waves that suffice for every place of the sliders."""
     injector = subject.injector
     longest_ways = {s.name: max(s.high, injector.values[s.name]) for s in sliders if s.name.endswith(".length")}
@@ -381,9 +381,9 @@ def _embedded(numbers: dict[str, Any]) -> Markup:
 
 def _lead(subject: Subject, numbers: dict[str, Any]) -> str:
     step = f"{subject.time_step * 1e6:g} µs"
-    told = f"{subject.injector.name}: {numbers['variant']}, simulated in this page in steps of {step}."
+    lead = f"{subject.injector.name}: {numbers['variant']}, simulated in this page in steps of {step}."
     if subject.start:
-        told += " The first values are the calibrated ones; sliders are the free parameters between their bounds."
+        lead += " The first values are the calibrated ones; sliders are the free parameters between their bounds."
     if numbers["narrowed"] < 1.0:
-        told += f" The sliders' ranges are narrowed to {numbers['narrowed']:.0%}, for which steps of {step} are stable."
-    return told
+        lead += f" The sliders' ranges are narrowed to {numbers['narrowed']:.0%}, for which steps of {step} are stable."
+    return lead

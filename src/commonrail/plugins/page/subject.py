@@ -12,7 +12,7 @@ from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
-from commonrail.base.hooks import note as tell
+from commonrail.base.hooks import note as warn
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.influence import around
 from commonrail.calibration.objective import Objective
@@ -87,7 +87,7 @@ def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int |
         try:
             draws = read_posterior(run, names)
         except RefusedDrawsError as error:
-            tell(f"{error} The page shows fits near the best one instead.")
+            warn(f"{error} The page shows fits near the best one instead.")
         else:
             chosen = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
             note = f"Fan: {len(chosen)} draws of the {len(draws)} from the posterior of the run."
@@ -160,7 +160,7 @@ SHARE = 0.3
 
 
 @dataclass(frozen=True)
-class Slid:
+class Slider:
     """Parameter on a slider: dotted name and ends [SI]."""
 
     name: str
@@ -180,7 +180,7 @@ class Subject:
 
     title: str
     injector: Injector
-    sliders: tuple[Slid, ...]
+    sliders: tuple[Slider, ...]
     time_step: float
     start: dict[str, float]
     data: tuple[RateData, ...]
@@ -261,23 +261,23 @@ def is_traced(injector: Injector) -> bool:
     return injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
 
 
-def _bounded(space: Space, best: dict[str, float]) -> tuple[Slid, ...]:
+def _bounded(space: Space, best: dict[str, float]) -> tuple[Slider, ...]:
     """Free parameters between their bounds."""
     return tuple(
-        Slid(p.name, min(p.lower, best[p.name]), max(p.upper, best[p.name]))
+        Slider(p.name, min(p.lower, best[p.name]), max(p.upper, best[p.name]))
         for p in space.parameters
         if p.name in best and p.name != FUEL_TEMPERATURE
     )
 
 
-def _around(injector: Injector, names: tuple[str, ...]) -> tuple[Slid, ...]:
+def _around(injector: Injector, names: tuple[str, ...]) -> tuple[Slider, ...]:
     """Parameters that the injector has, `SHARE` to both sides of their values."""
     known = {name: injector.values[name] for name in names if injector.values.get(name)}
     ends = {name: sorted(((1.0 - SHARE) * value, (1.0 + SHARE) * value)) for name, value in known.items()}
-    return tuple(Slid(name, low, high) for name, (low, high) in ends.items())
+    return tuple(Slider(name, low, high) for name, (low, high) in ends.items())
 
 
-def _with_more(injector: Injector, sliders: tuple[Slid, ...], more: tuple[str, ...]) -> tuple[Slid, ...]:
+def _with_more(injector: Injector, sliders: tuple[Slider, ...], more: tuple[str, ...]) -> tuple[Slider, ...]:
     """Sliders and those that were asked for besides, each once."""
     for name in more:
         if name not in injector.quantities or name == FUEL_TEMPERATURE:
@@ -294,7 +294,7 @@ def _with_more(injector: Injector, sliders: tuple[Slid, ...], more: tuple[str, .
     return sliders + _around(injector, tuple(name for name in dict.fromkeys(more) if name not in had))
 
 
-# Ends of the sliders, narrowed where the time step would not bear a corner of them.
+# Ends of the sliders, narrowed where the time step would be unstable in a corner of them.
 
 ONE = np.empty((1, 0))  # the candidate that is the injector as it is
 RAIL = (25e6, 200e6)  # ends of the sliders as far as the fuel's range reaches [Pa]
@@ -302,7 +302,7 @@ CYLINDER, RETURN = (0.1e6, 20e6), (0.05e6, 3e6)
 ENERGISING, DWELL = (50e-6, 3e-3), (20e-6, 4e-3)  # [s]
 LONG = 1.5e-3  # energising after which the needle has risen as far as it will [s]
 LIFTED = 1.25  # margin on the largest lift, which takes room from the control chamber
-SHRUNK = 24  # halvings of the share of the sliders' ranges that the time step bears
+SHRUNK = 24  # halvings of the share of the sliders' ranges for which the time step is stable
 
 
 def variant_of(subject: Subject) -> Variant:
@@ -326,32 +326,32 @@ def limits_of(subject: Subject, point: OperatingPoint) -> dict[str, tuple[float,
     return {name: (float(a), float(b)) for name, (a, b) in found.items()} | {"energising": ENERGISING, "dwell": DWELL}
 
 
-def borne(subject: Subject, rail: float) -> tuple[tuple[Slid, ...], float]:
-    """Sliders whose ranges the time step bears in every corner, and the share of the ranges that is left."""
+def stable_sliders(subject: Subject, rail: float) -> tuple[tuple[Slider, ...], float]:
+    """Sliders within whose ranges the time step is stable in every corner, and the share of the ranges that is left."""
     injector, variant = subject.injector, variant_of(subject)
     medium, lift = medium_of(injector, rail), LIFTED * _reached(subject, rail)
 
-    def narrowed(share: float) -> tuple[Slid, ...]:
+    def narrowed(share: float) -> tuple[Slider, ...]:
         middles = [(s, injector.values[s.name]) for s in subject.sliders]
-        return tuple(Slid(s.name, v + share * (s.low - v), v + share * (s.high - v)) for s, v in middles)
+        return tuple(Slider(s.name, v + share * (s.low - v), v + share * (s.high - v)) for s, v in middles)
 
-    def bears(share: float) -> bool:
+    def is_stable(share: float) -> bool:
         sliders = narrowed(share)
         lower, upper = ({s.name: getattr(s, end) for s in sliders} for end in ("low", "high"))
         corner = replace(injector, values=stiffest_corner(injector.values, lower, upper), variant=variant)
         return subject.time_step <= longest_step(corner, candidate_matrix(corner, (), ONE)[0], medium, lift)
 
-    if not bears(0.0):
+    if not is_stable(0.0):
         raise ConfigurationError(
             f"{injector.name}: the time step of {subject.time_step * 1e6:g} us is too long for it at "
             f"{rail * 1e-6:g} MPa, the highest rail pressure of the page; calibrate with a shorter time_step."
         )
     low, high = 0.0, 1.0
-    if bears(high):
+    if is_stable(high):
         return narrowed(high), high
     for _ in range(SHRUNK):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if bears(middle) else (low, middle)
+        low, high = (middle, high) if is_stable(middle) else (low, middle)
     return narrowed(low), low
 
 
