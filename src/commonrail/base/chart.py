@@ -152,3 +152,6 @@ class HeatMap:
     unit: str
     diverging: bool = False
     largest: float = 0.0
+
+
+Chart = Figure | HeatMap
