@@ -325,19 +325,8 @@ _NEWTON_STEPS = 30
 def sample_uniform(space: Space, n: int, rng: np.random.Generator) -> Floats:
     """Draw points uniformly in the bounds, constraints ignored, Eq. (17).
 
-    Parameters
-    ----------
-    space : Space
-        The d parameters.
-    n : int
-        Number of points.
-    rng : numpy.random.Generator
-        Source of the draws.
-
-    Returns
-    -------
-    (n, d) array
-        Points, SI; uniform in the logarithm for parameters on a logarithmic scale.
+    `space`: the d parameters; `n`: number of points; `rng`: source of the draws. Returns points, SI; uniform in the
+    logarithm for parameters on a logarithmic scale (n, d).
     """
     return space.from_unit(rng.random((n, space.dimension)))
 
@@ -383,19 +372,8 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> Floats:
     pulled towards the centre of the space. Without any prior, but with constraints, draws are those of
     `sample_feasible`.
 
-    Parameters
-    ----------
-    space : Space
-        The d parameters and their constraints.
-    n : int
-        Number of points.
-    rng : numpy.random.Generator
-        Source of the draws.
-
-    Returns
-    -------
-    (n, d) array
-        Points, SI, each of which satisfies `space`.
+    `space`: the d parameters and their constraints; `n`: number of points; `rng`: source of the draws. Returns points,
+    SI, each of which satisfies `space` (n, d).
     """
     priors = [parameter.prior for parameter in space.parameters]
     if space.constrained and not any(priors):
@@ -420,10 +398,7 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> Floats:
 def reference_start(space: Space) -> Floats:
     """Return the reference values (1, d), SI, as a member of an initial population.
 
-    Raises
-    ------
-    ConfigurationError
-        If they break a bound or a constraint.
+    Raises `ConfigurationError` if they break a bound or a constraint.
     """
     reference = space.reference[None, :]
     if not space.satisfies(reference)[0]:

@@ -40,21 +40,9 @@ def draw(
 ) -> Draws:
     """Draw everything that one mutation and crossover needs.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    members : (k,) array of int
-        Parents.
-    population : (n, d)
-        Shape of the population, n >= 4.
-    factor : (float, float)
-        Range of F.
-
-    Notes
-    -----
-    r1, r2, r3 are drawn from as many numbers as there are members left to choose from, and then
-    shifted past those already taken, in ascending order: uniform over all ordered triples of
-    other members, without a loop or a repeat.
+    `members` (k,) int: parents; `population` (n, d): shape of the population, n >= 4; `factor` (float, float): range of
+    F. r1, r2, r3 are drawn from as many numbers as there are members left to choose from, and then shifted past those
+    already taken, in ascending order: uniform over all ordered triples of other members, without a loop or a repeat.
     """
     size, dimension = population
     count = len(members)
@@ -93,12 +81,7 @@ def mutate(population: Floats, draws: Draws) -> Floats:
 def crossover(parents: Floats, mutants: Floats, draws: Draws, rate: float) -> Floats:
     """Trials (k, d): the mutant's value where rnd <= CR or j = j_rand, else the parent's (19).
 
-    Parameters
-    ----------
-    parents, mutants : (k, d) array
-    draws : Draws
-    rate : float
-        CR.
+    `parents`, `mutants` (k, d); `rate`: CR.
     """
     taken = draws.chance <= rate
     taken[np.arange(len(taken)), draws.forced] = True
@@ -153,23 +136,10 @@ class Treated(NamedTuple):
 def treat(treatment: Treatment, space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
     """Apply a treatment to raw trials.
 
-    Parameters
-    ----------
-    treatment : Treatment
-        Which one.
-    space : Space
-        Bounds and constraints.
-    parents : (n, d) array
-        The members that the trials would replace, unit coordinates. Repair and resampling need
-        them feasible, and keep them so.
-    trials : (n, d) array
-        Trials after mutation and crossover, unit coordinates.
-    redraw : callable
-        More raw trials for some of the members; used by resampling only.
-
-    Returns
-    -------
-    Treated
+    `treatment`: which one; `space`: bounds and constraints; `parents` (n, d): the members that the trials would
+    replace, unit coordinates. Repair and resampling need them feasible, and keep them so; `trials` (n, d): trials after
+    mutation and crossover, unit coordinates; `redraw`: more raw trials for some of the members; used by resampling
+    only.
     """
     return _TREATMENTS[treatment](space, parents, trials, redraw)
 
@@ -352,10 +322,7 @@ class EvolutionSettings:
 def check_initial(settings: EvolutionSettings, space: Space) -> None:
     """Refuse to start from reference values that break a bound or a constraint.
 
-    Raises
-    ------
-    ConfigurationError
-        If they do, and the settings' `initial` asks for them.
+    Raises `ConfigurationError` if they do, and the settings' `initial` asks for them.
     """
     if settings.initial is InitialSampling.REFERENCE:
         reference_start(space)

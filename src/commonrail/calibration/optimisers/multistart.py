@@ -43,22 +43,7 @@ POOL = 10  # candidates, for each start, whose better half starts are chosen fro
 class MultiStartSettings:
     """Settings of `MultiStartLeastSquares`.
 
-    Parameters
-    ----------
-    members : int
-        Candidates that are drawn and simulated once; descents start from the good ones among them that lie apart.
-    generations : int
-        Iterations of the descents, at most.
-    starts : int
-        Descents side by side, or fewer where not so many draws can be simulated. As many again begin where these have
-        ended and do not agree.
-    difference : float
-        Forward difference of the derivatives as a share of each range.
-
-    Raises
-    ------
-    ConfigurationError
-        If a number lies outside its range, or is not whole where it counts something.
+    Raises `ConfigurationError` if a number lies outside its range, or is not whole where it counts something.
     """
 
     size: ClassVar[str] = (
@@ -66,10 +51,13 @@ class MultiStartSettings:
     )
 
     # "most" is what a study file may ask for
+    # candidates that are drawn and simulated once; descents start from the good ones among them that lie apart
     members: int = field(default=128, metadata={"most": MOST_MEMBERS})
-    generations: int = field(default=60, metadata={"most": MOST_GENERATIONS})
+    generations: int = field(default=60, metadata={"most": MOST_GENERATIONS})  # iterations of the descents, at most
+    # descents side by side, or fewer where not so many draws can be simulated. As many again begin where these have
+    # ended and do not agree
     starts: int = field(default=8, metadata={"most": MOST_STARTS})
-    difference: float = 1e-4
+    difference: float = 1e-4  # forward difference of the derivatives as a share of each range
 
     def __post_init__(self) -> None:
         settle(
@@ -91,12 +79,7 @@ class MultiStartLeastSquares(Stepwise):
     from the best is predicted to gain less than `SMALL_GAIN`. If not, as many descents begin again from other draws,
     once. The likelihood is that of the objective's own noise, see `noise_of`.
 
-    Parameters
-    ----------
-    space : Space
-    rng : numpy.random.Generator
-        Source of every draw.
-    settings : MultiStartSettings, optional
+    `rng`: source of every draw.
     """
 
     method, phase = "multi-start least squares", "multi-start least squares"

@@ -50,14 +50,7 @@ class Refinement(Stepwise):
     A third of the refinements start from members. The end of each is judged by the objective itself, and is the new
     best where that falls. Each is one step: `state` knows nothing of one that is half done.
 
-    Parameters
-    ----------
-    space : Space
-    seed : int
-        Of the hops.
-    settings : RefinementSettings
-    before : Optimiser
-        The finished search; its population and best are refined.
+    `seed`: of the hops; `before`: the finished search; its population and best are refined.
     """
 
     method, phase = "least-squares refinement", "refinement"

@@ -107,12 +107,7 @@ class StagedLeastSquares(Stepwise):
     descents, after `trial_iterations` of the best ones only, through all stages. When all have ended, a new descent
     starts from a point near the best.
 
-    Parameters
-    ----------
-    space : Space
-    rng : numpy.random.Generator
-        Source of every draw.
-    settings : StagedSettings, optional
+    `rng`: source of every draw.
     """
 
     method, phase = "staged least squares", "staged least squares"

@@ -15,23 +15,12 @@ FEW = 5  # free parameters, up to which steps are straight: bending them saves n
 
 
 class Ascent(NamedTuple):
-    """Ends of ascents.
+    """Ends of ascents."""
 
-    Attributes
-    ----------
-    unit : (k, d)
-        Positions between the bounds.
-    cost : (k,)
-        −2 ln of likelihood and priors, without constants; +inf where the start failed.
-    errors : (k, n)
-        Residuals there.
-    slopes : (k, d, n)
-        One-sided derivatives there; NaN of an ascent that does not know them, zero for a fixed parameter.
-    """
-
-    unit: Floats
-    cost: Floats
-    errors: Floats
+    unit: Floats  # (k, d), positions between the bounds
+    cost: Floats  # (k,), −2 ln of likelihood and priors, without constants; +inf where the start failed
+    errors: Floats  # (k, n), residuals there
+    # (k, d, n), one-sided derivatives there; NaN of an ascent that does not know them, zero for a fixed parameter
     slopes: Floats
 
 
@@ -79,23 +68,11 @@ def climb(
 ) -> Ascent:
     """Ascend from positions to the most likely values that each leads to.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        With its noise.
-    unit : (k, d)
-        Positions between the bounds, within the constraints.
-    fixed : (k,) or (k, h), optional
-        Parameters that each ascent leaves where they are.
-    errors : (k, n), optional
-        Residuals at the positions, if they are known.
-    slopes : (k, d, n), optional
-        Their one-sided derivatives, as those of `Ascent`.
-    turns : int
-        Largest number of steps.
-    tolerance : float
-        Fall of −2 ln L that counts as none: where the linear model promises no more, or two steps in a row bring no
-        more, an ascent ends.
+    `likelihood`: with its noise; `unit` (k, d): positions between the bounds, within the constraints; `fixed` (k,) or
+    (k, h): parameters that each ascent leaves where they are; `errors` (k, n): residuals at the positions, if they are
+    known; `slopes` (k, d, n): their one-sided derivatives, as those of `Ascent`; `turns`: largest number of steps;
+    `tolerance`: fall of −2 ln L that counts as none: where the linear model promises no more, or two steps in a row
+    bring no more, an ascent ends.
     """
     if errors is None:
         errors = likelihood.residuals(likelihood.space.from_unit(unit))

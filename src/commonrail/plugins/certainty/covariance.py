@@ -23,43 +23,21 @@ NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direct
 
 
 class Covariance(NamedTuple):
-    """Covariance of the estimates in positions between the bounds.
+    """Covariance of the estimates in positions between the bounds."""
 
-    Attributes
-    ----------
-    inverse : (d, d)
-        Inverse of the bread, see above.
-    noise : (d, d)
-        By noise alone; +inf on the diagonal where nothing holds a parameter.
-    nuisances : (k, d)
-        Change of the estimates for one standard deviation of each uncertain quantity; large ones from fits, see
-        `refits`.
-    discrepancy : (d, d)
-        By what the model cannot do, as the blocks state it.
-    shares : (blocks + 1, d)
-        Parts of the variance by noise that come from each block, the priors last.
-    freedom : (d,)
-        Degrees of freedom of each standard error by noise (Satterthwaite).
-    alone : (d,)
-        Standard errors where all other parameters are known.
-    used : (blocks,)
-        Parameters that each block pays for.
-    ratios : (blocks,)
-        Mean slope over scatter of ψ of each block, by which differences of its cost are scaled.
-    beyond : (d,)
-        Standard errors by noise over those of the likelihood's curvature, 1 at least; more only where outliers were
-        integrated out.
-    """
-
-    inverse: Floats
-    noise: Floats
+    inverse: Floats  # (d, d), inverse of the bread, see above
+    noise: Floats  # (d, d), by noise alone; +inf on the diagonal where nothing holds a parameter
+    # (k, d), change of the estimates for one standard deviation of each uncertain quantity; large ones from fits, see
+    # `refits`
     nuisances: Floats
-    discrepancy: Floats
-    shares: Floats
-    freedom: Floats
-    alone: Floats
-    used: Floats
-    ratios: Floats
+    discrepancy: Floats  # (d, d), by what the model cannot do, as the blocks state it
+    shares: Floats  # (blocks + 1, d), parts of the variance by noise that come from each block, the priors last
+    freedom: Floats  # (d,), degrees of freedom of each standard error by noise (Satterthwaite)
+    alone: Floats  # (d,), standard errors where all other parameters are known
+    used: Floats  # (blocks,), parameters that each block pays for
+    ratios: Floats  # (blocks,), mean slope over scatter of ψ of each block, by which differences of its cost are scaled
+    # (d,), standard errors by noise over those of the likelihood's curvature, 1 at least; more only where outliers were
+    # integrated out
     beyond: Floats
 
     @property
@@ -78,18 +56,9 @@ class Covariance(NamedTuple):
 def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts: Floats, pulls: Floats) -> Covariance:
     """Covariance at the most likely values.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        With its noise.
-    slopes : (d, n)
-        Derivatives of the residuals with respect to the positions.
-    errors : (n,)
-        Residuals.
-    shifts : (k, n)
-        Changes of the residuals for one standard deviation of each uncertain quantity.
-    pulls : (p, d)
-        Derivatives of the residuals of the priors.
+    `likelihood`: with its noise; `slopes` (d, n): derivatives of the residuals with respect to the positions; `errors`
+    (n,): residuals; `shifts` (k, n): changes of the residuals for one standard deviation of each uncertain quantity;
+    `pulls` (p, d): derivatives of the residuals of the priors.
     """
     tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(errors)
     parts = [tangents[:, b.rows] @ tangents[:, b.rows].T for b in likelihood.blocks]
@@ -154,15 +123,7 @@ def _inverse(matrix: Floats) -> tuple[Floats, Bools]:
 def moved_by(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats, shifts: Floats) -> Floats:
     """Changes (k, d) of the estimates, in positions, by changes (k, n) of the innovations.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    inverse : (d, d)
-        Of the bread.
-    tangents : (d, n)
-        Whitened derivatives.
-    innovations : (n,)
-    shifts : (k, n)
+    `inverse` (d, d): of the bread; `tangents` (d, n): whitened derivatives; `innovations` (n,); `shifts` (k, n).
     """
     weighted = _sloped(likelihood, tangents, innovations)
     return np.asarray(-(shifts @ weighted.T) @ inverse)
@@ -192,11 +153,7 @@ def _discrepancy(likelihood: Likelihood, inverse: Floats, tangents: Floats, inno
 def half_widths(covariance: Covariance, level: float) -> Floats:
     """Half widths (d,) of intervals in positions: t quantile of the noise's degrees of freedom times the total error.
 
-    Parameters
-    ----------
-    covariance : Covariance
-    level : float
-        Share of intervals that hold the truth.
+    `level`: share of intervals that hold the truth.
     """
     return np.asarray(student(covariance.freedom, level) * np.sqrt(np.diag(covariance.total)))
 

@@ -44,18 +44,8 @@ def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats,
     that these close, or where a simulation fails, the given derivatives stay; so do those of parameters that nothing
     holds.
 
-    Parameters
-    ----------
-    own : Likelihood
-        With its noise.
-    unit : (d,)
-        Position between the bounds.
-    errors : (n,)
-        Residuals there.
-    slopes : (d, n)
-        Derivatives at the point.
-    covariance : Covariance
-        By noise.
+    `own`: with its noise; `unit` (d,): position between the bounds; `errors` (n,): residuals there; `slopes` (d, n):
+    derivatives at the point; `covariance`: by noise.
     """
     held = np.isfinite(np.diag(covariance.noise))
     values, vectors = np.linalg.eigh(covariance.noise[np.ix_(held, held)])
@@ -90,12 +80,7 @@ def _distance(feasible: FeasibleSet, unit: Floats, axes: Floats) -> Floats:
 def wider(found: Covariance, local: Covariance) -> Covariance:
     """The covariance by differences, no parameter's error smaller than by the derivatives at the point.
 
-    Parameters
-    ----------
-    found : Covariance
-        By differences over the interval.
-    local : Covariance
-        By derivatives at the point.
+    `found`: by differences over the interval; `local`: by derivatives at the point.
     """
     both = np.isfinite(np.diag(found.noise)) & np.isfinite(np.diag(local.noise))
     variances = np.where(both, np.diag(found.noise), 1.0)
@@ -126,26 +111,13 @@ HELD = 1e-13  # eigenvalue of the correlation of the parameters, below which a d
 
 
 class Robust(NamedTuple):
-    """Values of one data set under Student's t, as the parameters' linear model has them.
+    """Values of one data set under Student's t, as the parameters' linear model has them."""
 
-    Attributes
-    ----------
-    innovations : (n,)
-        In fitted scales.
-    tangents : (r, n)
-        Their derivatives.
-    weights : (n,)
-        Those with which the most likely values were found.
-    used : float
-        Parameters that the data set pays for.
-    stated : float
-        Degrees of freedom of a stated deviation, infinite where it is exactly known; zero where it is estimated.
-    """
-
-    innovations: Floats
-    tangents: Floats
-    weights: Floats
-    used: float
+    innovations: Floats  # (n,), in fitted scales
+    tangents: Floats  # (r, n), their derivatives
+    weights: Floats  # (n,), those with which the most likely values were found
+    used: float  # parameters that the data set pays for
+    # degrees of freedom of a stated deviation, infinite where it is exactly known; zero where it is estimated
     stated: float = 0.0
 
 
@@ -154,18 +126,9 @@ def with_integration(
 ) -> Covariance:
     """Covariance whose part by noise has the outliers of Student's t integrated out; the same where no block has them.
 
-    Parameters
-    ----------
-    known : Covariance
-        By the curvature of the likelihood.
-    likelihood : Likelihood
-        With its noise.
-    slopes : (d, n)
-        Derivatives of the residuals with respect to the positions.
-    errors : (n,)
-        Residuals.
-    pulls : (p, d)
-        Derivatives of the residuals of the priors.
+    `known`: by the curvature of the likelihood; `likelihood`: with its noise; `slopes` (d, n): derivatives of the
+    residuals with respect to the positions; `errors` (n,): residuals; `pulls` (p, d): derivatives of the residuals of
+    the priors.
     """
     if not any(noise.law is Law.STUDENT for noise in likelihood.noises):
         return known
@@ -178,10 +141,7 @@ def with_integration(
 def _integrated(known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats) -> Covariance:
     """Covariance with the outliers integrated out, see `with_integration`.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the fit meets all values that hold a parameter.
+    Raises `numpy.linalg.LinAlgError` if the fit meets all values that hold a parameter.
     """
     heavy = [noise.law is Law.STUDENT for noise in likelihood.noises]
     root, unseen = _root(known.inverse)
@@ -231,12 +191,8 @@ def second_moment(blocks: Sequence[Robust], fixed: Floats) -> Floats:
 
     The most likely values stay so: a bound or a constraint that holds them is a constant force.
 
-    Parameters
-    ----------
-    blocks : sequence of Robust
-        At least one.
-    fixed : (r, r)
-        Information of all other data sets and of the priors; with that of the blocks it is positive definite.
+    `blocks`: at least one; `fixed` (r, r): information of all other data sets and of the priors; with that of the
+    blocks it is positive definite.
     """
     rng = np.random.default_rng(SEED)
     noises = [_noises(block, rng) for block in blocks]
@@ -288,13 +244,7 @@ def _chains(
 ) -> Floats:
     """Sum (r, r) of the second moments of some chains.
 
-    Parameters
-    ----------
-    blocks : sequence of Robust
-    fixed : (r, r)
-    noises : sequence of (scales, freedoms)
-        Of the chains, for each block.
-    rng : Generator
+    `fixed` (r, r); `noises`: of the chains, for each block.
     """
     many, r = len(noises[0][0]), len(fixed)
     at, total = np.zeros((many, r)), np.zeros((r, r))
@@ -332,14 +282,8 @@ def with_refits(known: Covariance, own: Likelihood, unit: Floats) -> tuple[Covar
     A move is the root mean square of those to both sides, with the signs of the longer one. Bounds and constraints are
     not projected out: where a fit ends at one, derivatives count too.
 
-    Parameters
-    ----------
-    known : Covariance
-        Whose moves are those of derivatives.
-    own : Likelihood
-        With its noise.
-    unit : (d,)
-        Position of the most likely values.
+    `known`: whose moves are those of derivatives; `own`: with its noise; `unit` (d,): position of the most likely
+    values.
     """
     moves, simulated = known.nuisances.copy(), 0
     errors = np.sqrt(np.diag(known.noise))
@@ -353,13 +297,7 @@ def with_refits(known: Covariance, own: Likelihood, unit: Floats) -> tuple[Covar
 def _move(own: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> tuple[Floats, int]:
     """Move (d,) of the estimates by a standard deviation of a quantity, and the points simulated.
 
-    Parameters
-    ----------
-    own : Likelihood
-    unit : (d,)
-    nuisance : Nuisance
-    linear : (d,)
-        The move that derivatives promise.
+    `unit` (d,); `linear` (d,): the move that derivatives promise.
     """
     feasible, simulated = FeasibleSet.of(own.space), 0
     ends: list[Floats] = []
@@ -396,46 +334,23 @@ CLOSEST = 40  # members of a library that are compared as starts
 
 @dataclass(frozen=True)
 class Estimate:
-    """Most likely values.
+    """Most likely values."""
 
-    Attributes
-    ----------
-    likelihood : Likelihood
-        With the noise that was fitted.
-    unit, point : (d,)
-        Positions between the bounds, and values [SI].
-    cost : float
-        −2 ln L with the priors, without constants.
-    errors : (n,)
-        Residuals.
-    slopes : (d, n)
-        Their derivatives with respect to the positions.
-    shifts : (k, n)
-        Their changes for one standard deviation of each uncertain quantity.
-    bends : (k, n)
-        Second changes, halved, for one standard deviation of each, the values moving with it.
-    covariance : Covariance
-    starts, agreeing : int
-        Starts of the search, and how many of them ended within 0.5 of the largest 2 ln L.
-    gain : float
-        Fall of the cost that the last linear model still promises; zero where its step, tried, brings none.
-    simulated : int
-        Points simulated.
-    """
-
-    likelihood: Likelihood
+    likelihood: Likelihood  # with the noise that was fitted
+    # (d,), positions between the bounds, and values [SI]
     unit: Floats
     point: Floats
-    cost: float
-    errors: Floats
-    slopes: Floats
-    shifts: Floats
-    bends: Floats
+    cost: float  # −2 ln L with the priors, without constants
+    errors: Floats  # (n,), residuals
+    slopes: Floats  # (d, n), their derivatives with respect to the positions
+    shifts: Floats  # (k, n), their changes for one standard deviation of each uncertain quantity
+    bends: Floats  # (k, n), second changes, halved, for one standard deviation of each, the values moving with it
     covariance: Covariance
+    # starts of the search, and how many of them ended within 0.5 of the largest 2 ln L
     starts: int
     agreeing: int
-    gain: float
-    simulated: int
+    gain: float  # fall of the cost that the last linear model still promises; zero where its step, tried, brings none
+    simulated: int  # points simulated
 
     @property
     def settled(self) -> bool:
@@ -468,12 +383,7 @@ class Estimate:
 def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, Floats]:
     """Positions (m, d) drawn where bounds and constraints hold, and their residuals (m, n), without those that fail.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    many : int
-    seed : int
-        Of the draws.
+    `seed`: of the draws.
     """
     points = sample_feasible(likelihood.space, many, np.random.default_rng(seed))
     errors = likelihood.residuals(points)
@@ -487,12 +397,7 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
     Members are compared by Σ n ln Σ|e| over the blocks: no noise need be known for that, and outliers, whose squares
     lead all starts to another optimum, add little. Values at which all members agree with the data do not count in n.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    found : (positions, residuals)
-        Of `library`.
-    many : int
+    `found` (positions, residuals): of `library`.
     """
     unit, errors = found
     if not len(unit):
@@ -507,19 +412,8 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
 def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) -> Estimate:
     """Most likely values from several starts.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Its noise need not be known.
-    starts : (k, d)
-        Positions between the bounds; the first is the best one so far.
-    rounds : int
-        Turns of noise and values.
-
-    Raises
-    ------
-    SimulationError
-        If the first start cannot be simulated.
+    `likelihood`: its noise need not be known; `starts` (k, d): positions between the bounds; the first is the best one
+    so far; `rounds`: turns of noise and values. Raises `SimulationError` if the first start cannot be simulated.
     """
     before = likelihood.simulated
     first = likelihood.residuals(likelihood.space.from_unit(starts[:1]))[0]
@@ -576,14 +470,7 @@ def _again(own: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[A
 
     Outliers can pull the search by least squares, with all of its starts, to another optimum.
 
-    Parameters
-    ----------
-    own : Likelihood
-    near : Ascent
-        From the best end of the first search.
-    starts : (k, d)
-        Of the first search.
-    turns : int
+    `near`: from the best end of the first search; `starts` (k, d): of the first search.
     """
     others = climb(own, starts, turns=turns, tolerance=0.1)
     ends = Ascent(*(np.concatenate(pair) for pair in zip(near, others, strict=True)))
@@ -595,14 +482,7 @@ def _again(own: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[A
 def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats) -> Estimate:
     """Estimate at an end of the search, its noise known; by the curvature alone, see `with_outliers`.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    unit : (d,)
-    errors : (n,)
-        Residuals there.
-    slopes : (d, n)
-        Their derivatives with respect to the positions.
+    `unit` (d,); `errors` (n,): residuals there; `slopes` (d, n): their derivatives with respect to the positions.
     """
     point = likelihood.space.from_unit(unit)
     many = len(likelihood.nuisances)
@@ -669,11 +549,7 @@ def with_step_error(found: Estimate) -> Estimate:
 def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:
     """The estimate after one step of its linear model, or a share of it, if that lowers the cost.
 
-    Parameters
-    ----------
-    found : Estimate
-    slopes : (d, n), optional
-        Derivatives to take there; central differences by default.
+    `slopes` (d, n): derivatives to take there; central differences by default.
     """
     own = found.likelihood
     if found.gain < SETTLED:

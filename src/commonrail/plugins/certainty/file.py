@@ -212,19 +212,8 @@ def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Pat
 
     `keep_certainty`, which follows, writes its checksum.
 
-    Parameters
-    ----------
-    folder : Path
-        Run folder.
-    study : Study
-        Of the run.
-    values : mapping of str to float
-        [SI], of all free parameters.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    `folder`: run folder; `study`: of the run; `values`: [SI], of all free parameters. Raises `OutputError` if the file
+    cannot be written.
     """
     source = Source("F", f'most likely values of "{study.title}"')
     fitted = {name: value for name, value in values.items() if not is_of_meter(name)}
@@ -237,19 +226,8 @@ def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Pat
 def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
     """Write the certainty of a fit into its result.json, and return the whole record.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Run folder.
-    certainty : mapping
-        Of `Certainty.record`; with a key "posterior" if posterior.npz was written.
-
-    Raises
-    ------
-    InputError
-        If the folder is not a run folder.
-    OutputError
-        If the file cannot be written.
+    `folder`: run folder; `certainty`: of `Certainty.record`; with a key "posterior" if posterior.npz was written.
+    Raises `InputError` if the folder is not a run folder. Raises `OutputError` if the file cannot be written.
     """
     folder = file_path(folder, "folder")
     record = read_result(folder)

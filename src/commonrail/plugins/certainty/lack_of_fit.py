@@ -66,41 +66,19 @@ FIRST = 1e-6  # delay tried first [s]
 
 
 class MissingDelay(NamedTuple):
-    """Test of a delay.
+    """Test of a delay."""
 
-    Attributes
-    ----------
-    delay : float
-        Most likely delay [s] beyond what the study has.
-    probability : float
-        Probability that noise alone gains as much by a delay.
-    point : (d,)
-        Parameters [SI] that belong to the delay.
-    simulated : int
-        Points simulated.
-    """
-
-    delay: float
-    probability: float
-    point: Floats
-    simulated: int
+    delay: float  # most likely delay [s] beyond what the study has
+    probability: float  # probability that noise alone gains as much by a delay
+    point: Floats  # (d,), parameters [SI] that belong to the delay
+    simulated: int  # points simulated
 
 
 def missing_delay(study: Study, estimate: Estimate, threads: int | None = None) -> MissingDelay | None:
     """Likelihood-ratio test of a delay that all curves share, each behind the meter that it has.
 
-    Parameters
-    ----------
-    study : Study
-    estimate : Estimate
-        Of its parameters, without the delay.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Returns
-    -------
-    MissingDelay or None
-        None where no data set is a course in time, or a delay is free.
+    `estimate`: of its parameters, without the delay. Returns none where no data set is a course in time, or a delay is
+    free.
     """
     both = _with_delay(study, estimate, threads)
     if both is None:
@@ -130,14 +108,7 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
     The model's own curves at the estimate, with a delay, are the data; what a fit without the delay leaves of it in
     units of the noise is the square of the distance that the test sees.
 
-    Parameters
-    ----------
-    study : Study
-    estimate : Estimate
-    level : float
-        Of the test.
-    threads : int, optional
-        As for `missing_delay`.
+    `level`: of the test; `threads`: as for `missing_delay`.
     """
     both = _with_delay(study, estimate, threads)
     if both is None:
@@ -164,24 +135,12 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
 
 
 class _Both(NamedTuple):
-    """Likelihoods without and with the delay.
+    """Likelihoods without and with the delay."""
 
-    Attributes
-    ----------
-    own : Likelihood
-        With the noise of the estimate, its uncertain quantities among its parameters.
-    wide : Likelihood
-        With a delay of all curves as its last parameter; its noise is not known.
-    unit : (d,)
-        Position of the estimate among the parameters of the first.
-    stated : list of int
-        Columns of the delays that the study states as uncertain.
-    """
-
-    own: Likelihood
-    wide: Likelihood
-    unit: Floats
-    stated: list[int]
+    own: Likelihood  # with the noise of the estimate, its uncertain quantities among its parameters
+    wide: Likelihood  # with a delay of all curves as its last parameter; its noise is not known
+    unit: Floats  # (d,), position of the estimate among the parameters of the first
+    stated: list[int]  # columns of the delays that the study states as uncertain
 
 
 def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Both | None:
@@ -308,13 +267,7 @@ def drift_probability(block: Block, errors: Floats, used: float) -> float:
     Autoregressive noise follows a drift, and its innovations show none: the likelihoods of both are compared, each
     order paying twice (AIC), with the χ² distribution of the four amplitudes.
 
-    Parameters
-    ----------
-    block : Block
-    errors : (n,)
-        Residuals of the block.
-    used : float
-        Parameters that the block pays for.
+    `errors` (n,): residuals of the block; `used`: parameters that the block pays for.
     """
     courses = drift_courses(block)
     sampled = errors != 0.0  # exact agreement is no sample
@@ -335,11 +288,7 @@ def with_drift(found: Estimate, drifting: Sequence[str]) -> Estimate:
 
     The amplitude is that of the part of the drift that the parameters do not imitate, the noise removed.
 
-    Parameters
-    ----------
-    found : Estimate
-    drifting : sequence of str
-        Names of the data sets whose residuals drift.
+    `drifting`: names of the data sets whose residuals drift.
     """
     own = found.likelihood
     blocks = [block for block in own.blocks if block.name in drifting and block.ordered]
@@ -377,30 +326,16 @@ CURVES = "all curves"  # name of the test of a delay that they share
 
 
 class LackOfFit(NamedTuple):
-    """Tests of one data set.
+    """Tests of one data set."""
 
-    Attributes
-    ----------
-    name : str
-        Data set, `CURVES`, or a quantity that was fitted as stated.
-    score : float
-        Probability that noise explains as much as delay, bandwidth, gain and offset do, or the delay of all curves.
-    size : float or None
-        Probability of residuals so large with the stated standard deviation; None where it is estimated.
-    suspect : str
-        Quantity of the meter that by itself explains most.
-    found : bool
-        The residuals are no noise, at a level shared by all tests of the fit.
-    sentence : str
-        What was found, empty for nothing.
-    """
-
-    name: str
+    name: str  # data set, `CURVES`, or a quantity that was fitted as stated
+    # probability that noise explains as much as delay, bandwidth, gain and offset do, or the delay of all curves
     score: float
+    # probability of residuals so large with the stated standard deviation; None where it is estimated
     size: float | None
-    suspect: str
-    found: bool
-    sentence: str
+    suspect: str  # quantity of the meter that by itself explains most
+    found: bool  # the residuals are no noise, at a level shared by all tests of the fit
+    sentence: str  # what was found, empty for nothing
 
 
 def lack_of_fit(
@@ -414,15 +349,9 @@ def lack_of_fit(
 
     All together, with that of friction, raise a false alarm in 1 % of the fits.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    delay : MissingDelay, optional
-        Of `missing_delay`; without it a delay is tested by its derivative alone.
-    priors_from : int, optional
-        First of the last parameters, whose priors are what a study states as uncertain; none by default.
-    level : float, optional
-        Of each test; that of `level_of` by default.
+    `delay`: of `missing_delay`; without it a delay is tested by its derivative alone; `priors_from`: first of the last
+    parameters, whose priors are what a study states as uncertain; none by default; `level`: of each test; that of
+    `level_of` by default.
     """
     own = estimate.likelihood
     level = level_of(estimate, delay is not None) if level is None else level
@@ -437,13 +366,7 @@ def lack_of_fit(
 def level_of(estimate: Estimate, delayed: bool, stated: int = 0) -> float:
     """Level of each test of a fit.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    delayed : bool
-        True if a delay and friction have tests of their own.
-    stated : int
-        Quantities that are fitted as stated.
+    `delayed`: true if a delay and friction have tests of their own; `stated`: quantities that are fitted as stated.
     """
     return LEVEL / (sum(1 + noise.known for noise in estimate.likelihood.noises) + 2 * delayed + stated)
 
@@ -471,12 +394,7 @@ def beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfFi
 def _of_delay(delay: MissingDelay, level: float, words: str) -> LackOfFit:
     """Test of the delay that all curves share.
 
-    Parameters
-    ----------
-    delay : MissingDelay
-    level : float
-    words : str
-        What the delay is to the study.
+    `words`: what the delay is to the study.
     """
     found = delay.probability < level
     size = to_text(delay.delay, "s", 2)
@@ -485,21 +403,11 @@ def _of_delay(delay: MissingDelay, level: float, words: str) -> LackOfFit:
 
 
 class _Held(NamedTuple):
-    """Uncertain quantities as a study states them.
+    """Uncertain quantities as a study states them."""
 
-    Attributes
-    ----------
-    changes : (k, n)
-        Whitened changes by those that are no parameters.
-    distances : (m,)
-        Distances of all from what is stated, in standard deviations.
-    slopes : (m, d + k)
-        Their derivatives.
-    """
-
-    changes: Floats
-    distances: Floats
-    slopes: Floats
+    changes: Floats  # (k, n), whitened changes by those that are no parameters
+    distances: Floats  # (m,), distances of all from what is stated, in standard deviations
+    slopes: Floats  # (m, d + k), their derivatives
 
 
 def _stated(estimate: Estimate, first: int) -> _Held:
@@ -571,17 +479,9 @@ def _score(
 ) -> tuple[float, str]:
     """Probability of the F test, and the name of the suspect that explains most by itself.
 
-    Parameters
-    ----------
-    innovations : (n + k,)
-        With the distances of `_Held`.
-    tangents : (d, n + k)
-        Whitened derivatives of the parameters, and of what the study states as uncertain.
-    names : sequence of str
-    suspects : (m, n)
-        Whitened derivatives of the meter's quantities.
-    exact : int
-        Values that are no samples of the noise.
+    `innovations` (n + k,): with the distances of `_Held`; `tangents` (d, n + k): whitened derivatives of the
+    parameters, and of what the study states as uncertain; `suspects` (m, n): whitened derivatives of the meter's
+    quantities; `exact`: values that are no samples of the noise.
     """
     suspects = np.pad(suspects, ((0, 0), (0, len(innovations) - suspects.shape[1])))
     base = _basis(tangents)
@@ -611,14 +511,9 @@ def _basis(rows: Floats) -> Floats:
 def _size(innovations: Floats, used: float, known: float) -> float:
     """Probability of a sum of squares as large as this by the stated noise.
 
-    Parameters
-    ----------
-    innovations : (n,)
-        Or the magnitudes of normal variables in their place.
-    used : float
-        Parameters that the data set pays for, and values that are no samples of the noise.
-    known : float
-        Degrees of freedom of the noise; infinite where it is exactly known.
+    `innovations` (n,): or the magnitudes of normal variables in their place; `used`: parameters that the data set pays
+    for, and values that are no samples of the noise; `known`: degrees of freedom of the noise; infinite where it is
+    exactly known.
     """
     freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
     if np.isfinite(known):
@@ -642,25 +537,14 @@ GUIDES = "guides"  # name of the test
 
 
 class MissingFriction(NamedTuple):
-    """Test of friction.
+    """Test of friction."""
 
-    Attributes
-    ----------
-    dry, viscous : float
-        Most likely friction of each guide [N], [N s/m].
-    probability : float
-        Largest probability that noise alone gains as much by friction.
-    point : (d,)
-        Parameters [SI] that belong to it.
-    simulated : int
-        Points simulated.
-    """
-
+    # most likely friction of each guide [N], [N s/m]
     dry: float
     viscous: float
-    probability: float
-    point: Floats
-    simulated: int
+    probability: float  # largest probability that noise alone gains as much by friction
+    point: Floats  # (d,), parameters [SI] that belong to it
+    simulated: int  # points simulated
 
     def judged(self, level: float) -> LackOfFit:
         """Test as those of the residuals, at a level."""
@@ -673,18 +557,8 @@ class MissingFriction(NamedTuple):
 def missing_friction(study: Study, estimate: Estimate, threads: int | None = None) -> MissingFriction | None:
     """Likelihood-ratio test of friction in the guides of plunger and needle.
 
-    Parameters
-    ----------
-    study : Study
-    estimate : Estimate
-        Of its parameters.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Returns
-    -------
-    MissingFriction or None
-        None where no data set is a course in time, or the model has such friction: fixed, free or stated as uncertain.
+    `estimate`: of its parameters. Returns none where no data set is a course in time, or the model has such friction:
+    fixed, free or stated as uncertain.
     """
     own, unit = estimate.likelihood, estimate.unit
     if not _is_missing(study, own):
@@ -726,14 +600,8 @@ def _is_missing(study: Study, own: Likelihood) -> bool:
 def _with_friction_free(wide: Likelihood, own: Likelihood, unit: Floats) -> tuple[Likelihood, Ascent, int] | None:
     """Likelihood with the noise that a fit with friction leaves, the end of that fit, and the points simulated.
 
-    Parameters
-    ----------
-    wide : Likelihood
-        With the friction as its last parameters.
-    own : Likelihood
-        Without, its noise known.
-    unit : (d,)
-        Position of the fit without friction.
+    `wide`: with the friction as its last parameters; `own`: without, its noise known; `unit` (d,): position of the fit
+    without friction.
     """
     noisy = wide.with_noises(own.noises)
     starts = np.column_stack([np.tile(unit, (len(FRICTION_STARTS), 1)), FRICTION_STARTS])

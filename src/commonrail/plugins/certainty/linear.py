@@ -28,34 +28,16 @@ DIGITS = 5  # of a standard error: LAPACK has other last bits on other processor
 
 
 class Near(NamedTuple):
-    """Certainty of a given value of a parameter.
+    """Certainty of a given value of a parameter."""
 
-    Attributes
-    ----------
-    standard_error : float or None
-        Of the given value [SI]; None where nothing holds the parameter.
-    verdict : ParameterVerdict
-    """
-
-    standard_error: float | None
+    standard_error: float | None  # of the given value [SI]; None where nothing holds the parameter
     verdict: ParameterVerdict
 
 
 def certify_near(study: Study, best: Mapping[str, float], threads: int | None = None) -> dict[str, Near]:
     """Certainty of the values of a fit, by the name of the parameter, see `estimate_near`.
 
-    Parameters
-    ----------
-    study : Study
-    best : mapping of str to float
-        Values [SI], as `Calibration.best`.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Raises
-    ------
-    SimulationError
-        If the values cannot be simulated.
+    `best`: values [SI], as `Calibration.best`. Raises `SimulationError` if the values cannot be simulated.
     """
     own = Likelihood.of(study, threads)
     found = estimate_near(own, own.space.to_unit(np.array([best[name] for name in own.names])))
@@ -73,16 +55,8 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
 
     Noise and top are found in turn; the residuals are those that the linear model leaves at the top.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Its noise need not be known.
-    unit : (d,)
-
-    Raises
-    ------
-    SimulationError
-        If the positions cannot be simulated.
+    `likelihood`: its noise need not be known; `unit` (d,). Raises `SimulationError` if the positions cannot be
+    simulated.
     """
     before = likelihood.simulated
     first = likelihood.residuals(likelihood.space.from_unit(unit[None]))[0]

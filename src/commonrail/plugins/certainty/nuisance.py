@@ -26,34 +26,19 @@ _UNNAMED = "unnamed"  # meter of a data set that has none
 
 
 class Nuisance(NamedTuple):
-    """Quantity that is uncertain and not fitted.
+    """Quantity that is uncertain and not fitted."""
 
-    Attributes
-    ----------
-    name : str
-        With its meter or data set: "delay of bench".
-    key : str
-        The quantity alone.
-    deviation : float
-        Its standard deviation [SI].
-    unit : str
-        Its SI unit.
-    shift : function of (d,)
-        Change of the residuals (n,) for one standard deviation, at a point [SI].
-    bend : function of (d,) and (d,)
-        Second difference of the residuals (n,), halved, for one standard deviation to both sides of a point [SI], which
-        moves by the second argument with it; zero where a side leaves the domain.
-    sides : functions of (m, d)
-        Residuals (m, n) of points [SI] with the quantity a standard deviation above, and below; none where neither, or
-        one of both, lies in its domain.
-    """
-
-    name: str
-    key: str
-    deviation: float
-    unit: str
+    name: str  # with its meter or data set: "delay of bench"
+    key: str  # the quantity alone
+    deviation: float  # its standard deviation [SI]
+    unit: str  # its SI unit
+    # function of (d,): change of the residuals (n,) for one standard deviation, at a point [SI]
     shift: Callable[[Floats], Floats]
+    # function of (d,) and (d,): second difference of the residuals (n,), halved, for one standard deviation to both
+    # sides of a point [SI], which moves by the second argument with it; zero where a side leaves the domain
     bend: Callable[[Floats, Floats], Floats] = lambda point, move: np.zeros(())
+    # functions of (m, d): residuals (m, n) of points [SI] with the quantity a standard deviation above, and below; none
+    # where neither, or one of both, lies in its domain
     sides: tuple[Callable[[Floats], Floats], ...] = ()
 
 
@@ -67,16 +52,9 @@ class _Owner(NamedTuple):
 def nuisances_of(objective: Objective, root_weights: Floats) -> tuple[Nuisance, ...]:
     """Uncertain quantities that the noise models of data sets state, each once.
 
-    Parameters
-    ----------
-    objective : Objective
-    root_weights : (n,)
-        Roots of the weights of its residuals, which the shifts are free of.
-
-    Raises
-    ------
-    ConfigurationError
-        If a quantity is free too, has two standard deviations, or has no value that it could deviate from.
+    `root_weights` (n,): roots of the weights of its residuals, which the shifts are free of. Raises
+    `ConfigurationError` if a quantity is free too, has two standard deviations, or has no value that it could deviate
+    from.
     """
     stated: dict[_Owner, float] = {}
     for data in objective.data:
@@ -230,16 +208,8 @@ def one_sided(study: Study) -> tuple[str, ...]:
 def with_uncertain_free(study: Study, keys: Collection[str] | None = None) -> Study | None:
     """Study with its uncertain quantities as last parameters, their standard deviations as priors.
 
-    Parameters
-    ----------
-    study : Study
-    keys : collection of str, optional
-        Quantities that become free, the others stay uncertain; all by default.
-
-    Returns
-    -------
-    Study or None
-        With the fitted data alone; None if a quantity has no room about its value.
+    `keys`: quantities that become free, the others stay uncertain; all by default. Returns with the fitted data alone;
+    None if a quantity has no room about its value.
     """
     fitted: list[DataSet] = []
     added: dict[str, Parameter] = {}
@@ -266,12 +236,7 @@ def wider(space: Space, more: Sequence[Parameter]) -> Space:
 def _parameters(study: Study, data: DataSet, meter: Meter) -> dict[str, tuple[Parameter, float]]:
     """Uncertain quantities of a data set as parameters, and their values, by key; none of those that count pieces.
 
-    Parameters
-    ----------
-    study : Study
-    data : DataSet
-    meter : Meter
-        Of the data set.
+    `meter`: of the data set.
     """
     found = {}
     for key, deviation in data.noise.deviations.items():

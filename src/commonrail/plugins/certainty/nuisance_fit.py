@@ -48,16 +48,7 @@ def judged_residuals(
 ) -> tuple[list[LackOfFit], int]:
     """Tests for lack of fit of an estimate, and the points simulated for them.
 
-    Parameters
-    ----------
-    study : Study
-    found : Estimate
-        Of the study.
-    delay : MissingDelay or None
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-    priors_from : int, optional
-        As for `lack_of_fit`.
+    `found`: of the study; `priors_from`: as for `lack_of_fit`.
     """
     first = len(found.unit) if priors_from is None else priors_from
     level = level_of(found, delay is not None, len(found.unit) - first)
@@ -100,21 +91,11 @@ _FIRM = 1e-12
 
 
 class Mixture(NamedTuple):
-    """Fits with drawn quantities.
+    """Fits with drawn quantities."""
 
-    Attributes
-    ----------
-    moment : (d, d)
-        Second moment about the most likely values, in positions.
-    effective : float
-        Number of draws that the weights are worth.
-    simulated : int
-        Points simulated.
-    """
-
-    moment: Floats
-    effective: float
-    simulated: int
+    moment: Floats  # (d, d), second moment about the most likely values, in positions
+    effective: float  # number of draws that the weights are worth
+    simulated: int  # points simulated
 
     @property
     def believed(self) -> bool:
@@ -134,11 +115,7 @@ class _Round(NamedTuple):
 def mixture_of(whole: Estimate, d: int) -> Mixture:
     """Second moment of the first d parameters, the last ones integrated out within their bounds and priors.
 
-    Parameters
-    ----------
-    whole : Estimate
-        Of all parameters.
-    d : int
+    `whole`: of all parameters.
     """
     own = whole.likelihood.with_noises(whole.likelihood.noises)
     random = np.random.default_rng(SEED)
@@ -192,12 +169,7 @@ def _weights(every: _Round, proposals: list[tuple[Floats, Floats]]) -> Floats:
 def _density(drawn: Floats, centre: Floats, spread: Floats) -> Floats:
     """Density (k,) of reflected normal draws, without its constant of dimension.
 
-    Parameters
-    ----------
-    drawn : (k, m)
-    centre : (m,)
-    spread : (m, m)
-        Covariance of the normal distribution.
+    `drawn` (k, m); `centre` (m,); `spread` (m, m): covariance of the normal distribution.
     """
     inverse, root = np.linalg.inv(spread), np.sqrt(np.linalg.det(spread))
     total = np.zeros(len(drawn))
@@ -211,13 +183,7 @@ def _density(drawn: Floats, centre: Floats, spread: Floats) -> Floats:
 def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round]) -> _Round:
     """Fits with draws (k, m), each begun along the tangent from the nearest fit that there is.
 
-    Parameters
-    ----------
-    own : Likelihood
-    whole : Estimate
-    drawn : (k, m)
-    rounds : list of _Round
-        Former ones.
+    `drawn` (k, m); `rounds`: former ones.
     """
     m = drawn.shape[1]
     d = len(whole.unit) - m
@@ -246,14 +212,7 @@ def _following(whole: Estimate, d: int) -> Floats:
 
 
 def _costs(own: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
-    """−2 ln L (k,) with each block's cost scaled as its law asks; +inf where a simulation failed.
-
-    Parameters
-    ----------
-    own : Likelihood
-    whole : Estimate
-    ends : Ascent
-    """
+    """−2 ln L (k,) with each block's cost scaled as its law asks; +inf where a simulation failed."""
     costs = own.block_costs(own.whiten(ends.errors)) @ whole.covariance.ratios
     costs = costs + own.priors.costs(own.space.from_unit(ends.unit))
     return np.where(np.isfinite(costs) & np.isfinite(ends.cost), costs, np.inf)
@@ -262,12 +221,7 @@ def _costs(own: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
 def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) -> Floats:
     """Information (k, d, d) on the parameters by data and priors, with the held ones known.
 
-    Parameters
-    ----------
-    own : Likelihood
-    whole : Estimate
-    ends : Ascent
-    held : (k, m)
+    `held` (k, m).
     """
     d = len(whole.unit) - held.shape[1]
     free = np.arange(len(whole.unit)) < d
@@ -294,27 +248,14 @@ STARTS_WITHIN = (0.1, 0.8)  # standard deviations of the fitted quantities that 
 
 
 class Within(NamedTuple):
-    """Estimate of a study's parameters, and that with its one-sided uncertain quantities among the parameters.
+    """Estimate of a study's parameters, and that with its one-sided uncertain quantities among the parameters."""
 
-    Attributes
-    ----------
-    study : Study
-        Whose last parameters are these quantities; the study itself where there are none.
-    whole : Estimate
-        Of that study.
-    found : Estimate
-        Of the parameters alone, the other quantities at their most likely values.
-    fitted : mapping of str to float
-        Most likely values [SI] of these quantities.
-    integrated : bool
-        The quantities were integrated out; False where too few draws agree with the data, and the wider of these and
-        the curvature at the most likely values was taken.
-    """
-
-    study: Study
-    whole: Estimate
-    found: Estimate
-    fitted: Mapping[str, float]
+    study: Study  # whose last parameters are these quantities; the study itself where there are none
+    whole: Estimate  # of that study
+    found: Estimate  # of the parameters alone, the other quantities at their most likely values
+    fitted: Mapping[str, float]  # most likely values [SI] of these quantities
+    # the quantities were integrated out; False where too few draws agree with the data, and the wider of these and the
+    # curvature at the most likely values was taken
     integrated: bool = True
 
     @property
@@ -326,20 +267,8 @@ class Within(NamedTuple):
 def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int | None = None) -> Within:
     """Most likely values from several starts, with all that is uncertain about an end of what it can be fitted too.
 
-    Parameters
-    ----------
-    study : Study
-    own : Likelihood
-        Of the study.
-    starts : (k, d) or (k, d + m)
-        Positions between the bounds; of the parameters, or of the fitted quantities too.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Raises
-    ------
-    SimulationError
-        If the first start cannot be simulated.
+    `own`: of the study; `starts` (k, d) or (k, d + m): positions between the bounds; of the parameters, or of the
+    fitted quantities too. Raises `SimulationError` if the first start cannot be simulated.
     """
     keys = one_sided(study)
     free = with_uncertain_free(study, keys) if keys else None
@@ -365,12 +294,7 @@ def _rounded(wide: Likelihood, point: Floats) -> Floats:
 def _begins(wide: Likelihood, d: int, many: int) -> Floats:
     """Positions (many, m) of the last parameters, by turns near the stated value and away from it.
 
-    Parameters
-    ----------
-    wide : Likelihood
-    d : int
-        Number of the parameters before them.
-    many : int
+    `d`: number of the parameters before them.
     """
     priors = [parameter.prior for parameter in wide.space.parameters[d:]]
     places = [
@@ -384,13 +308,7 @@ def _begins(wide: Likelihood, d: int, many: int) -> Floats:
 def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
     """Estimate of the first parameters; the last ones are held, and follow in the derivatives and the covariance.
 
-    Parameters
-    ----------
-    own : Likelihood
-        Of the first parameters.
-    whole : Estimate
-        Of all.
-    over : Mixture
+    `own`: of the first parameters; `whole`: of all.
     """
     d, last = own.space.dimension, whole.point[own.space.dimension :]
     wide = whole.likelihood
@@ -428,12 +346,6 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
 
     What else is uncertain moves them farther where the last ones are held than where these follow, or the other way
     about; a fit cannot tell which, and the larger move counts.
-
-    Parameters
-    ----------
-    whole : Estimate
-    over : Mixture
-    d : int
     """
     known = whole.covariance
     own = whole.likelihood

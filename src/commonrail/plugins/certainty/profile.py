@@ -26,58 +26,29 @@ BETTER = 0.5  # rise of 2 ln L by which a point beats the optimum
 
 
 class ProfileEnd(NamedTuple):
-    """One end of a profile.
+    """One end of a profile."""
 
-    Attributes
-    ----------
-    unit : float
-        Position of the parameter.
-    value : float
-        The same [SI].
-    finished : bool
-        The likelihood has fallen as far as wanted.
-    wall : bool
-        A bound or a constraint was met before.
-    """
-
-    unit: float
-    value: float
-    finished: bool
-    wall: bool
+    unit: float  # position of the parameter
+    value: float  # the same [SI]
+    finished: bool  # the likelihood has fallen as far as wanted
+    wall: bool  # a bound or a constraint was met before
 
 
 class Profile(NamedTuple):
-    """Profile of a parameter: its ends, and the points on the way.
-
-    Attributes
-    ----------
-    name : str
-    low, high : ProfileEnd
-    points : (m, 2)
-        Values [SI] and falls of 2 ln L there, by falling likelihood on each side.
-    """
+    """Profile of a parameter: its ends, and the points on the way."""
 
     name: str
     low: ProfileEnd
     high: ProfileEnd
-    points: Floats
+    points: Floats  # (m, 2), values [SI] and falls of 2 ln L there, by falling likelihood on each side
 
 
 class Profiles(NamedTuple):
-    """Profiles of several parameters.
-
-    Attributes
-    ----------
-    found : list of Profile
-    better : (d,) or None
-        Position that beats the optimum, if one was met; the profiles are then not to be used.
-    simulated : int
-        Points simulated.
-    """
+    """Profiles of several parameters."""
 
     found: list[Profile]
-    better: Floats | None
-    simulated: int
+    better: Floats | None  # (d,), position that beats the optimum, if one was met; the profiles are then not to be used
+    simulated: int  # points simulated
 
 
 class _Ends:
@@ -207,20 +178,8 @@ def profiles_of(
 ) -> Profiles:
     """Profiles of parameters.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    which : sequence of int, optional
-        Columns of the parameters; all by default.
-    level : float
-        Share of intervals that hold the truth.
-    rounds : int
-        Largest number of points for each end.
-
-    Returns
-    -------
-    Profiles
-        As soon as a point beats the optimum, with that point in `better`.
+    `which`: columns of the parameters; all by default; `level`: share of intervals that hold the truth; `rounds`:
+    largest number of points for each end. Returns as soon as a point beats the optimum, with that point in `better`.
     """
     own = estimate.likelihood
     columns = list(range(own.space.dimension)) if which is None else list(which)
@@ -242,11 +201,7 @@ def fall_along(estimate: Estimate, distances: Sequence[float]) -> Floats:
 
     NaN beyond bounds and constraints, and where a simulation fails.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    distances : (k,)
-        In standard errors of the curvature.
+    `distances` (k,): in standard errors of the curvature.
     """
     own, d = estimate.likelihood, len(estimate.unit)
     ends = _Ends(estimate, range(d), 0.95)
@@ -274,31 +229,17 @@ MOST_RATIO = 1.2  # an interval 1.2 times too short holds 90 % instead of 95 % (
 
 
 class Ripple(NamedTuple):
-    """Curvature against simulated likelihood.
+    """Curvature against simulated likelihood."""
 
-    Attributes
-    ----------
-    ratios : (d,)
-        Largest distance at which the simulated likelihood has fallen as far as the curvature promises at one, in
-        distances; infinite where it does not fall, NaN where no point could be simulated.
-    rippled : (d,)
-        True where a ratio, of any distance and side, lies outside 1/`MOST_RATIO` … `MOST_RATIO`.
-    simulated : int
-        Points simulated.
-    """
-
+    # (d,), largest distance at which the simulated likelihood has fallen as far as the curvature promises at one, in
+    # distances; infinite where it does not fall, NaN where no point could be simulated
     ratios: Floats
-    rippled: Bools
-    simulated: int
+    rippled: Bools  # (d,), true where a ratio, of any distance and side, lies outside 1/`MOST_RATIO` … `MOST_RATIO`
+    simulated: int  # points simulated
 
 
 def ripple_of(estimate: Estimate) -> Ripple:
-    """Ratios of an estimate, from 4 d simulations in one batch.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    """
+    """Ratios of an estimate, from 4 d simulations in one batch."""
     before = estimate.likelihood.simulated
     falls = fall_along(estimate, DISTANCES)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -209,13 +209,7 @@ def friction_withdraws(
 ) -> MissingFriction | None:
     """Test of friction that the model lacks, made where a parameter is called pinned: it can only withdraw that.
 
-    Parameters
-    ----------
-    study : Study
-    found : Estimate
-    verdicts : sequence of Judged
-        Without this test.
-    threads : int or None
+    `verdicts`: without this test.
     """
     pinned = any(one.verdict is ParameterVerdict.PINNED for one in verdicts)
     return missing_friction(study, found, threads) if pinned else None

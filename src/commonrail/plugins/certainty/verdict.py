@@ -111,23 +111,13 @@ MOST_TOLD = 10.0  # half width over value, above which it is no figure any more
 
 
 class Judged(NamedTuple):
-    """Verdict on a parameter.
-
-    Attributes
-    ----------
-    verdict : ParameterVerdict
-    sentence : str
-        Verdict with its figure.
-    cure : str
-        Measurement or statement that would improve it; empty for a pinned parameter.
-    half : float
-        Half width [SI] that the verdict rests on: that of the interval, and of the delay, the gain and the discrepancy
-        that are assumed where the study states none.
-    """
+    """Verdict on a parameter."""
 
     verdict: ParameterVerdict
-    sentence: str
-    cure: str
+    sentence: str  # verdict with its figure
+    cure: str  # measurement or statement that would improve it; empty for a pinned parameter
+    # half width [SI] that the verdict rests on: that of the interval, and of the delay, the gain and the discrepancy
+    # that are assumed where the study states none
     half: float
 
 
@@ -156,17 +146,8 @@ def verdicts_of(
 ) -> list[Judged]:
     """Verdict on each parameter.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    low, high : (d,)
-        Ends of the intervals [SI].
-    reason : str
-        Of `withdrawal`.
-    limit : float
-        Half width over value, up to which a parameter is pinned.
-    level : float
-        Of the intervals.
+    `low`, `high` (d,): ends of the intervals [SI]; `reason`: of `withdrawal`; `limit`: half width over value, up to
+    which a parameter is pinned; `level`: of the intervals.
     """
     own = estimate.likelihood
     scale, quantile = np.abs(own.scaled(estimate.unit)), student(estimate.covariance.freedom, level)

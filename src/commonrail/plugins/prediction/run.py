@@ -89,28 +89,14 @@ class Prediction(Shown):
 
 
 class _Fit(NamedTuple):
-    """Fit that predictions are made with.
-
-    Attributes
-    ----------
-    simulator : Simulator
-    estimate : Estimate
-    points : (k, d)
-        Calibrated values [SI], then other optima that explain the data as well.
-    scatter : mapping of str to Scatter
-        By the kind of the data.
-    curves : mapping of str to Scatter
-        Of fitted curves, by their names.
-    draws : (m, d) or None
-        From the posterior, if they are wanted.
-    """
+    """Fit that predictions are made with."""
 
     simulator: Simulator
     estimate: Estimate
-    points: Floats
-    scatter: Mapping[str, Scatter]
-    curves: Mapping[str, Scatter]
-    draws: Floats | None = None
+    points: Floats  # (k, d), calibrated values [SI], then other optima that explain the data as well
+    scatter: Mapping[str, Scatter]  # by the kind of the data
+    curves: Mapping[str, Scatter]  # of fitted curves, by their names
+    draws: Floats | None = None  # (m, d), from the posterior, if they are wanted
 
     def scatter_about(self, data: DataSet) -> Scatter:
         """Scatter of the measured values of a data set: a fitted curve has its own, all others that of their kind."""
@@ -175,15 +161,9 @@ def judge(fit: FinishedFit) -> None:
 def judged_bands(study: Study, within: Within, points: Floats, threads: int | None = None) -> dict[str, dict[str, Any]]:
     """Bands of all data of a study about its calibrated values, as records of result.json by the name of the data set.
 
-    Parameters
-    ----------
-    study : Study
-    within : Within
-        Of the study. Bands are those of the model that predicts: without the friction that was fitted as stated.
-    points : (k, d)
-        Calibrated values [SI], then other optima that explain the data as well: a band is the union of theirs.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
+    `within`: of the study. Bands are those of the model that predicts: without the friction that was fitted as stated;
+    `points` (k, d): calibrated values [SI], then other optima that explain the data as well: a band is the union of
+    theirs.
     """
     threads, found = thread_count(threads), within.found
     if within.fitted:

@@ -21,31 +21,17 @@ TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t whose qu
 
 
 class Scatter(NamedTuple):
-    """Scatter of measured values about the best prediction: noise and discrepancy of the model.
+    """Scatter of measured values about the best prediction: noise and discrepancy of the model."""
 
-    Attributes
-    ----------
-    factor : float
-        Multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values.
-    freedom : float
-        Degrees of freedom of the factor; infinite where it is stated.
-    calibration : float
-        Factor on the whole standard deviation of a prediction, parameters included: root mean square of the values
-        that were held out, each over the deviation predicted for it. 1 where too few could be held out.
-    left_out : int
-        Number of those values.
-    least : float
-        Share of the factor at a rate of zero; less than 1 where the noise grows with the rate.
-    slope : float
-        Rise over that for one SI unit of the rate.
-    """
-
+    # multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values
     factor: float
-    freedom: float
+    freedom: float  # degrees of freedom of the factor; infinite where it is stated
+    # factor on the whole standard deviation of a prediction, parameters included: root mean square of the values that
+    # were held out, each over the deviation predicted for it. 1 where too few could be held out
     calibration: float = 1.0
-    left_out: int = 0
-    least: float = 1.0
-    slope: float = 0.0
+    left_out: int = 0  # number of those values
+    least: float = 1.0  # share of the factor at a rate of zero; less than 1 where the noise grows with the rate
+    slope: float = 0.0  # rise over that for one SI unit of the rate
 
     def deviations(self, data: DataSet, values: Floats) -> Floats:
         """Standard deviations (n,) about predicted values (n,)."""
@@ -56,17 +42,10 @@ class Scatter(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """Prediction errors of values that are held out one at a time, over their predicted standard deviations.
+    """Prediction errors of values that are held out one at a time, over their predicted standard deviations."""
 
-    Attributes
-    ----------
-    errors : (m,)
-    freedom : float
-        Degrees of freedom of their mean square (Satterthwaite): they are correlated.
-    """
-
-    errors: Floats
-    freedom: float
+    errors: Floats  # (m,)
+    freedom: float  # degrees of freedom of their mean square (Satterthwaite): they are correlated
 
 
 def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
@@ -75,11 +54,7 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     With the influence H of the fit, uncertain quantities and discrepancies among what is fitted, the error of the value
     i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
 
-    Parameters
-    ----------
-    found : Estimate
-    rows : (m,)
-        Rows of the residuals.
+    `rows` (m,): rows of the residuals.
     """
     own, d = found.likelihood, len(found.unit)
     innovations = own.whiten(found.errors)
@@ -115,11 +90,7 @@ def _courses(found: Estimate) -> list[Floats]:
 def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
     """Estimate whose scales of noise are no smaller than stated tolerances, of data with too few values to hold out.
 
-    Parameters
-    ----------
-    found : Estimate
-    fitted : sequence of DataSet
-        In the order of the blocks.
+    `fitted`: in the order of the blocks.
     """
     own = found.likelihood
     few = [
@@ -148,12 +119,7 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
     Where none are, residuals that exceed a stated noise, or that of repeated shots, count in its place: the model's
     own error is in them.
 
-    Parameters
-    ----------
-    found : Estimate
-        Of `floored`.
-    fitted : sequence of DataSet
-        In the order of the blocks.
+    `found`: of `floored`; `fitted`: in the order of the blocks.
     """
     scatter: dict[str, Scatter] = {}
     levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
@@ -177,12 +143,7 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
 def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
     """Scatter of each fitted curve by its name: its own, which for a mean of many strokes is that of the mean.
 
-    Parameters
-    ----------
-    found : Estimate
-        Of `floored`.
-    fitted : sequence of DataSet
-        In the order of the blocks.
+    `found`: of `floored`; `fitted`: in the order of the blocks.
     """
     blocks = found.likelihood.blocks
     return {data.name: _of_set(found, i, data)[1] for i, data in enumerate(fitted) if blocks[i].ordered}
@@ -191,12 +152,7 @@ def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatt
 def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
     """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise.
 
-    Parameters
-    ----------
-    found : Estimate
-    index : int
-        Of the block.
-    data : DataSet
+    `index`: of the block.
     """
     noise, block = found.likelihood.noises[index], found.likelihood.blocks[index]
     extra = block.noise.discrepancy if block.noise.length else 0.0

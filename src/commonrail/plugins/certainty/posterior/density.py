@@ -24,15 +24,8 @@ _TURNS = 3  # of reweighting, for laws that are not Gaussian
 class PosteriorDensity:
     """Logarithm of a posterior density, a batch of positions at a time.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its likelihood has the fitted noise.
-
-    Attributes
-    ----------
-    likelihood : Likelihood
-        Counts the simulations of this density, and those that failed.
+    `estimate`: its likelihood has the fitted noise. `likelihood`: counts the simulations of this density, and those
+    that failed.
     """
 
     def __init__(self, estimate: Estimate) -> None:
