@@ -8,6 +8,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.least_squares import Descents, FeasibleSet, Model, Rules, advance, answered
+from commonrail.plugins.certainty.covariance import Covariance, covariance_of
 from commonrail.plugins.certainty.likelihood import Likelihood
 
 FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one
@@ -22,6 +23,12 @@ class Ascent(NamedTuple):
     errors: Floats  # (k, n), residuals there
     # (k, d, n), one-sided derivatives there; NaN of an ascent that does not know them, zero for a fixed parameter
     slopes: Floats
+
+    @property
+    def best(self) -> Ascent:
+        """The one that ends highest."""
+        best = int(np.argmin(self.cost))
+        return Ascent(*(part[best : best + 1] for part in self))
 
 
 class _Criterion(NamedTuple):
@@ -94,3 +101,12 @@ def linearised(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Flo
     """Quadratic model of −2 ln of likelihood and priors about a position (d,), by slopes (d, n) and errors (n,)."""
     now = Descents.begin(unit[None], errors[None], slopes[None])
     return Model.of(FeasibleSet.of(likelihood.space), _Criterion(likelihood), now)
+
+
+def covariance_at(likelihood: Likelihood, end: Ascent) -> tuple[Covariance, Floats]:
+    """Covariance and derivatives (d, n) of the residuals at the end of one ascent."""
+    slopes = end.slopes[0]
+    if np.isnan(slopes[0, 0]):
+        slopes = likelihood.slopes(end.unit, end.errors)[0]
+    nothing = np.zeros((0, likelihood.size))
+    return covariance_of(likelihood, slopes, end.errors[0], nothing, likelihood.prior_slopes(end.unit[0])), slopes

@@ -3,7 +3,7 @@
 With whitened derivatives J_b of block b, the bread is B = Σ m_b J_bᵀJ_b, m_b being the mean slope of its law, and the
 covariance is V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹ with τ_b = K² Σψ²/ν_b (Huber's factor K): that of the estimator in use,
 whatever its law. A Gaussian block has m = τ = 1. Priors are a block with stated deviations. Bounds and constraints are
-not projected out. Of a block under Student's t the noise's part is replaced at the end, see `integrated`.
+not projected out. Of a block under Student's t the noise's part is replaced at the end, see `outliers`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy import special
 from commonrail.base.arrays import Bools, Floats
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import unequal
+from commonrail.plugins.certainty.noise import stated_courses, unequal
 
 NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direction counts as unseen
 
@@ -75,8 +75,11 @@ def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts
     with np.errstate(divide="ignore"):
         alone = 1.0 / np.sqrt(np.diag(bread))
     moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
-    held = _discrepancy(likelihood, inverse, tangents, innovations)
-    return Covariance(inverse, noise, moved, held, shares, freedom, alone, used, ratios, np.ones(len(bread)))
+    courses = likelihood.whiten(stated_courses(likelihood.blocks))
+    lacking = moved_by(likelihood, inverse, tangents, innovations, courses)
+    return Covariance(
+        inverse, noise, moved, lacking.T @ lacking, shares, freedom, alone, used, ratios, np.ones(len(bread))
+    )
 
 
 def combined_freedom(shares: Floats, freedoms: Sequence[float]) -> Floats:
@@ -135,27 +138,6 @@ def _sloped(likelihood: Likelihood, tangents: Floats, innovations: Floats) -> Fl
     for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
         found[:, block.rows] *= max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
     return found
-
-
-def _discrepancy(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats) -> Floats:
-    """Covariance (d, d) of the estimates by stated discrepancies."""
-    total = np.zeros_like(inverse)
-    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        courses = block.stated_courses()
-        if len(courses):
-            shifts = np.zeros((len(courses), likelihood.size))
-            shifts[:, block.rows] = noise.whiten(courses)
-            moves = moved_by(likelihood, inverse, tangents, innovations, shifts)
-            total += moves.T @ moves
-    return total
-
-
-def half_widths(covariance: Covariance, level: float) -> Floats:
-    """Half widths (d,) of intervals in positions: t quantile of the noise's degrees of freedom times the total error.
-
-    `level`: share of intervals that hold the truth.
-    """
-    return np.asarray(student(covariance.freedom, level) * np.sqrt(np.diag(covariance.total)))
 
 
 def student(freedom: Floats, level: float) -> Floats:

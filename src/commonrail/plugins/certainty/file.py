@@ -20,7 +20,7 @@ from commonrail.physics.injector import Source
 from commonrail.physics.meters import is_of_meter, known_quantity
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit
-from commonrail.plugins.certainty.nuisance_fit import Within
+from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.posterior.file import POSTERIOR
 from commonrail.plugins.certainty.profile import Profile, ProfileEnd, Ripple
 from commonrail.plugins.certainty.verdict import Judged, sensitivity_records

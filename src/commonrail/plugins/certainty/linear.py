@@ -73,7 +73,5 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
             known = covariance_of(own, slopes, errors, nothing, pulls)
             own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
     found = with_outliers(estimate_at(own, unit, errors, slopes))
-    covariance = found.covariance
-    covariance = covariance._replace(discrepancy=covariance.discrepancy + np.outer(top - unit, top - unit))
     simulated = likelihood.simulated - before + own.simulated
-    return replace(found, covariance=covariance, gain=0.0, simulated=simulated)
+    return replace(found.with_errors((top - unit)[None]), gain=0.0, simulated=simulated)

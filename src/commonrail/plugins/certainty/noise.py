@@ -363,6 +363,18 @@ class Block:
         return self.courses(self.noise.discrepancy, self.noise.length, self.noise.pressure_length)
 
 
+def spread(block: Block, courses: Floats, size: int) -> Floats:
+    """Courses (k, n) of a block as residuals (k, size) of a fit, zero in the other blocks."""
+    found = np.zeros((len(courses), size))
+    found[:, block.rows] = courses
+    return found
+
+
+def stated_courses(blocks: Sequence[Block]) -> Floats:
+    """Courses (k, n) of the discrepancies that a study states, as residuals of its fit."""
+    return np.vstack([spread(block, block.stated_courses(), blocks[-1].rows.stop) for block in blocks])
+
+
 def block_of(data: DataSet, start: int) -> Block:
     """Block of a data set whose residuals begin at a row."""
     zero = _plain(data, np.zeros(len(data.measured)))

@@ -20,17 +20,10 @@ from commonrail.plugins.certainty.ascent import FEW
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate, library, starts_from
 from commonrail.plugins.certainty.file import Certainty
-from commonrail.plugins.certainty.lack_of_fit import (
-    DRIFT,
-    LackOfFit,
-    MissingFriction,
-    missing_delay,
-    missing_friction,
-    visible_delay,
-    with_drift,
-)
+from commonrail.plugins.certainty.lack_of_fit import DRIFT, LackOfFit, judged_residuals, of_missing, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.nuisance_fit import Within, estimate_within, judged_residuals
+from commonrail.plugins.certainty.missing import Missing, missing_delay, missing_friction, visible_delay
+from commonrail.plugins.certainty.one_sided import Within, estimate_within
 from commonrail.plugins.certainty.profile import Profile, Ripple, profiles_of, ripple_of
 from commonrail.plugins.certainty.verdict import Judged, verdicts_of, withdrawal
 
@@ -126,7 +119,7 @@ def certify(
     verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     friction = friction_withdraws(within.study, within.whole, verdicts, thread_count(threads))
     if friction is not None:
-        tests, more = [*tests, friction.judged(within.level)], more + friction.simulated
+        tests, more = [*tests, of_missing(friction, within.level)], more + friction.simulated
         reason = withdrawal(found, tests) or reason
         verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     return Certainty(
@@ -206,7 +199,7 @@ def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float,
 
 def friction_withdraws(
     study: Study, found: Estimate, verdicts: Sequence[Judged], threads: int | None
-) -> MissingFriction | None:
+) -> Missing | None:
     """Test of friction that the model lacks, made where a parameter is called pinned: it can only withdraw that.
 
     `verdicts`: without this test.

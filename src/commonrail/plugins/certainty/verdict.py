@@ -15,7 +15,8 @@ from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.physics.meters import is_of_meter, parts_of
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
-from commonrail.plugins.certainty.lack_of_fit import LackOfFit
+from commonrail.plugins.certainty.lack_of_fit import LackOfFit, meter_changes
+from commonrail.plugins.certainty.noise import spread
 
 # Sensitivity of the estimates to what the bench may be off by, whether a study states it or not.
 
@@ -58,11 +59,8 @@ def moves_of(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
     for assumed in ASSUMED:
         shift = np.zeros((1, own.size))
         for block in own.blocks:
-            shown = estimate.errors[block.rows] - block.at_zero
-            if assumed.key == "gain":
-                shift[0, block.rows] = assumed.change * shown
-            elif block.ordered:
-                shift[0, block.rows] = -assumed.change * np.gradient(shown, block.places[:, 0])
+            changes = meter_changes(block, estimate.errors[block.rows])
+            shift[0, block.rows] = assumed.change * changes.get(assumed.key, 0.0)
         if shift.any():
             found.append((assumed, estimate.moved(shift)))
     return found
@@ -82,9 +80,7 @@ def unstated(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
         if block.ordered and not block.noise.discrepancy:
             largest = float(np.abs(estimate.errors[block.rows] - block.at_zero).max())
             courses = block.courses(DISCREPANCY.change * largest, LENGTH)
-            shifts = np.zeros((len(courses), own.size))
-            shifts[:, block.rows] = courses
-            rows.append(estimate.moved(shifts))
+            rows.append(estimate.moved(spread(block, courses, own.size)))
     return [*found, (DISCREPANCY, np.vstack(rows))] if rows else found
 
 

@@ -31,7 +31,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.plugins.certainty.estimate import Estimate, estimate, estimate_at, with_outliers, with_step_error
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise import places_of
-from commonrail.plugins.certainty.nuisance_fit import Within
+from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.posterior.sample import bounded
 from commonrail.plugins.prediction.band import (
     Band,
@@ -320,7 +320,6 @@ def _about(found: Estimate, point: Floats) -> Estimate:
     away = unit - found.unit
     variance = np.diag(found.covariance.total)
     if np.all(away**2 <= FAR**2 * np.where(np.isfinite(variance), variance, 1.0)):
-        covariance = found.covariance
-        return replace(found, covariance=covariance._replace(discrepancy=covariance.discrepancy + np.outer(away, away)))
+        return found.with_errors(away[None])
     errors = own.residuals(point[None])[0]
     return with_outliers(with_step_error(estimate_at(own, unit, errors, own.jacobian(unit[None])[0])))

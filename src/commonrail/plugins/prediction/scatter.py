@@ -13,7 +13,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.covariance import covariance_of
 from commonrail.plugins.certainty.estimate import Estimate, wider, with_outliers
-from commonrail.plugins.certainty.noise import sample_count, scale_of
+from commonrail.plugins.certainty.noise import sample_count, scale_of, stated_courses
 
 LEAST = 8  # values held out, from which their scatter is believed
 HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
@@ -59,7 +59,7 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     own, d = found.likelihood, len(found.unit)
     innovations = own.whiten(found.errors)
     robust = np.sqrt(own.weights(innovations))
-    wide = np.vstack([found.slopes, found.shifts, *_courses(found)])
+    wide = np.vstack([found.slopes, found.shifts, stated_courses(own.blocks)])
     tangents = robust * own.whiten(wide)
     pulls = own.prior_slopes(found.unit)
     held = np.eye(len(wide))
@@ -74,17 +74,6 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     root = np.sqrt(np.diag(left)[free])
     related = left[np.ix_(free, free)] / np.outer(root, root)
     return LeftOut(rest[free] / root, float(np.count_nonzero(free) ** 2 / max(float(np.sum(related**2)), 1e-300)))
-
-
-def _courses(found: Estimate) -> list[Floats]:
-    """Courses (k, n) of the stated discrepancy of each block."""
-    courses = []
-    for block in found.likelihood.blocks:
-        own = block.stated_courses()
-        wide = np.zeros((len(own), found.likelihood.size))
-        wide[:, block.rows] = own
-        courses.append(wide)
-    return courses
 
 
 def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:

@@ -16,7 +16,7 @@ from commonrail.base.arrays import Floats
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import FittedNoise, sample_count
+from commonrail.plugins.certainty.noise import FittedNoise, sample_count, stated_courses
 
 _TURNS = 3  # of reweighting, for laws that are not Gaussian
 
@@ -31,13 +31,7 @@ class PosteriorDensity:
     def __init__(self, estimate: Estimate) -> None:
         self.likelihood: Likelihood = estimate.likelihood.with_noises(estimate.likelihood.noises)
         own = self.likelihood
-        rows = [np.asarray(estimate.shifts, float).reshape(-1, own.size)]
-        for block in own.blocks:
-            courses = block.stated_courses()
-            wide = np.zeros((len(courses), own.size))
-            wide[:, block.rows] = courses
-            rows.append(wide)
-        self._moves = own.whiten(np.vstack(rows))
+        self._moves = own.whiten(np.vstack([estimate.shifts, stated_courses(own.blocks)]))
         self._samples = [sample_count(estimate.errors[block.rows]) for block in own.blocks]
 
     def __call__(self, unit: Floats) -> Floats:

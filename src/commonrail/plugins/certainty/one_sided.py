@@ -17,69 +17,15 @@ import numpy as np
 from scipy import special
 
 from commonrail.base.arrays import Floats, IndexArray
-from commonrail.base.errors import SimulationError
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.study import Study
 from commonrail.plugins.certainty.ascent import Ascent, climb
 from commonrail.plugins.certainty.covariance import Covariance, moved_by
 from commonrail.plugins.certainty.estimate import Estimate, estimate
-from commonrail.plugins.certainty.lack_of_fit import LackOfFit, MissingDelay, beyond_stated, lack_of_fit, level_of
+from commonrail.plugins.certainty.lack_of_fit import level_of
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise import unequal
-from commonrail.plugins.certainty.nuisance import Nuisance, one_sided, with_uncertain_free
-
-# Tests for lack of fit once more, with what a study states as uncertain free within its standard deviation.
-#
-# A delay of two microseconds bends the path that the parameters imitate it along: what is left of it at the fitted
-# values is neither its derivative nor its second one, and a test that knows these two takes it for a fault of the
-# model. Where such a test finds something, the uncertain quantities are fitted too, with their standard deviations as
-# priors, and the test is made there, and one of each quantity: is it where the study states it?
-
-BEGINS = np.array([0.0, -1.5, 1.5])  # standard deviations of all uncertain quantities that the search begins at
-
-
-def judged_residuals(
-    study: Study,
-    found: Estimate,
-    delay: MissingDelay | None,
-    threads: int | None = None,
-    *,
-    priors_from: int | None = None,
-) -> tuple[list[LackOfFit], int]:
-    """Tests for lack of fit of an estimate, and the points simulated for them.
-
-    `found`: of the study; `priors_from`: as for `lack_of_fit`.
-    """
-    first = len(found.unit) if priors_from is None else priors_from
-    level = level_of(found, delay is not None, len(found.unit) - first)
-    tests = lack_of_fit(found, delay, priors_from=first, level=level)
-    stated = beyond_stated(found, first, level)
-    free = with_uncertain_free(study) if found.likelihood.nuisances and any(test.found for test in tests) else None
-    if free is None:
-        return [*tests, *stated], 0
-    wide = Likelihood.of(free, threads)
-    try:
-        freed = estimate(wide, _starts(wide, found))
-    except SimulationError:
-        return [*tests, *stated], wide.simulated
-    again = lack_of_fit(freed, delay, priors_from=first, level=level)
-    merged = [min(pair, key=lambda test: test.found) for pair in zip(tests, again, strict=True)]
-    return [*merged, *beyond_stated(freed, first, level)], freed.simulated
-
-
-def _starts(wide: Likelihood, found: Estimate) -> Floats:
-    """Positions (k, d + m): the fitted values, and those that imitate other uncertain quantities in a linear model."""
-    d = len(found.unit)
-    priors = [parameter.prior for parameter in wide.space.parameters[d:]]
-    middle = np.array([prior.value for prior in priors if prior is not None])
-    widths = np.array([prior.sigma for prior in priors if prior is not None])
-    move = found.covariance.nuisances.sum(axis=0)
-    starts = FeasibleSet.of(found.likelihood.space).within(
-        np.tile(found.unit, (len(BEGINS), 1)), found.unit + BEGINS[:, None] * move
-    )
-    points = np.column_stack([found.likelihood.space.from_unit(starts), middle + BEGINS[:, None] * widths])
-    return np.clip(wide.space.to_unit(points), 0.0, 1.0)
-
+from commonrail.plugins.certainty.nuisance import one_sided, with_uncertain_free
 
 DRAWS = 32  # of each of two rounds
 TURNS, TOLERANCE = 4, 0.05  # of the fit with each draw
@@ -316,7 +262,7 @@ def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
     def residuals(points: Floats) -> Floats:
         return wide.residuals(np.column_stack([points, np.tile(last, (len(points), 1))]))
 
-    alone = wide.with_space(own.space, residuals, [_held(nuisance, last) for nuisance in wide.nuisances])
+    alone = wide.with_space(own.space, residuals, [nuisance.at(last) for nuisance in wide.nuisances])
     return replace(
         whole,
         likelihood=alone.with_noises(wide.noises),
@@ -324,15 +270,6 @@ def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
         point=whole.point[:d],
         slopes=whole.slopes[:d] + _followed_within(whole.covariance.inverse, d) @ whole.slopes[d:],
         covariance=_of_first(whole, over, d),
-    )
-
-
-def _held(nuisance: Nuisance, last: Floats) -> Nuisance:
-    """Uncertain quantity as a function of the first parameters, the last ones held."""
-    return nuisance._replace(
-        shift=lambda point: nuisance.shift(np.append(point, last)),
-        bend=lambda point, move: nuisance.bend(np.append(point, last), np.append(move, 0.0 * last)),
-        sides=(),
     )
 
 
