@@ -17,11 +17,7 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import (
-    Trials,
-    Wanted,
-)
-from commonrail.calibration.optimisers.stepwise import asked
+from commonrail.calibration.optimisers.base import Trials, Wanted, asked, inside
 from commonrail.calibration.space import Space
 
 
@@ -223,11 +219,6 @@ class Descents(NamedTuple):
     def without_slopes(self) -> Descents:
         """The same, to be differentiated anew, as those from a `record` are."""
         return self._replace(slopes=np.full_like(self.slopes, np.nan))
-
-
-def inside(unit: Floats) -> bool:
-    """Return whether points lie within the bounds but for the rounding of the way to unit coordinates and back."""
-    return bool(np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9))
 
 
 class FeasibleSet(NamedTuple):

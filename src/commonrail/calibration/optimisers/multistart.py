@@ -19,9 +19,14 @@ from commonrail.calibration.optimisers.base import (
     SMALL_GAIN,
     Best,
     Convergence,
+    Optimiser,
     Wanted,
+    Work,
+    asked,
     diverse_members,
+    inside,
     noise_of,
+    ranked,
 )
 from commonrail.calibration.optimisers.least_squares import (
     DescentLoss,
@@ -29,10 +34,8 @@ from commonrail.calibration.optimisers.least_squares import (
     LossSum,
     Rules,
     advance,
-    inside,
     recognised,
 )
-from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.space import Space, sample_priors
 
 MOST_STARTS = 1000
@@ -71,7 +74,7 @@ class MultiStartSettings:
             raise ConfigurationError(f"difference = {self.difference:g} must lie above 0 and not above 0.1.")
 
 
-class MultiStartLeastSquares(Stepwise):
+class MultiStartLeastSquares(Optimiser):
     """Least squares with geodesic acceleration from several starts, finished when enough of them agree.
 
     The first step simulates draws from priors and bounds. The others are iterations of all descents side by side. When
@@ -85,12 +88,10 @@ class MultiStartLeastSquares(Stepwise):
     method, phase = "multi-start least squares", "multi-start least squares"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: MultiStartSettings | None = None) -> None:
-        self.settings = settings or MultiStartSettings()
-        super().__init__(space, rng, self.settings)
+        super().__init__(space, rng, settings or MultiStartSettings())
         d = space.dimension
-        self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not begun
+        self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not started
         self._ends = Descents.begin(np.empty((0, d)), np.empty((0, 0)))
-        self._costs = np.empty(0)
         self._loss, self._waves, self._stopped = DescentLoss.SQUARES, 0, False
 
     @property
@@ -99,7 +100,10 @@ class MultiStartLeastSquares(Stepwise):
         return self.steps if self._stopped else super().total
 
     @property
-    def _ended(self) -> str:
+    def reason(self) -> str:
+        """Verdict, and how the search has ended; empty before that."""
+        if not self.finished:
+            return ""
         verdict = self.verdict
         assert verdict is not None
         stopped = "" if self._stopped else f"all {self.settings.generations} iterations are done; "
@@ -110,9 +114,9 @@ class MultiStartLeastSquares(Stepwise):
         """Convergence on convergence; None before the first step."""
         if not self._waves and not self.steps:
             return None
-        if not np.isfinite(self._costs).any():
-            return Convergence.of(False, "no candidate could be simulated", {"starts": len(self._costs)})
-        excess = (self._costs - self._costs.min()) / self._noise(self._best.cost)
+        if not np.isfinite(self.costs).any():
+            return Convergence.of(False, "no candidate could be simulated", {"starts": len(self.costs)})
+        excess = (self.costs - self.costs.min()) / self._noise(self.best.cost)
         agreeing = int((excess <= ALIKE).sum())
         gain = float(self._ends.gain[int(np.argmin(excess))]) / self._losses()[1]
         converged = agreeing >= AGREEING and gain < SMALL_GAIN
@@ -132,17 +136,7 @@ class MultiStartLeastSquares(Stepwise):
     @property
     def ends(self) -> tuple[Best, ...]:
         """Points of the descents, of both waves if there were two."""
-        return self._ranked(self._ends.unit, self._costs)
-
-    @property
-    def population(self) -> Floats:
-        """Points (n, d) of the descents, SI."""
-        return self.space.from_unit(self._ends.unit)
-
-    @property
-    def costs(self) -> Floats:
-        """Costs (n,) of those points."""
-        return self._costs.copy()
+        return ranked(self.best, self.population, self.costs)
 
     def _noise(self, cost: float) -> float:
         """Change of the objective that changes 2 ln L by 1."""
@@ -150,7 +144,7 @@ class MultiStartLeastSquares(Stepwise):
 
     def _losses(self) -> tuple[LossSum, float]:
         """Losses, smoothed by the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
-        best = self._ends.residuals[int(np.argmin(self._costs))]
+        best = self._ends.residuals[int(np.argmin(self.costs))]
         losses = LossSum.near(self._loss, best)
         return losses, self._noise(float(losses.costs(best)))
 
@@ -186,9 +180,14 @@ class MultiStartLeastSquares(Stepwise):
         costs = yield asked(x, Wanted.COSTS_AGAIN)
         new = Descents.begin(unit, residuals)
         if self._waves == 1:
-            self._loss, self._ends, self._costs = recognised(costs, residuals), new, costs
+            self._loss = recognised(costs, residuals)
+            self._take(new, costs)
         else:
-            self._ends, self._costs = self._ends.joined(new), np.concatenate([self._costs, costs])
+            self._take(self._ends.joined(new), np.concatenate([self.costs, costs]))
+
+    def _take(self, ends: Descents, costs: Floats) -> None:
+        """Take descents and the costs (n,) of their points."""
+        self._ends, self.costs, self.population = ends, costs, self.space.from_unit(ends.unit)
 
     def _descend(self) -> Work:
         """One iteration of the descents."""
@@ -197,7 +196,7 @@ class MultiStartLeastSquares(Stepwise):
         after = yield from advance(self.space, self._ends.without_slopes(), losses, rules)
         x = self.space.from_unit(after.unit)
         costs = yield asked(x, Wanted.COSTS_AGAIN)
-        self._ends, self._costs = after, costs
+        self._take(after, costs)
         self._offer(x, costs)
         yield from self._settle()
 
@@ -205,23 +204,20 @@ class MultiStartLeastSquares(Stepwise):
         return {
             "reserve": self._reserve.copy(),
             **self._ends.record(),
-            "costs": self._costs.copy(),
+            "costs": self.costs.copy(),
             "loss": self._loss.value,
             "waves": self._waves,
             "stopped": self._stopped,
-            "best": self._best.x.copy(),
-            "cost": self._best.cost,
         }
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         d = self.space.dimension
-        reserve, costs, best = (np.array(state[name], dtype=float) for name in ("reserve", "costs", "best"))
+        reserve, costs = (np.array(state[name], dtype=float) for name in ("reserve", "costs"))
         ends = Descents.recorded(state, d)
-        if len(costs) != len(ends.unit) or (reserve.shape[1:], best.shape) != ((d,), (d,)):
+        if len(costs) != len(ends.unit) or reserve.shape[1:] != (d,):
             raise ConfigurationError("state: its descents are not whole; take a whole state")
-        if not all(inside(unit) for unit in (reserve, self.space.to_unit(best))) or np.isnan(costs).any():
+        if not inside(reserve) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
-        self._reserve, self._ends, self._costs = reserve, ends, costs
-        self._loss, self._waves = DescentLoss(state["loss"]), int(state["waves"])
-        self._stopped, self._work = bool(state["stopped"]), None
-        self._best = Best(best, float(state["cost"]))
+        self._reserve, self._loss, self._waves = reserve, DescentLoss(state["loss"]), int(state["waves"])
+        self._stopped = bool(state["stopped"])
+        self._take(ends, costs)

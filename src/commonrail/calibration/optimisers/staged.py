@@ -11,7 +11,19 @@ import numpy as np
 from commonrail.base.arguments import settle, whole
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted, diverse_members
+from commonrail.calibration.optimisers.base import (
+    MOST_GENERATIONS,
+    MOST_MEMBERS,
+    Best,
+    Optimiser,
+    Wanted,
+    Work,
+    asked,
+    diverse_members,
+    hop,
+    inside,
+    ranked,
+)
 from commonrail.calibration.optimisers.evolution import Treatment, crossover, draw, mutate, treat, wins
 from commonrail.calibration.optimisers.least_squares import (
     DescentLoss,
@@ -19,15 +31,12 @@ from commonrail.calibration.optimisers.least_squares import (
     LossSum,
     Rules,
     advance,
-    inside,
     recognised,
 )
-from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked, hop
 from commonrail.calibration.space import Space, sample_priors
 
 # Settings of the staged least squares.
 
-MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
 MOST_STARTS = 1000
 FEWEST_MEMBERS = 4  # a mutation combines three members other than the parent
 
@@ -99,7 +108,7 @@ DAMPING, LEAST_DAMPING = 1e-2, 1e-7  # of a descent that begins, and of one that
 FACTORS = tuple(4.0**power for power in range(-3, 5))  # dampings tried at once: eight fill a SIMD block
 
 
-class StagedLeastSquares(Stepwise):
+class StagedLeastSquares(Optimiser):
     """Damped least squares whose difference steps shrink in stages, from the best of many screened candidates.
 
     The first step screens draws from the priors, or from the bounds where a parameter has none, with coarser
@@ -111,37 +120,22 @@ class StagedLeastSquares(Stepwise):
     """
 
     method, phase = "staged least squares", "staged least squares"
+    ended = "all {generations} steps after the screening are done"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: StagedSettings | None = None) -> None:
-        self.settings = settings or StagedSettings()
-        super().__init__(space, rng, self.settings)
+        super().__init__(space, rng, settings or StagedSettings())
         empty = np.empty((0, space.dimension))
         self._pool, self._pool_costs = empty, np.empty(0)
         self._descents = Descents.begin(empty, np.empty((0, 0)))
-        self._costs = np.empty(0)
         self._stage = self._iteration = np.empty(0, int)  # of each descent; one beyond the last stage has ended
-        self._ended_unit, self._ended_costs, self._hopping = empty, np.empty(0), False
+        self._ended_x, self._ended_costs, self._hopping = empty, np.empty(0), False
         self._stages, self._loss = len(DIFFERENCES), DescentLoss.SQUARES
-
-    @property
-    def _ended(self) -> str:
-        return f"all {self.settings.generations} steps after the screening are done"
 
     @property
     def ends(self) -> tuple[Best, ...]:
         """Points of the descents from the screened or evolved members; hops, which start near the best, refine it."""
-        unit, costs = (self._ended_unit, self._ended_costs) if self._hopping else (self._descents.unit, self._costs)
-        return self._ranked(unit, costs)
-
-    @property
-    def population(self) -> Floats:
-        """Points (n, d) of the descents, SI."""
-        return self.space.from_unit(self._descents.unit)
-
-    @property
-    def costs(self) -> Floats:
-        """Costs (n,) of those points."""
-        return self._costs.copy()
+        x, costs = (self._ended_x, self._ended_costs) if self._hopping else (self.population, self.costs)
+        return ranked(self.best, x, costs)
 
     def _step(self) -> Work:
         """Screening at first, then the evolution that is wanted, then iterations."""
@@ -182,7 +176,7 @@ class StagedLeastSquares(Stepwise):
 
     def _descend(self) -> Work:
         """One iteration of the descents, or the start of a new one."""
-        descents, costs = self._descents, self._costs
+        descents, costs = self._descents, self.costs
         stage, iteration, stages = self._stage, self._iteration, self._stages
         if stages == 1 and not (stage < stages).any():  # trials are over: the best descents begin the first stage again
             best = np.argsort(costs, kind="stable")[: self.settings.finalists]
@@ -191,10 +185,10 @@ class StagedLeastSquares(Stepwise):
             stage = np.where(np.isfinite(costs), 0, stages)
         running = stage < stages
         if not running.any():
-            ended = descents.unit, costs
+            ended = self.space.from_unit(descents.unit), costs
             yield from self._begin(self._near_best()[None, :], len(DIFFERENCES))
             if not self._hopping:
-                (self._ended_unit, self._ended_costs), self._hopping = ended, True
+                (self._ended_x, self._ended_costs), self._hopping = ended, True
             return
         losses = LossSum.near(self._loss, descents.residuals[int(np.argmin(costs))])
         width = np.array(DIFFERENCES)[np.minimum(stage, len(DIFFERENCES) - 1)]
@@ -207,8 +201,9 @@ class StagedLeastSquares(Stepwise):
         iteration = iteration + running
         done = running & ((iteration >= most) | ~(lowered < (1.0 - LEAST_GAIN) * before))
         damping = np.where(lowered < before, np.maximum(after.damping, LEAST_DAMPING), descents.damping)
-        self._descents, self._costs, self._stages = after._replace(damping=damping), costs, stages
+        self._descents, self._stages = after._replace(damping=damping), stages
         self._stage, self._iteration = stage + done, np.where(done, 0, iteration)
+        self.population, self.costs = x, costs
         self._offer(x, costs)
 
     def _begin(self, unit: Floats, stages: int | None = None) -> Work:
@@ -220,15 +215,16 @@ class StagedLeastSquares(Stepwise):
         self._stages = stages or (1 if tried else len(DIFFERENCES))
         self._descents = Descents.begin(unit, residuals)._replace(damping=np.full(len(unit), DAMPING))
         self._stage = np.where(self._descents.running & np.isfinite(costs), 0, len(DIFFERENCES))
-        self._iteration, self._costs, self._loss = np.zeros(len(unit), int), costs, recognised(costs, residuals)
+        self._iteration, self._loss = np.zeros(len(unit), int), recognised(costs, residuals)
+        self.population, self.costs = x, costs
         self._offer(x, costs)
 
     def _near_best(self) -> Floats:
         """A feasible point (d,) near the best, or anywhere if there is none yet; unit coordinates."""
         space = self.space
-        if not np.isfinite(self._best.cost):
+        if not np.isfinite(self.best.cost):
             return space.to_unit(sample_priors(space, 1, self._rng)[0])
-        return np.clip(space.to_unit(hop(space, self._best.x, self._rng)), 0.0, 1.0)
+        return np.clip(space.to_unit(hop(space, self.best.x, self._rng)), 0.0, 1.0)
 
     def _kept(self) -> dict[str, Any]:
         return {
@@ -237,34 +233,30 @@ class StagedLeastSquares(Stepwise):
             **self._descents.record(),
             "stage": self._stage.copy(),
             "iteration": self._iteration.copy(),
-            "costs": self._costs.copy(),
+            "costs": self.costs.copy(),
             "stages": self._stages,
             "loss": self._loss.value,
-            "best": self._best.x.copy(),
-            "cost": self._best.cost,
-            "ended_unit": self._ended_unit.copy(),
+            "ended_x": self._ended_x.copy(),
             "ended_costs": self._ended_costs.copy(),
             "hopping": self._hopping,
         }
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         d = self.space.dimension
-        pool, best, ended = (np.array(state[name], dtype=float) for name in ("pool", "best", "ended_unit"))
-        pool_costs, costs, ended_costs = (
-            np.array(state[name], dtype=float) for name in ("pool_costs", "costs", "ended_costs")
-        )
+        names = "pool", "ended_x", "pool_costs", "costs", "ended_costs"
+        pool, ended, pool_costs, costs, ended_costs = (np.array(state[name], dtype=float) for name in names)
         stage, iteration = (np.array(state[name], dtype=np.int64) for name in ("stage", "iteration"))
         descents = Descents.recorded(state, d)
-        shapes = [pool.shape, ended.shape, best.shape, costs.shape, stage.shape, iteration.shape]
-        if shapes != [(len(pool_costs), d), (len(ended_costs), d), (d,), *[descents.damping.shape] * 3]:
+        shapes = [pool.shape, ended.shape, costs.shape, stage.shape, iteration.shape]
+        if shapes != [(len(pool_costs), d), (len(ended_costs), d), *[descents.damping.shape] * 3]:
             raise ConfigurationError("state: its descents are not whole; take a whole state")
-        if not all(map(inside, (pool, ended, self.space.to_unit(best)))) or np.isnan(costs).any():
+        if not (inside(pool) and inside(self.space.to_unit(ended))) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
-        self._pool, self._pool_costs, self._costs = pool, pool_costs, costs
+        self._pool, self._pool_costs = pool, pool_costs
         self._descents, self._stage, self._iteration = descents, stage, iteration
         self._stages, self._loss = int(state["stages"]), DescentLoss(state["loss"])
-        self._best, self._work = Best(best, float(state["cost"])), None
-        self._ended_unit, self._ended_costs, self._hopping = ended, ended_costs, bool(state["hopping"])
+        self._ended_x, self._ended_costs, self._hopping = ended, ended_costs, bool(state["hopping"])
+        self.population, self.costs = self.space.from_unit(descents.unit), costs
 
 
 def capped(cap: float, residuals: Floats) -> Floats:
