@@ -128,16 +128,10 @@ def moved_by(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovati
 
     `inverse` (d, d): of the bread; `tangents` (d, n): whitened derivatives; `innovations` (n,); `shifts` (k, n).
     """
-    weighted = _sloped(likelihood, tangents, innovations)
-    return np.asarray(-(shifts @ weighted.T) @ inverse)
-
-
-def _sloped(likelihood: Likelihood, tangents: Floats, innovations: Floats) -> Floats:
-    """Derivatives times the slope of each value's law."""
-    found = tangents.copy()
+    weighted = tangents.copy()
     for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        found[:, block.rows] *= max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
-    return found
+        weighted[:, block.rows] *= noise.mean_slope(innovations[block.rows])
+    return np.asarray(-(shifts @ weighted.T) @ inverse)
 
 
 def student(freedom: Floats, level: float) -> Floats:

@@ -103,7 +103,10 @@ def certainty_record(found: Certainty) -> dict[str, Any]:
         "simulated": found.simulated,
         "withdrawn": found.withdrawn,
         "parameters": [_parameter(found, i) for i in range(len(estimate.likelihood.names))],
-        "fitted_as_stated": _fitted_as_stated(found),
+        "fitted_as_stated": [
+            {"name": name, "value": value, "unit": known_quantity(name).unit}
+            for name, value in found.within.fitted.items()
+        ],
         "combinations": [
             {"sum": text, "value": value, "half_width": number(half)}
             for text, (value, half) in found.combinations.items()
@@ -136,13 +139,6 @@ def _parameter(found: Certainty, i: int) -> dict[str, Any]:
         "moved_by": _moved_by(estimate, i),
         "shares": _shares(estimate, i),
     }
-
-
-def _fitted_as_stated(found: Certainty) -> list[dict[str, Any]]:
-    """Most likely values of the quantities that were fitted within what the study states."""
-    return [
-        {"name": name, "value": value, "unit": known_quantity(name).unit} for name, value in found.within.fitted.items()
-    ]
 
 
 def _moved_by(estimate: Estimate, i: int) -> list[dict[str, Any]]:

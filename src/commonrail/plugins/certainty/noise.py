@@ -39,11 +39,6 @@ class DensityLaw(NamedTuple):
     tail: Callable[[Floats], Floats]  # function of (…): probability that a standardised residual exceeds a value u ≥ 0
 
 
-def _student_slope(u: Floats) -> Floats:
-    square = u * u
-    return np.asarray((FREEDOM + 1.0) * (FREEDOM - square) / (FREEDOM + square) ** 2)
-
-
 def _rounded(u: Floats) -> Floats:
     return np.asarray(np.sqrt(u * u + ROUNDING**2))
 
@@ -64,7 +59,7 @@ LAWS: dict[Law, DensityLaw] = {
     Law.STUDENT: DensityLaw(
         lambda u: np.asarray((FREEDOM + 1.0) * np.log1p(u * u / FREEDOM)),
         lambda u: np.asarray((FREEDOM + 1.0) / (FREEDOM + u * u)),
-        _student_slope,
+        lambda u: np.asarray((FREEDOM + 1.0) * (FREEDOM - u * u) / (FREEDOM + u * u) ** 2),
         _STUDENT_CONSTANT,
         math.sqrt(FREEDOM / (FREEDOM - 2.0)),
         lambda u: np.asarray(special.stdtr(FREEDOM, -u)),
@@ -307,6 +302,10 @@ class FittedNoise:
         """Share of the rate that `sigma` grows by."""
         return self.sigma * self.growth.slope
 
+    def mean_slope(self, innovations: Floats) -> float:
+        """Mean slope of the law over innovations (n,), 0.05 at least."""
+        return max(float(self.density.slope(unequal(innovations)).mean()), 0.05)
+
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n)."""
         return self.autoregression.whiten(errors / self.growth.shape) / self.scale
@@ -448,7 +447,10 @@ def fit_noise(
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
-        sigma = sigma / growth.least if correlated else _typical(block, errors)
+        if correlated:
+            sigma = sigma / growth.least
+        else:  # at the mean rate, for a search whose first rates may be far from the true ones
+            sigma += block.noise.relative * float(np.mean(np.maximum(errors - block.at_zero, 0.0)))
         whole = math.hypot(sigma, floor)
         freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
         scale = whole * regression.innovation_share / LAWS[law].deviation
@@ -467,12 +469,6 @@ def _growth(block: Block, errors: Floats, rate: Floats | None, off: Floats) -> G
         return Growth.of(rate, block.noise.relative / block.noise.sigma)
     white = block.noise.correlation is Correlation.WHITE
     return growth_of((WHITE if white else _regression(errors, off, Law.STUDENT)).whiten(errors), rate)
-
-
-def _typical(block: Block, errors: Floats) -> float:
-    """Stated standard deviation at the mean rate, for a search whose first rates may be far from the true ones."""
-    mean = float(np.mean(np.maximum(errors - block.at_zero, 0.0))) if block.noise.relative else 0.0
-    return (block.noise.sigma or 0.0) + block.noise.relative * mean
 
 
 def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
@@ -525,8 +521,9 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
                 f'The repeated shots "{name}" must be two data sets or more of one kind with equally many values; '
                 f"{', '.join(blocks[i].name for i in members)} cannot be compared."
             )
-        apart = _deviations([blocks[i].at_zero for i in members])
-        mean = -np.mean([blocks[i].at_zero for i in members], axis=0)
+        shots = np.array([blocks[i].at_zero for i in members])
+        mean = -shots.mean(axis=0)
+        apart = shots + mean
         used = sample_count(apart)  # the mean shot
         noise = fit_noise(
             replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")),
@@ -537,9 +534,3 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
         for i in members:
             found[i] = replace(blocks[i], shots=replace(noise, growth=noise.growth.at(mean)))
     return tuple(found)
-
-
-def _deviations(shots: Sequence[Floats]) -> Floats:
-    """Deviations (shots, n) from the mean shot."""
-    values = np.array(shots)
-    return np.asarray(values - values.mean(axis=0))

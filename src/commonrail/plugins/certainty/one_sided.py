@@ -24,7 +24,6 @@ from commonrail.plugins.certainty.covariance import Covariance, moved_by
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.lack_of_fit import level_of
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import unequal
 from commonrail.plugins.certainty.nuisance import one_sided, with_uncertain_free
 
 DRAWS = 32  # of each of two rounds
@@ -135,9 +134,12 @@ def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round
     d = len(whole.unit) - m
     near_drawn = np.vstack([whole.unit[None, d:], *(one.drawn for one in rounds)])
     near_fitted = np.vstack([whole.unit[None, :d], *(one.fitted for one in rounds)])
-    variance = np.diag(whole.covariance.inverse)[d:] + _FIRM
+    inverse = whole.covariance.inverse
+    variance = np.diag(inverse)[d:] + _FIRM
     which = np.argmin(np.sum((drawn[:, None] - near_drawn) ** 2 / variance, axis=2), axis=1)
-    wanted = near_fitted[which] + (drawn - near_drawn[which]) @ _following(whole, d)
+    wanted = near_fitted[which] + (drawn - near_drawn[which]) @ _follow(
+        whole.covariance.inverse, slice(d, None), slice(d)
+    )
     anchors = np.column_stack([near_fitted[which], drawn])
     starts = FeasibleSet.of(own.space).within(anchors, np.column_stack([np.clip(wanted, 0.0, 1.0), drawn]))
     starts[:, d:] = drawn
@@ -151,10 +153,9 @@ def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round
     return _Round(drawn, ends.unit[:, :d], np.where(blind, np.inf, _costs(own, whole, ends)), covariances)
 
 
-def _following(whole: Estimate, d: int) -> Floats:
-    """Moves (m, d) of the first d parameters with the last ones."""
-    inverse = whole.covariance.inverse
-    return np.asarray(np.linalg.lstsq(inverse[d:, d:], inverse[d:, :d], rcond=None)[0])
+def _follow(inverse: Floats, moved: slice, others: slice) -> Floats:
+    """Moves of other parameters, columns, with each that is moved, rows, by the inverse of the information (d, d)."""
+    return np.asarray(np.linalg.lstsq(inverse[moved, moved], inverse[moved, others], rcond=None)[0])
 
 
 def _costs(own: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
@@ -175,9 +176,8 @@ def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) ->
     tangents, innovations = own.whiten(slopes), own.whiten(whole.errors)
     metric = np.zeros((len(slopes), d, d))
     for block, noise, ratio in zip(own.blocks, own.noises, whole.covariance.ratios, strict=True):
-        slope = ratio * max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
         part = tangents[:, :, block.rows]
-        metric += slope * part @ part.transpose(0, 2, 1)
+        metric += ratio * noise.mean_slope(innovations[block.rows]) * part @ part.transpose(0, 2, 1)
     pulls = own.prior_slopes(whole.unit)[:, :d]
     metric += pulls.T @ pulls + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
     return metric
@@ -268,14 +268,9 @@ def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
         likelihood=alone.with_noises(wide.noises),
         unit=whole.unit[:d],
         point=whole.point[:d],
-        slopes=whole.slopes[:d] + _followed_within(whole.covariance.inverse, d) @ whole.slopes[d:],
+        slopes=whole.slopes[:d] + _follow(whole.covariance.inverse, slice(d), slice(d, None)) @ whole.slopes[d:],
         covariance=_of_first(whole, over, d),
     )
-
-
-def _followed_within(inverse: Floats, d: int) -> Floats:
-    """Moves (d, m) of the last parameters with each of the first d, by the inverse of the information."""
-    return np.asarray(np.linalg.lstsq(inverse[:d, :d], inverse[:d, d:], rcond=None)[0])
 
 
 def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:

@@ -135,7 +135,9 @@ def _noises(block: Robust, rng: np.random.Generator) -> tuple[Floats, Floats]:
     n = len(square)
     reach = FARTHEST + SPREAD / math.sqrt(n) + (STATED / math.sqrt(block.stated) if block.stated else 0.0)
     grid = np.linspace(-reach, reach, SCALES)
-    scales = np.exp(grid)[:, None] * (_of_one_deviation() if block.stated else np.ones(len(FREEDOMS)))
+    scales = np.tile(np.exp(grid)[:, None], len(FREEDOMS))
+    if block.stated:  # of one standard deviation, over that of the fitted law; zero where there is none
+        scales *= LAWS[Law.STUDENT].deviation * np.sqrt(np.maximum(1.0 - 2.0 / FREEDOMS, 0.0))
     half = 0.5 * (FREEDOMS + 1.0)
     constants = np.array([math.lgamma(h) - math.lgamma(h - 0.5) - 0.5 * math.log(2.0 * h - 1.0) for h in half])
     logarithms = np.empty((SCALES, len(FREEDOMS)))
@@ -149,12 +151,6 @@ def _noises(block: Robust, rng: np.random.Generator) -> tuple[Floats, Floats]:
     wanted = (rng.permutation(CHAINS) + 0.5) / CHAINS
     chosen = np.searchsorted(share / share[-1], wanted)
     return scales.ravel()[chosen], FREEDOMS[chosen % len(FREEDOMS)]
-
-
-def _of_one_deviation() -> Floats:
-    """Scales (`FREEDOMS`,) of one standard deviation, over that of the fitted law; zero where there is none."""
-    share = np.maximum(1.0 - 2.0 / FREEDOMS, 0.0)
-    return np.asarray(LAWS[Law.STUDENT].deviation * np.sqrt(share))
 
 
 def _stated(scales: Floats, freedom: float) -> Floats:

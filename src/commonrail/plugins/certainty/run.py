@@ -154,7 +154,7 @@ def judge(fit: FinishedFit) -> None:
 def _gain(found: Estimate, point: Floats) -> float:
     """2 ln L of the most likely values less that of a point (d,) [SI]; NaN if that cannot be simulated."""
     own, points = found.likelihood, np.array([found.point, point])
-    costs = own.block_costs(own.innovations(points)).sum(axis=1) + own.priors.costs(points)
+    costs = own.block_costs(own.whiten(own.residuals(points))).sum(axis=1) + own.priors.costs(points)
     return float(costs[1] - costs[0])
 
 

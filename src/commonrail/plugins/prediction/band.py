@@ -178,17 +178,13 @@ def _scattered(
     Normal scatters are equally likely ones, so that few replicates will do; a stretch is drawn.
     """
     many = drawn.shape[1]
-    scatter = rng.permutation(_equally_likely(REPLICATES * many)).reshape(REPLICATES, many)
+    size = REPLICATES * many
+    scatter = rng.permutation(special.ndtri((np.arange(size) + 0.5) / size)).reshape(REPLICATES, many)
     if stretch is not None:
         scatter *= stretch
     elif np.isfinite(freedom):
         scatter /= np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
     return (drawn[:, None] + scatter * deviations[:, None, None]).reshape(len(drawn), -1)
-
-
-def _equally_likely(many: int) -> Floats:
-    """Values (many,) that divide the standard normal distribution into parts of equal probability, at their middles."""
-    return np.asarray(special.ndtri((np.arange(many) + 0.5) / many))
 
 
 def union(edges: Sequence[Mapping[float, Edges]]) -> dict[float, Edges]:

@@ -45,7 +45,7 @@ class PosteriorDensity:
         found = np.where(inside, own.log_prior(points), -np.inf)
         which = np.flatnonzero(np.isfinite(found))
         if len(which):
-            found[which] += self._data(own.innovations(points[which]))
+            found[which] += self._data(own.whiten(own.residuals(points[which])))
         return np.where(np.isfinite(found), found, -np.inf)
 
     def _data(self, innovations: Floats) -> Floats:
