@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from commonrail.base.arguments import settle, whole
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration.space import Space
@@ -54,7 +55,27 @@ def noise_of(cost: float, residuals: int, parameters: int, units: float) -> floa
     return max(cost, 1e-300) / (units * max(residuals - parameters, 1))
 
 
-MOST_GENERATIONS = 1_000_000  # far above what anybody calibrates; below what would fill the memory
+# What settings may ask for: far above what anybody calibrates; below what would fill the memory.
+MOST_GENERATIONS, MOST_MEMBERS, MOST_STARTS = 1_000_000, 100_000, 1000
+
+
+def count(default: int, most: int, least: int = 0) -> Any:
+    """Field of settings that counts something, with its limits, of study files too."""
+    return field(default=default, metadata={"least": least, "most": most})
+
+
+def check_counts(settings: Any) -> None:
+    """Read the counts among the fields of settings as whole numbers within their limits.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is not whole or beyond its limits.
+    """
+    for one in fields(settings):
+        if "most" in one.metadata:
+            value = whole(getattr(settings, one.name), one.name, one.metadata["least"], one.metadata["most"])
+            settle(settings, **{one.name: value})
 
 
 class Wanted(Enum):
@@ -318,8 +339,6 @@ def _checked(answers: ArrayLike, trials: Trials) -> Floats:
 
 
 # Members of a population with their costs: the best of them, and their part of a state.
-
-MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
 
 
 def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, chosen, number, settle, whole
+from commonrail.base.arguments import array, chosen, number, settle
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, MOST_MEMBERS, Best, Optimiser, Trials, Work, inside
+from commonrail.calibration.optimisers.base import (
+    MOST_GENERATIONS,
+    MOST_MEMBERS,
+    Best,
+    Optimiser,
+    Trials,
+    Work,
+    check_counts,
+    count,
+    inside,
+)
 from commonrail.calibration.space import Space, reference_start, sample_feasible, sample_uniform
 
 # The operators of DE/rand/1/bin, Eq. (18) and (19): draws first, then pure functions of them.
@@ -227,7 +237,7 @@ _TREATMENTS: dict[Treatment, Callable[[Space, Floats, Floats, Redraw], Treated]]
 
 # Settings of differential evolution; the defaults are the paper's.
 
-FEWEST_MEMBERS = 4
+FEWEST_MEMBERS = 4  # a mutation combines three members other than the parent
 MOST_REDRAWS = 1000
 
 
@@ -273,44 +283,32 @@ class EvolutionSettings:
 
     size: ClassVar[str] = "{generations} generations of {members} members"  # in words, of a report
 
-    # "most" is what a study file may ask for
-    members: int = field(default=50, metadata={"most": MOST_MEMBERS})
-    generations: int = field(default=70, metadata={"most": MOST_GENERATIONS})
+    members: int = count(50, MOST_MEMBERS, FEWEST_MEMBERS)
+    generations: int = count(70, MOST_GENERATIONS)
     crossover: float = 0.8
     factor: tuple[float, float] = (0.4, 1.0)
     treatment: Treatment = Treatment.REPAIR
     initial: InitialSampling = InitialSampling.FEASIBLE
-    redraws: int = field(default=10, metadata={"most": MOST_REDRAWS})
+    redraws: int = count(10, MOST_REDRAWS, 1)
 
     def __post_init__(self) -> None:
         factor = array(self.factor, "1", "factor", 1).tolist()
         if len(factor) != 2:
             raise ConfigurationError(f"factor = {self.factor} must be a range of two numbers, such as (0.4, 1.0).")
+        check_counts(self)
         settle(
             self,
-            members=whole(self.members, "members", -MOST_MEMBERS, MOST_MEMBERS),
-            generations=whole(self.generations, "generations", -MOST_GENERATIONS, MOST_GENERATIONS),
             crossover=number(self.crossover, "1", "crossover"),
             factor=tuple(factor),
             treatment=chosen(self.treatment, Treatment, "treatment"),
             initial=chosen(self.initial, InitialSampling, "initial"),
-            redraws=whole(self.redraws, "redraws", -MOST_GENERATIONS, MOST_GENERATIONS),
         )
-        if self.members < FEWEST_MEMBERS:
-            raise ConfigurationError(
-                f"members = {self.members} must be at least {FEWEST_MEMBERS}: a mutation combines "
-                "three members other than the parent."
-            )
-        if self.generations < 0:
-            raise ConfigurationError(f"generations = {self.generations} must be 0 or more.")
         if not 0.0 <= self.crossover <= 1.0:
             raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1.")
         if not 0.0 < self.factor[0] <= self.factor[1] <= 2.0:
             raise ConfigurationError(
                 f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range above 0 and not above 2."
             )
-        if self.redraws < 1:
-            raise ConfigurationError(f"redraws = {self.redraws} must be 1 or more.")
 
     @property
     def slots(self) -> int:

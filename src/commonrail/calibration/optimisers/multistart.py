@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from commonrail.base.arguments import number, settle, whole
+from commonrail.base.arguments import number, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import (
@@ -16,6 +16,7 @@ from commonrail.calibration.optimisers.base import (
     ALIKE,
     MOST_GENERATIONS,
     MOST_MEMBERS,
+    MOST_STARTS,
     SMALL_GAIN,
     Best,
     Convergence,
@@ -23,6 +24,8 @@ from commonrail.calibration.optimisers.base import (
     Wanted,
     Work,
     asked,
+    check_counts,
+    count,
     diverse_members,
     inside,
     noise_of,
@@ -38,7 +41,6 @@ from commonrail.calibration.optimisers.least_squares import (
 )
 from commonrail.calibration.space import Space, sample_priors
 
-MOST_STARTS = 1000
 POOL = 10  # candidates, for each start, whose better half starts are chosen from
 
 
@@ -53,23 +55,17 @@ class MultiStartSettings:
         "{starts} starts of {members} draws, {generations} iterations at most"  # in words, of a report
     )
 
-    # "most" is what a study file may ask for
     # candidates that are drawn and simulated once; descents start from the good ones among them that lie apart
-    members: int = field(default=128, metadata={"most": MOST_MEMBERS})
-    generations: int = field(default=60, metadata={"most": MOST_GENERATIONS})  # iterations of the descents, at most
+    members: int = count(128, MOST_MEMBERS, 1)
+    generations: int = count(60, MOST_GENERATIONS)  # iterations of the descents, at most
     # descents side by side, or fewer where not so many draws can be simulated. As many again begin where these have
     # ended and do not agree
-    starts: int = field(default=8, metadata={"most": MOST_STARTS})
+    starts: int = count(8, MOST_STARTS, 1)
     difference: float = 1e-4  # forward difference of the derivatives as a share of each range
 
     def __post_init__(self) -> None:
-        settle(
-            self,
-            members=whole(self.members, "members", 1, MOST_MEMBERS),
-            generations=whole(self.generations, "generations", 0, MOST_GENERATIONS),
-            starts=whole(self.starts, "starts", 1, MOST_STARTS),
-            difference=number(self.difference, "1", "difference"),
-        )
+        check_counts(self)
+        settle(self, difference=number(self.difference, "1", "difference"))
         if not 0.0 < self.difference <= 0.1:
             raise ConfigurationError(f"difference = {self.difference:g} must lie above 0 and not above 0.1.")
 

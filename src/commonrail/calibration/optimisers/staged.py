@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from commonrail.base.arguments import settle, whole
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import (
     MOST_GENERATIONS,
     MOST_MEMBERS,
+    MOST_STARTS,
     Best,
     Optimiser,
     Wanted,
     Work,
     asked,
+    check_counts,
+    count,
     diverse_members,
     hop,
     inside,
     ranked,
 )
-from commonrail.calibration.optimisers.evolution import Treatment, crossover, draw, mutate, treat, wins
+from commonrail.calibration.optimisers.evolution import FEWEST_MEMBERS, Treatment, crossover, draw, mutate, treat, wins
 from commonrail.calibration.optimisers.least_squares import (
     DescentLoss,
     Descents,
@@ -36,9 +38,6 @@ from commonrail.calibration.optimisers.least_squares import (
 from commonrail.calibration.space import Space, sample_priors
 
 # Settings of the staged least squares.
-
-MOST_STARTS = 1000
-FEWEST_MEMBERS = 4  # a mutation combines three members other than the parent
 
 
 @dataclass(frozen=True)
@@ -71,26 +70,16 @@ class StagedSettings:
 
     size: ClassVar[str] = "{members} screened candidates, {generations} steps"  # in words, of a report
 
-    # "most" is what a study file may ask for
-    members: int = field(default=400, metadata={"most": MOST_MEMBERS})
-    generations: int = field(default=52, metadata={"most": MOST_GENERATIONS})
-    evolution: int = field(default=0, metadata={"most": MOST_GENERATIONS})
-    starts: int = field(default=3, metadata={"most": MOST_STARTS})
-    trial_iterations: int = field(default=10, metadata={"most": MOST_GENERATIONS})
-    finalists: int = field(default=1, metadata={"most": MOST_STARTS})
-    stage_iterations: int = field(default=14, metadata={"most": MOST_GENERATIONS})
+    members: int = count(400, MOST_MEMBERS, FEWEST_MEMBERS)
+    generations: int = count(52, MOST_GENERATIONS)
+    evolution: int = count(0, MOST_GENERATIONS)
+    starts: int = count(3, MOST_STARTS, 1)
+    trial_iterations: int = count(10, MOST_GENERATIONS)
+    finalists: int = count(1, MOST_STARTS, 1)
+    stage_iterations: int = count(14, MOST_GENERATIONS, 1)
 
     def __post_init__(self) -> None:
-        settle(
-            self,
-            members=whole(self.members, "members", FEWEST_MEMBERS, MOST_MEMBERS),
-            generations=whole(self.generations, "generations", 0, MOST_GENERATIONS),
-            evolution=whole(self.evolution, "evolution", 0, MOST_GENERATIONS),
-            starts=whole(self.starts, "starts", 1, MOST_STARTS),
-            trial_iterations=whole(self.trial_iterations, "trial_iterations", 0, MOST_GENERATIONS),
-            finalists=whole(self.finalists, "finalists", 1, MOST_STARTS),
-            stage_iterations=whole(self.stage_iterations, "stage_iterations", 1, MOST_GENERATIONS),
-        )
+        check_counts(self)
         if self.starts > self.members:
             raise ConfigurationError(f"starts = {self.starts} must not exceed members = {self.members}.")
 
