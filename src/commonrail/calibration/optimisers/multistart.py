@@ -145,21 +145,16 @@ class MultiStartLeastSquares(Optimiser):
         return losses, self._noise(float(losses.costs(best)))
 
     def _step(self) -> Work:
-        """Draws at first, then iterations."""
-        return self._descend() if self.steps else self._draw()
-
-    def _draw(self) -> Work:
-        """Simulate draws, and begin descents from good ones that lie apart."""
-        x = sample_priors(self.space, self.settings.members, self._rng)
-        costs = yield asked(x, Wanted.COSTS)
-        self._offer(x, costs)
-        pool = np.argsort(costs, kind="stable")[: POOL * self.settings.starts]
-        unit = self.space.to_unit(x[pool])
-        self._reserve = unit[diverse_members(unit, costs[pool], 2 * self.settings.starts)]
-        yield from self._settle()
-
-    def _settle(self) -> Work:
-        """End the search, or begin further descents, if none is running."""
+        """Draws at first, of which good ones that lie apart start descents; then iterations of these."""
+        if self.steps:
+            yield from self._descend()
+        else:
+            x = sample_priors(self.space, self.settings.members, self._rng)
+            costs = yield asked(x)
+            self._offer(x, costs)
+            pool = np.argsort(costs, kind="stable")[: POOL * self.settings.starts]
+            unit = self.space.to_unit(x[pool])
+            self._reserve = unit[diverse_members(unit, costs[pool], 2 * self.settings.starts)]
         while not self._ends.running.any():
             verdict = self.verdict
             if not len(self._reserve) or self._waves > 1 or (verdict is not None and verdict.converged):
@@ -168,7 +163,7 @@ class MultiStartLeastSquares(Optimiser):
             yield from self._begin()
 
     def _begin(self) -> Work:
-        """Begin the next descents."""
+        """Start the next descents."""
         unit, self._reserve = np.split(self._reserve, [min(self.settings.starts, len(self._reserve))])
         self._waves += 1
         x = self.space.from_unit(unit)
@@ -181,10 +176,6 @@ class MultiStartLeastSquares(Optimiser):
         else:
             self._take(self._ends.joined(new), np.concatenate([self.costs, costs]))
 
-    def _take(self, ends: Descents, costs: Floats) -> None:
-        """Take descents and the costs (n,) of their points."""
-        self._ends, self.costs, self.population = ends, costs, self.space.from_unit(ends.unit)
-
     def _descend(self) -> Work:
         """One iteration of the descents."""
         losses, noise = self._losses()
@@ -194,7 +185,10 @@ class MultiStartLeastSquares(Optimiser):
         costs = yield asked(x, Wanted.COSTS_AGAIN)
         self._take(after, costs)
         self._offer(x, costs)
-        yield from self._settle()
+
+    def _take(self, ends: Descents, costs: Floats) -> None:
+        """Take descents and the costs (n,) of their points."""
+        self._ends, self.costs, self.population = ends, costs, self.space.from_unit(ends.unit)
 
     def _kept(self) -> dict[str, Any]:
         return {

@@ -37,20 +37,20 @@ class _Criterion(NamedTuple):
     likelihood: Likelihood
 
     def innovations(self, residuals: Floats, unit: Floats) -> Floats:
-        own = self.likelihood
+        likelihood = self.likelihood
         known = np.isfinite(residuals).all(axis=-1, keepdims=True)
-        data = np.where(known, own.whiten(np.where(known, residuals, 0.0)), np.nan)
-        priors = own.priors.residuals(own.space.from_unit(unit.reshape(-1, unit.shape[-1])))
+        data = np.where(known, likelihood.whiten(np.where(known, residuals, 0.0)), np.nan)
+        priors = likelihood.priors.residuals(likelihood.space.from_unit(unit.reshape(-1, unit.shape[-1])))
         return np.concatenate([data, priors.reshape(*unit.shape[:-1], -1)], axis=-1)
 
     def tangents(self, slopes: Floats, unit: Floats) -> Floats:
-        own = self.likelihood
-        priors = [own.prior_slopes(point).T for point in unit]
-        return np.concatenate([own.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
+        likelihood = self.likelihood
+        priors = [likelihood.prior_slopes(point).T for point in unit]
+        return np.concatenate([likelihood.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
 
     def costs(self, innovations: Floats) -> Floats:
-        own, n = self.likelihood, self.likelihood.size
-        cost = own.block_costs(innovations[..., :n]).sum(axis=-1) + np.sum(innovations[..., n:] ** 2, axis=-1)
+        likelihood, n = self.likelihood, self.likelihood.size
+        cost = likelihood.block_costs(innovations[..., :n]).sum(axis=-1) + np.sum(innovations[..., n:] ** 2, axis=-1)
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def weights(self, innovations: Floats) -> Floats:

@@ -28,7 +28,7 @@ class Covariance(NamedTuple):
     inverse: Floats  # (d, d), inverse of the bread, see above
     noise: Floats  # (d, d), by noise alone; +inf on the diagonal where nothing holds a parameter
     # (k, d), change of the estimates for one standard deviation of each uncertain quantity; large ones from fits, see
-    # `refits`
+    # `with_refits`
     nuisances: Floats
     discrepancy: Floats  # (d, d), by what the model cannot do, as the blocks state it
     shares: Floats  # (blocks + 1, d), parts of the variance by noise that come from each block, the priors last
@@ -53,16 +53,18 @@ class Covariance(NamedTuple):
         return np.asarray(self.noise + self.nuisances.T @ self.nuisances + self.discrepancy)
 
 
-def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts: Floats, pulls: Floats) -> Covariance:
+def covariance_of(
+    likelihood: Likelihood, slopes: Floats, errors: Floats, shifts: Floats, prior_slopes: Floats
+) -> Covariance:
     """Covariance at the most likely values.
 
     `likelihood`: with its noise; `slopes` (d, n): derivatives of the residuals with respect to the positions; `errors`
     (n,): residuals; `shifts` (k, n): changes of the residuals for one standard deviation of each uncertain quantity;
-    `pulls` (p, d): derivatives of the residuals of the priors.
+    `prior_slopes` (p, d): derivatives of the residuals of the priors.
     """
     tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(errors)
     parts = [tangents[:, b.rows] @ tangents[:, b.rows].T for b in likelihood.blocks]
-    prior = pulls.T @ pulls
+    prior = prior_slopes.T @ prior_slopes
     bread, used, meat, ratios = _bread(likelihood, parts, prior, innovations)
     inverse, loose = _inverse(bread)
     spread = [inverse @ (t * part) @ inverse for t, part in zip(meat, parts, strict=True)]

@@ -36,15 +36,17 @@ LONGEST = 0.1  # of the range of a parameter: beyond it curvature counts, which 
 SHORTEST = 0.1  # of the reach, below which bounds and constraints leave no difference to be taken
 
 
-def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats, covariance: Covariance) -> Floats:
+def secant_slopes(
+    likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats, covariance: Covariance
+) -> Floats:
     """Derivatives (d, n) of the residuals with respect to the positions, from differences along the principal axes.
 
     2 d points are simulated in one batch, within the bounds and straight constraints (see `FeasibleSet`). Along an axis
     that these close, or where a simulation fails, the given derivatives stay; so do those of parameters that nothing
     holds.
 
-    `own`: with its noise; `unit` (d,): position between the bounds; `errors` (n,): residuals there; `slopes` (d, n):
-    derivatives at the point; `covariance`: by noise.
+    `likelihood`: with its noise; `unit` (d,): position between the bounds; `errors` (n,): residuals there; `slopes` (d,
+    n): derivatives at the point; `covariance`: by noise.
     """
     held = np.isfinite(np.diag(covariance.noise))
     values, vectors = np.linalg.eigh(covariance.noise[np.ix_(held, held)])
@@ -54,10 +56,10 @@ def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats,
     axes = np.zeros((len(values), len(unit)))
     axes[:, held] = (vectors * np.sqrt(values)).T
     reach = np.minimum(REACH, LONGEST / np.maximum(np.abs(axes).max(axis=1), 1e-300))
-    feasible = FeasibleSet.of(own.space)
+    feasible = FeasibleSet.of(likelihood.space)
     ahead, behind = (np.minimum(reach, _distance(feasible, unit, sign * axes)) for sign in (1.0, -1.0))
     points = np.concatenate([unit + ahead[:, None] * axes, unit - behind[:, None] * axes])
-    found = own.residuals(own.space.from_unit(np.clip(points, 0.0, 1.0)))  # cuts rounding only
+    found = likelihood.residuals(likelihood.space.from_unit(np.clip(points, 0.0, 1.0)))  # cuts rounding only
     difference = found[: len(axes)] - found[len(axes) :]
     local = axes @ slopes
     usable = (ahead + behind > SHORTEST * reach) & np.isfinite(difference).all(axis=1)
@@ -98,34 +100,36 @@ LARGE = 0.25  # move over standard error by noise, from which it is taken from f
 TURNS, TOLERANCE = 8, 0.05  # of each fit
 
 
-def with_refits(known: Covariance, own: Likelihood, unit: Floats) -> tuple[Covariance, int]:
+def with_refits(known: Covariance, likelihood: Likelihood, unit: Floats) -> tuple[Covariance, int]:
     """The covariance with large moves by uncertain quantities taken from fits, and the points simulated.
 
     A move is the root mean square of those to both sides, with the signs of the longer one. Bounds and constraints are
     not projected out: where a fit ends at one, derivatives count too.
 
-    `known`: whose moves are those of derivatives; `own`: with its noise; `unit` (d,): position of the most likely
-    values.
+    `known`: whose moves are those of derivatives; `likelihood`: with its noise; `unit` (d,): position of the most
+    likely values.
     """
     moves, simulated = known.nuisances.copy(), 0
     errors = np.sqrt(np.diag(known.noise))
-    for i, nuisance in enumerate(own.nuisances):
+    for i, nuisance in enumerate(likelihood.nuisances):
         if (np.abs(moves[i]) > LARGE * errors).any():
-            moves[i], more = _move(own, unit, nuisance, moves[i])
+            moves[i], more = _move(likelihood, unit, nuisance, moves[i])
             simulated += more
     return known._replace(nuisances=moves), simulated
 
 
-def _move(own: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> tuple[Floats, int]:
+def _move(likelihood: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> tuple[Floats, int]:
     """Move (d,) of the estimates by a standard deviation of a quantity, and the points simulated.
 
     `unit` (d,); `linear` (d,): the move that derivatives promise.
     """
-    feasible, simulated = FeasibleSet.of(own.space), 0
+    feasible, simulated = FeasibleSet.of(likelihood.space), 0
     ends: list[Floats] = []
     floor = np.zeros_like(linear)
     for side in nuisance.sides if nuisance.sides == SIDES else ():
-        with_side = own.with_space(own.space, partial(nuisance.residuals, side)).with_noises(own.noises)
+        with_side = likelihood.with_space(likelihood.space, partial(nuisance.residuals, side)).with_noises(
+            likelihood.noises
+        )
         starts = feasible.within(np.tile(unit, (2, 1)), unit + np.array([[0.0], [side]]) * linear)
         found = climb(with_side, starts, turns=TURNS, tolerance=TOLERANCE)
         simulated += with_side.simulated
@@ -181,9 +185,9 @@ class Estimate:
 
     def moves(self, shifts: Floats) -> Floats:
         """Changes (k, d) of the positions by changes (k, n) of the residuals."""
-        own = self.likelihood
-        tangents, innovations = own.whiten(self.slopes), own.whiten(self.errors)
-        return moved_by(own, self.covariance.inverse, tangents, innovations, own.whiten(shifts))
+        likelihood = self.likelihood
+        tangents, innovations = likelihood.whiten(self.slopes), likelihood.whiten(self.errors)
+        return moved_by(likelihood, self.covariance.inverse, tangents, innovations, likelihood.whiten(shifts))
 
     def moved(self, shifts: Floats) -> Floats:
         """Changes (k, d) of the values [SI] by changes (k, n) of the residuals."""
@@ -285,14 +289,14 @@ def _heavier(likelihood: Likelihood, own: Likelihood) -> bool:
     return any(law is Law.AUTO and noise.law is not Law.GAUSSIAN for law, noise in zip(stated, own.noises, strict=True))
 
 
-def _again(own: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[Ascent, int]:
+def _again(likelihood: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[Ascent, int]:
     """Best end of all starts under noise with outliers, and the number of ends that agree.
 
     Outliers can pull the search by least squares, with all of its starts, to another optimum.
 
     `near`: from the best end of the first search; `starts` (k, d): of the first search.
     """
-    others = climb(own, starts, turns=turns, tolerance=0.1)
+    others = climb(likelihood, starts, turns=turns, tolerance=0.1)
     best = Ascent(*(np.concatenate(pair) for pair in zip(near, others, strict=True))).best
     return best, int(np.count_nonzero(others.cost - best.cost < AGREED))
 
@@ -319,10 +323,11 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
 
 
 def with_outliers(found: Estimate) -> Estimate:
-    """The estimate, outliers of Student's t integrated out of its covariance, see `integrated`."""
-    own = found.likelihood
-    pulls = own.prior_slopes(found.unit)
-    return replace(found, covariance=with_integration(found.covariance, own, found.slopes, found.errors, pulls))
+    """The estimate, outliers of Student's t integrated out of its covariance, see `outliers`."""
+    likelihood = found.likelihood
+    prior_slopes = likelihood.prior_slopes(found.unit)
+    covariance = with_integration(found.covariance, likelihood, found.slopes, found.errors, prior_slopes)
+    return replace(found, covariance=covariance)
 
 
 def _ended(found: Estimate) -> Estimate:
@@ -339,11 +344,11 @@ def _ended(found: Estimate) -> Estimate:
 
 
 def _over_intervals(found: Estimate) -> Estimate:
-    """Estimate whose derivatives are differences over its intervals, see `secants`, and moved as these promise."""
-    own, local = found.likelihood, found.covariance
+    """Estimate whose derivatives are `secant_slopes` over its intervals, and moved as these promise."""
+    likelihood, local = found.likelihood, found.covariance
     for _ in range(SECANTS):
-        slopes = secant_slopes(own, found.unit, found.errors, found.slopes, found.covariance)
-        again = estimate_at(own, found.unit, found.errors, slopes)
+        slopes = secant_slopes(likelihood, found.unit, found.errors, found.slopes, found.covariance)
+        again = estimate_at(likelihood, found.unit, found.errors, slopes)
         before, after = (np.diag(one.covariance.noise) for one in (found, again))
         found = _stepped(again, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -358,11 +363,11 @@ def with_step_error(found: Estimate) -> Estimate:
 
     By a step a quarter as long: at least 3/4 of the step's whole error, which falls with the step or faster.
     """
-    own, point = found.likelihood, found.point[None]
-    if own.finer is None:
+    likelihood, point = found.likelihood, found.point[None]
+    if likelihood.finer is None:
         return found
-    shift = own.residuals(point) - own.finer(point)
-    own.simulated += 1
+    shift = likelihood.residuals(point) - likelihood.finer(point)
+    likelihood.simulated += 1
     return found.with_errors(found.moves(shift)) if np.isfinite(shift).all() else found
 
 
@@ -371,20 +376,22 @@ def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:
 
     `slopes` (d, n): derivatives to take there; central differences by default.
     """
-    own = found.likelihood
+    likelihood = found.likelihood
     if found.gain < SETTLED:
         return found
-    step, _ = _promised(own, found.unit, found.slopes, found.errors, found.covariance)
-    ends = FeasibleSet.of(own.space).within(np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step)
-    points = own.space.from_unit(ends)
-    errors = own.residuals(points)
-    costs = own.block_costs(own.whiten(errors)).sum(axis=1) + own.priors.costs(points)
+    step, _ = _promised(likelihood, found.unit, found.slopes, found.errors, found.covariance)
+    ends = FeasibleSet.of(likelihood.space).within(
+        np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step
+    )
+    points = likelihood.space.from_unit(ends)
+    errors = likelihood.residuals(points)
+    costs = likelihood.block_costs(likelihood.whiten(errors)).sum(axis=1) + likelihood.priors.costs(points)
     costs = np.where(np.isfinite(costs), costs, np.inf)
     best = int(np.argmin(costs))
     if costs[best] >= found.cost:
         return replace(found, gain=0.0) if found.gain < AGREED else found
-    slopes = own.jacobian(ends[best][None])[0] if slopes is None else slopes
-    return estimate_at(own, ends[best], errors[best], slopes)
+    slopes = likelihood.jacobian(ends[best][None])[0] if slopes is None else slopes
+    return estimate_at(likelihood, ends[best], errors[best], slopes)
 
 
 def _promised(

@@ -73,15 +73,15 @@ def with_drift(found: Estimate, drifting: Sequence[str]) -> Estimate:
 
     `drifting`: names of the data sets whose residuals drift.
     """
-    own = found.likelihood
-    blocks = [block for block in own.blocks if block.name in drifting and block.ordered]
+    likelihood = found.likelihood
+    blocks = [block for block in likelihood.blocks if block.name in drifting and block.ordered]
     if not blocks:
         return found
     shifts = []
     for block in blocks:
         courses = drift_courses(block)
         amplitude = _amplitude(found.slopes[:, block.rows], found.errors[block.rows], courses)
-        shifts.append(spread(block, amplitude * courses, own.size))
+        shifts.append(spread(block, amplitude * courses, likelihood.size))
     return found.with_errors(found.moves(np.vstack(shifts)))
 
 
@@ -130,10 +130,10 @@ def lack_of_fit(
     a delay is tested by its derivative alone. `priors_from`: first of the last parameters, whose priors are what a
     study states as uncertain; none by default.
     """
-    own = estimate.likelihood
+    likelihood = estimate.likelihood
     level = level_of(estimate, delay is not None) if level is None else level
     held = _stated(estimate, len(estimate.unit) if priors_from is None else priors_from)
-    found = [_of_block(estimate, i, level, held) for i in range(len(own.blocks))]
+    found = [_of_block(estimate, i, level, held) for i in range(len(likelihood.blocks))]
     return [*found, *([] if delay is None else [of_missing(delay, level)])]
 
 
@@ -158,15 +158,17 @@ def beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfFi
     A probability is that of a value as far from the stated one under its normal law, or its half about an end. Data
     that say little leave the value near what is stated, which raises fewer alarms.
     """
-    own = estimate.likelihood
-    which = own.priors.columns >= first if len(own.priors) else np.zeros(0, bool)
-    pulls = own.priors.residuals(own.space.from_unit(estimate.unit[None]))[0][which]
+    likelihood = estimate.likelihood
+    which = likelihood.priors.columns >= first
+    distances = likelihood.priors.residuals(likelihood.space.from_unit(estimate.unit[None]))[0][which]
     tests = []
-    for column, pull in zip(own.priors.columns[which] if len(which) else [], np.abs(pulls).tolist(), strict=True):
-        parameter = own.space.parameters[column]
-        probability = math.erfc(pull / math.sqrt(2.0))
+    for column, distance in zip(likelihood.priors.columns[which], np.abs(distances).tolist(), strict=True):
+        parameter = likelihood.space.parameters[column]
+        probability = math.erfc(distance / math.sqrt(2.0))
         size = to_text(float(estimate.point[column]), parameter.unit, 2)
-        words = f"the fit asks for {parameter.name} of about {size}, {pull:.1f} standard deviations from what is stated"
+        words = (
+            f"the fit asks for {parameter.name} of about {size}, {distance:.1f} standard deviations from what is stated"
+        )
         found = probability < level
         tests.append(LackOfFit(parameter.name, probability, None, parameter.name, found, words if found else ""))
     return tests
@@ -187,21 +189,21 @@ def _stated(estimate: Estimate, first: int) -> _Held:
     quantity of z standard deviations beside the parameters changes the residuals by z times its first change and z²
     times its second one, whose root mean square is √3.
     """
-    own, d = estimate.likelihood, len(estimate.unit)
+    likelihood, d = estimate.likelihood, len(estimate.unit)
     many = len(estimate.shifts)
-    changes = own.whiten(np.vstack([estimate.shifts, estimate.bends]))
+    changes = likelihood.whiten(np.vstack([estimate.shifts, estimate.bends]))
     widths = np.repeat([1.0, np.sqrt(3.0)], many)
-    which = own.priors.columns >= first if len(own.priors) else np.zeros(0, bool)
-    pulls = own.prior_slopes(estimate.unit)[which]
-    distances = own.priors.residuals(own.space.from_unit(estimate.unit[None]))[0][which]
+    which = likelihood.priors.columns >= first
+    prior_slopes = likelihood.prior_slopes(estimate.unit)[which]
+    distances = likelihood.priors.residuals(likelihood.space.from_unit(estimate.unit[None]))[0][which]
     beside = np.hstack([np.zeros((2 * many, d)), np.diag(1.0 / widths)])
-    among = np.hstack([pulls, np.zeros((len(pulls), 2 * many))])
+    among = np.hstack([prior_slopes, np.zeros((len(prior_slopes), 2 * many))])
     return _Held(changes, np.concatenate([np.zeros(2 * many), distances]), np.vstack([beside, among]))
 
 
 def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> LackOfFit:
-    own = estimate.likelihood
-    block, noise = own.blocks[index], own.noises[index]
+    likelihood = estimate.likelihood
+    block, noise = likelihood.blocks[index], likelihood.noises[index]
     errors, slopes = estimate.errors[block.rows], estimate.slopes[:, block.rows]
     innovations = noise.whiten(errors)
     robust = np.sqrt(noise.density.weight(innovations))  # outliers count as they do in the fit

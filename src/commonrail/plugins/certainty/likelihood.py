@@ -157,7 +157,7 @@ class Likelihood:
         used : sequence of float
             Parameters that each block pays for.
         off : (d, n), optional
-            Courses that the fitted residuals may be off by, see `autoregression.estimate`.
+            Courses that the fitted residuals may be off by, see `estimate`.
         correlated : bool
             Estimate autocorrelations too.
         """

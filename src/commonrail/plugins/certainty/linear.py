@@ -39,14 +39,14 @@ def certify_near(study: Study, best: Mapping[str, float], threads: int | None = 
 
     `best`: values [SI], as `Calibration.best`. Raises `SimulationError` if the values cannot be simulated.
     """
-    own = Likelihood.of(study, threads)
-    found = estimate_near(own, own.space.to_unit(np.array([best[name] for name in own.names])))
+    likelihood = Likelihood.of(study, threads)
+    found = estimate_near(likelihood, likelihood.space.to_unit(np.array([best[name] for name in likelihood.names])))
     low, high = found.interval()
     judged = verdicts_of(found, low, high, withdrawal(found, lack_of_fit(found)))
-    errors = np.sqrt(np.diag(found.covariance.total)) * np.abs(own.scaled(found.unit))
+    errors = np.sqrt(np.diag(found.covariance.total)) * np.abs(likelihood.scaled(found.unit))
     return {
         name: Near(float(f"{error:.{DIGITS}g}") if np.isfinite(error) else None, one.verdict)
-        for name, error, one in zip(own.names, errors, judged, strict=True)
+        for name, error, one in zip(likelihood.names, errors, judged, strict=True)
     }
 
 
@@ -62,7 +62,7 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
     first = likelihood.residuals(likelihood.space.from_unit(unit[None]))[0]
     if not np.isfinite(first).all():
         raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
-    slopes, pulls = likelihood.jacobian(unit[None])[0], likelihood.prior_slopes(unit)
+    slopes, prior_slopes = likelihood.jacobian(unit[None])[0], likelihood.prior_slopes(unit)
     own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
     errors, nothing = first, np.zeros((0, own.size))
     top = unit
@@ -70,7 +70,7 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
         step = linearised(own, top, slopes, errors).full_step()[0][0]
         top, errors = top + step, errors + step @ slopes
         if last < ROUNDS:
-            known = covariance_of(own, slopes, errors, nothing, pulls)
+            known = covariance_of(own, slopes, errors, nothing, prior_slopes)
             own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
     found = with_outliers(estimate_at(own, unit, errors, slopes))
     simulated = likelihood.simulated - before + own.simulated

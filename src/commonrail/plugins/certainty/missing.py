@@ -67,14 +67,14 @@ class _Fit(NamedTuple):
 
 def _with_stated_free(study: Study, estimate: Estimate, threads: int | None) -> _Fit | None:
     """Fit that quantities are set free beside; None if something that is stated cannot move."""
-    own, unit = estimate.likelihood, estimate.unit
-    if not own.nuisances:
-        return _Fit(study, own, unit)
+    likelihood, unit = estimate.likelihood, estimate.unit
+    if not likelihood.nuisances:
+        return _Fit(study, likelihood, unit)
     free = with_uncertain_free(study)
     if free is None:
         return None
-    own = Likelihood.of(free, threads).with_noises(own.noises)
-    return _Fit(free, own, np.append(unit, own.space.to_unit(own.space.reference)[len(unit) :]))
+    likelihood = Likelihood.of(free, threads).with_noises(likelihood.noises)
+    return _Fit(free, likelihood, np.append(unit, likelihood.space.to_unit(likelihood.space.reference)[len(unit) :]))
 
 
 def _compared(
@@ -112,10 +112,10 @@ def _compared(
     return Missing(point[d:], float(chance), point, sum(own.simulated for own in used))
 
 
-def _cost_of(own: Likelihood, known: Covariance, end: Ascent) -> float:
+def _cost_of(likelihood: Likelihood, known: Covariance, end: Ascent) -> float:
     """−2 ln L with each block's cost scaled as its law asks."""
-    costs = own.block_costs(own.whiten(end.errors[0]))
-    return float(known.ratios @ costs + own.priors.costs(own.space.from_unit(end.unit))[0])
+    costs = likelihood.block_costs(likelihood.whiten(end.errors[0]))
+    return float(known.ratios @ costs + likelihood.priors.costs(likelihood.space.from_unit(end.unit))[0])
 
 
 # Delay of the meter.
@@ -169,12 +169,12 @@ def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Delay
     fit = _with_stated_free(study, estimate, threads)
     if fit is None:
         return None
-    own = fit.likelihood
+    likelihood = fit.likelihood
     fitted = [_behind_a_meter(data) for data in of_role(fit.study.data, Role.FIT)]
     meters = {data.meter.name: data.meter for data in fitted if data.meter is not None and DELAY in data.seen}
     names = {meter.parameter(DELAY): meter.values.get(DELAY, 0.0) for meter in meters.values()}
-    new = {name: present for name, present in names.items() if name not in own.names}
-    space = wider(own.space, [_delay(name, present) for name, present in new.items()])
+    new = {name: present for name, present in names.items() if name not in likelihood.names}
+    space = wider(likelihood.space, [_delay(name, present) for name, present in new.items()])
     all_free = Likelihood.of(replace(fit.study, data=tuple(fitted), space=space), threads)
     columns, present = [space.names.index(name) for name in names], np.array(list(new.values()))
 
@@ -183,8 +183,8 @@ def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Delay
         values[:, columns] += points[:, -1:]
         return all_free.residuals(values)
 
-    stated = [own.names.index(name) for name in names if name in own.names]
-    return _Delayed(fit, all_free.with_space(wider(own.space, [_delay(DELAY, 0.0)]), residuals), stated)
+    stated = [likelihood.names.index(name) for name in names if name in likelihood.names]
+    return _Delayed(fit, all_free.with_space(wider(likelihood.space, [_delay(DELAY, 0.0)]), residuals), stated)
 
 
 def _as_stated(both: _Delayed, unit: Floats) -> Floats:
@@ -249,18 +249,18 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
     return delay, simulated
 
 
-def _with_data(own: Likelihood, point: Floats, shift: Floats) -> Likelihood:
+def _with_data(likelihood: Likelihood, point: Floats, shift: Floats) -> Likelihood:
     """The likelihood, with its noise, of data that make the residuals larger by a shift (n,).
 
     Priors lie about a point (d,) [SI]: a conflict between them and the measured data is none of the simulated ones.
     """
     parameters = [
         parameter if parameter.prior is None else replace(parameter, prior=replace(parameter.prior, value=float(at)))
-        for parameter, at in zip(own.space.parameters, point, strict=True)
+        for parameter, at in zip(likelihood.space.parameters, point, strict=True)
     ]
-    space = Space(parameters, own.space.rows if len(own.space.rows) else (), own.space.products)
-    moved = own.with_space(space, lambda points: own.residuals(points) + shift)
-    return moved.with_noises(own.noises)
+    space = Space(parameters, likelihood.space.rows if len(likelihood.space.rows) else (), likelihood.space.products)
+    moved = likelihood.with_space(space, lambda points: likelihood.residuals(points) + shift)
+    return moved.with_noises(likelihood.noises)
 
 
 # Friction of the guides, from zero upwards. Where a study states it as uncertain about zero it is no longer missing: it
@@ -276,10 +276,10 @@ def missing_friction(study: Study, estimate: Estimate, threads: int | None = Non
 
     None where no data set is a course in time, or the model has such friction: fixed, free or stated as uncertain.
     """
-    own = estimate.likelihood
-    known = {*own.names, *(nuisance.key for nuisance in own.nuisances)}
+    likelihood = estimate.likelihood
+    known = {*likelihood.names, *(nuisance.key for nuisance in likelihood.nuisances)}
     lacks = all(name not in known and study.injector.values.get(name) == 0.0 for name in FRICTION)
-    fit = _with_stated_free(study, estimate, threads) if lacks and any(b.ordered for b in own.blocks) else None
+    fit = _with_stated_free(study, estimate, threads) if lacks and any(b.ordered for b in likelihood.blocks) else None
     if fit is None:
         return None
     more = [Parameter(name, 0.0, 0.0, most, unit, mark="E", source=SOURCE) for name, (most, unit) in FRICTION.items()]

@@ -431,7 +431,7 @@ def fit_noise(
     """Noise of a block from its residuals at the best values.
 
     `errors` (n,); `used`: parameters that the block pays for: trace of its part of the influence matrix; `off` (d, n):
-    courses that the fitted values may be off by, see `autoregression.estimate`; `correlated`: estimate the
+    courses that the fitted values may be off by, see `estimate`; `correlated`: estimate the
     autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate` (n,):
     rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no noise:
     weights by measured ones would favour values that are too low.

@@ -3,6 +3,14 @@
 A quantity that a study states as uncertain is a further parameter whose prior is what is stated. As such it is fitted
 by tests and where it has one side, see `with_uncertain_free`; one that the fit leaves at its value is a `Nuisance`,
 whose residuals are those of the same further parameter, a standard deviation off.
+
+What is done with it differs, each time for a reason. With room to both sides it stays beside the fit and moves the
+estimates, by derivatives or, where these are large, by fits to both sides (`estimate`): the likelihood ripples along
+the path on which parameters imitate it, and derivatives alone cost coverage (`tools/coverage.py`). About an end of its
+domain it is fitted and integrated out (`one_sided`): it moves the estimates to one side, along a curve. Tests of what
+a model lacks fit all that is stated (`missing`, `lack_of_fit`), else they take it for a fault. What nobody states is
+assumed with a size, by derivatives alone (`verdict`): every verdict asks for it, and it costs no simulation. A drift is
+no parameter of a model, and its courses stand beside the test for it (`lack_of_fit`).
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def mixture_of(whole: Estimate, d: int) -> Mixture:
 
     `whole`: of all parameters.
     """
-    own = whole.likelihood.with_noises(whole.likelihood.noises)
+    likelihood = whole.likelihood.with_noises(whole.likelihood.noises)
     random = np.random.default_rng(SEED)
     local = whole.covariance.inverse[d:, d:] + _FIRM * np.eye(len(whole.unit) - d)
     centre, spread = whole.unit[d:], WIDER**2 * local
@@ -71,17 +71,17 @@ def mixture_of(whole: Estimate, d: int) -> Mixture:
     for _ in range(2):
         proposals.append((centre, spread))
         drawn = _reflected(centre + _even(random, len(centre)) @ np.linalg.cholesky(spread).T)
-        rounds.append(_fitted(own, whole, drawn, rounds))
+        rounds.append(_fitted(likelihood, whole, drawn, rounds))
         every = _Round(*(np.concatenate(parts) for parts in zip(*rounds, strict=True)))
         weights = _weights(every, proposals)
         if not weights.any():
-            return Mixture(np.zeros((d, d)), 0.0, own.simulated)
+            return Mixture(np.zeros((d, d)), 0.0, likelihood.simulated)
         centre = weights @ every.drawn
         off = every.drawn - centre
         spread = ADAPTED * (weights * off.T) @ off + KEPT * local
     away = every.fitted - whole.unit[:d]
     moment = (weights * away.T) @ away + np.einsum("k,kij->ij", weights, every.covariances)
-    return Mixture(moment, float(1.0 / np.sum(weights**2)), own.simulated)
+    return Mixture(moment, float(1.0 / np.sum(weights**2)), likelihood.simulated)
 
 
 def _even(random: np.random.Generator, dimension: int) -> Floats:
@@ -125,7 +125,7 @@ def _density(drawn: Floats, centre: Floats, spread: Floats) -> Floats:
     return total
 
 
-def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round]) -> _Round:
+def _fitted(likelihood: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round]) -> _Round:
     """Fits with draws (k, m), each begun along the tangent from the nearest fit that there is.
 
     `drawn` (k, m); `rounds`: former ones.
@@ -141,16 +141,16 @@ def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round
         whole.covariance.inverse, slice(d, None), slice(d)
     )
     anchors = np.column_stack([near_fitted[which], drawn])
-    starts = FeasibleSet.of(own.space).within(anchors, np.column_stack([np.clip(wanted, 0.0, 1.0), drawn]))
+    starts = FeasibleSet.of(likelihood.space).within(anchors, np.column_stack([np.clip(wanted, 0.0, 1.0), drawn]))
     starts[:, d:] = drawn
     held = np.tile(np.arange(d, d + m), (len(drawn), 1))
-    ends = climb(own, starts, held, turns=TURNS, tolerance=TOLERANCE)
-    metric = _metric(own, whole, ends, held)
+    ends = climb(likelihood, starts, held, turns=TURNS, tolerance=TOLERANCE)
+    metric = _metric(likelihood, whole, ends, held)
     blind = ~(np.einsum("kii->ki", metric) > 0.0).all(axis=1)  # derivatives that cannot be simulated are zero
     metric[blind] = np.eye(d)
     beyond = whole.covariance.beyond[:d]
     covariances = np.linalg.inv(metric) * np.outer(beyond, beyond)
-    return _Round(drawn, ends.unit[:, :d], np.where(blind, np.inf, _costs(own, whole, ends)), covariances)
+    return _Round(drawn, ends.unit[:, :d], np.where(blind, np.inf, _costs(likelihood, whole, ends)), covariances)
 
 
 def _follow(inverse: Floats, moved: slice, others: slice) -> Floats:
@@ -158,28 +158,28 @@ def _follow(inverse: Floats, moved: slice, others: slice) -> Floats:
     return np.asarray(np.linalg.lstsq(inverse[moved, moved], inverse[moved, others], rcond=None)[0])
 
 
-def _costs(own: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
+def _costs(likelihood: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
     """−2 ln L (k,) with each block's cost scaled as its law asks; +inf where a simulation failed."""
-    costs = own.block_costs(own.whiten(ends.errors)) @ whole.covariance.ratios
-    costs = costs + own.priors.costs(own.space.from_unit(ends.unit))
+    costs = likelihood.block_costs(likelihood.whiten(ends.errors)) @ whole.covariance.ratios
+    costs = costs + likelihood.priors.costs(likelihood.space.from_unit(ends.unit))
     return np.where(np.isfinite(costs) & np.isfinite(ends.cost), costs, np.inf)
 
 
-def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) -> Floats:
+def _metric(likelihood: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) -> Floats:
     """Information (k, d, d) on the parameters by data and priors, with the held ones known.
 
     `held` (k, m).
     """
     d = len(whole.unit) - held.shape[1]
     free = np.arange(len(whole.unit)) < d
-    slopes = own.slopes(ends.unit, ends.errors, np.tile(free, (len(held), 1)))[:, :d]
-    tangents, innovations = own.whiten(slopes), own.whiten(whole.errors)
+    slopes = likelihood.slopes(ends.unit, ends.errors, np.tile(free, (len(held), 1)))[:, :d]
+    tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(whole.errors)
     metric = np.zeros((len(slopes), d, d))
-    for block, noise, ratio in zip(own.blocks, own.noises, whole.covariance.ratios, strict=True):
+    for block, noise, ratio in zip(likelihood.blocks, likelihood.noises, whole.covariance.ratios, strict=True):
         part = tangents[:, :, block.rows]
         metric += ratio * noise.mean_slope(innovations[block.rows]) * part @ part.transpose(0, 2, 1)
-    pulls = own.prior_slopes(whole.unit)[:, :d]
-    metric += pulls.T @ pulls + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
+    prior_slopes = likelihood.prior_slopes(whole.unit)[:, :d]
+    metric += prior_slopes.T @ prior_slopes + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
     return metric
 
 
@@ -210,25 +210,25 @@ class Within(NamedTuple):
         return level_of(self.whole, True, len(self.whole.unit) - len(self.found.unit))
 
 
-def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int | None = None) -> Within:
+def estimate_within(study: Study, likelihood: Likelihood, starts: Floats, threads: int | None = None) -> Within:
     """Most likely values from several starts, with all that is uncertain about an end of what it can be fitted too.
 
-    `own`: of the study; `starts` (k, d) or (k, d + m): positions between the bounds; of the parameters, or of the
-    fitted quantities too. Raises `SimulationError` if the first start cannot be simulated.
+    `likelihood`: of the study; `starts` (k, d) or (k, d + m): positions between the bounds; of the parameters, or of
+    the fitted quantities too. Raises `SimulationError` if the first start cannot be simulated.
     """
     keys = one_sided(study)
     free = with_uncertain_free(study, keys) if keys else None
     if free is None:
-        found = estimate(own, starts)
+        found = estimate(likelihood, starts)
         return Within(study, found, found, {})
-    wide, d = Likelihood.of(free, threads), own.space.dimension
+    wide, d = Likelihood.of(free, threads), likelihood.space.dimension
     if starts.shape[1] == d:
         starts = np.column_stack([starts, _begins(wide, d, len(starts))])
     whole = estimate(wide, starts)
     fitted = dict(zip(wide.names[d:], _rounded(wide, whole.point)[d:].tolist(), strict=True))
     over = mixture_of(whole, d)
     whole = replace(whole, simulated=whole.simulated + over.simulated)
-    return Within(free, whole, _alone(own, whole, over), fitted, over.believed)
+    return Within(free, whole, _alone(likelihood, whole, over), fitted, over.believed)
 
 
 def _rounded(wide: Likelihood, point: Floats) -> Floats:
@@ -251,18 +251,18 @@ def _begins(wide: Likelihood, d: int, many: int) -> Floats:
     return np.asarray(unit[np.arange(many) % len(places)])
 
 
-def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
+def _alone(likelihood: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
     """Estimate of the first parameters; the last ones are held, and follow in the derivatives and the covariance.
 
-    `own`: of the first parameters; `whole`: of all.
+    `likelihood`: of the first parameters; `whole`: of all.
     """
-    d, last = own.space.dimension, whole.point[own.space.dimension :]
+    d, last = likelihood.space.dimension, whole.point[likelihood.space.dimension :]
     wide = whole.likelihood
 
     def residuals(points: Floats) -> Floats:
         return wide.residuals(np.column_stack([points, np.tile(last, (len(points), 1))]))
 
-    alone = wide.with_space(own.space, residuals, [nuisance.at(last) for nuisance in wide.nuisances])
+    alone = wide.with_space(likelihood.space, residuals, [nuisance.at(last) for nuisance in wide.nuisances])
     return replace(
         whole,
         likelihood=alone.with_noises(wide.noises),
@@ -280,10 +280,10 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
     about; a fit cannot tell which, and the larger move counts.
     """
     known = whole.covariance
-    own = whole.likelihood
+    likelihood = whole.likelihood
     inverse = np.asarray(np.linalg.pinv(np.linalg.pinv(known.inverse, hermitian=True)[:d, :d], hermitian=True))
-    tangents, innovations = own.whiten(whole.slopes[:d]), own.whiten(whole.errors)
-    held = moved_by(own, inverse, tangents, innovations, own.whiten(whole.shifts))
+    tangents, innovations = likelihood.whiten(whole.slopes[:d]), likelihood.whiten(whole.errors)
+    held = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(whole.shifts))
     follow = known.nuisances[:, :d]
     noise = known.noise[:d, :d]
     seen = np.isfinite(np.diag(noise))  # a parameter without effect has an infinite variance

@@ -47,23 +47,25 @@ class Robust(NamedTuple):
 
 
 def with_integration(
-    known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats
+    known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, prior_slopes: Floats
 ) -> Covariance:
     """Covariance whose part by noise has the outliers of Student's t integrated out; the same where no block has them.
 
     `known`: by the curvature of the likelihood; `likelihood`: with its noise; `slopes` (d, n): derivatives of the
-    residuals with respect to the positions; `errors` (n,): residuals; `pulls` (p, d): derivatives of the residuals of
-    the priors.
+    residuals with respect to the positions; `errors` (n,): residuals; `prior_slopes` (p, d): derivatives of the
+    residuals of the priors.
     """
     if not any(noise.law is Law.STUDENT for noise in likelihood.noises):
         return known
     try:
-        return _integrated(known, likelihood, slopes, errors, pulls)
+        return _integrated(known, likelihood, slopes, errors, prior_slopes)
     except np.linalg.LinAlgError:  # no value is left that tells of the noise, so nothing bounds the interval
         return known._replace(noise=np.diag(np.full(len(known.noise), np.inf)))
 
 
-def _integrated(known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats) -> Covariance:
+def _integrated(
+    known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, prior_slopes: Floats
+) -> Covariance:
     """Covariance with the outliers integrated out, see `with_integration`.
 
     Raises `numpy.linalg.LinAlgError` if the fit meets all values that hold a parameter.
@@ -71,7 +73,7 @@ def _integrated(known: Covariance, likelihood: Likelihood, slopes: Floats, error
     heavy = [noise.law is Law.STUDENT for noise in likelihood.noises]
     root, unseen = _root(known.inverse)
     tangents, innovations = root.T @ likelihood.whiten(slopes), likelihood.whiten(errors)
-    held = pulls @ root
+    held = prior_slopes @ root
     fixed = held.T @ held + unseen
     curved, robust = fixed.copy(), []
     for i, (block, noise) in enumerate(zip(likelihood.blocks, likelihood.noises, strict=True)):

@@ -181,19 +181,21 @@ def profiles_of(
     `which`: columns of the parameters; all by default; `level`: share of intervals that hold the truth; `rounds`:
     largest number of points for each end. Returns as soon as a point beats the optimum, with that point in `better`.
     """
-    own = estimate.likelihood
-    columns = list(range(own.space.dimension)) if which is None else list(which)
-    before = own.simulated
+    likelihood = estimate.likelihood
+    columns = list(range(likelihood.space.dimension)) if which is None else list(which)
+    before = likelihood.simulated
     ends = _Ends(estimate, columns, level)
     for _ in range(rounds):
         if ends.done.all() or ends.better is not None:
             break
         ends.round()
     found = [
-        Profile(own.names[i], ends.end(2 * k), ends.end(2 * k + 1), _points(ends.seen[2 * k] + ends.seen[2 * k + 1]))
+        Profile(
+            likelihood.names[i], ends.end(2 * k), ends.end(2 * k + 1), _points(ends.seen[2 * k] + ends.seen[2 * k + 1])
+        )
         for k, i in enumerate(columns)
     ]
-    return Profiles(found, ends.better, own.simulated - before)
+    return Profiles(found, ends.better, likelihood.simulated - before)
 
 
 def fall_along(estimate: Estimate, distances: Sequence[float]) -> Floats:
@@ -203,14 +205,14 @@ def fall_along(estimate: Estimate, distances: Sequence[float]) -> Floats:
 
     `distances` (k,): in standard errors of the curvature.
     """
-    own, d = estimate.likelihood, len(estimate.unit)
+    likelihood, d = estimate.likelihood, len(estimate.unit)
     ends = _Ends(estimate, range(d), 0.95)
     live = np.arange(2 * d)
     error = ends.error / estimate.covariance.beyond[ends.column]
     origin = estimate.unit[ends.column]
     wanted = [origin + ends.sign * distance * error for distance in distances]
     units = np.concatenate([ends._start(live, one) for one in wanted])
-    falls = ends._fall(own.residuals(own.space.from_unit(units)), units) - ends.best
+    falls = ends._fall(likelihood.residuals(likelihood.space.from_unit(units)), units) - ends.best
     over = np.concatenate([ends.sign * (one - ends.limit) >= 0.0 for one in wanted])
     return np.where(over, np.nan, falls).reshape(len(distances), d, 2)
 

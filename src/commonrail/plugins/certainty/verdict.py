@@ -54,11 +54,11 @@ def moves_of(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
     All data sets that see the quantity change together. It takes no simulation: a delay moves the model's course, a
     gain stretches it.
     """
-    own = estimate.likelihood
+    likelihood = estimate.likelihood
     found = []
     for assumed in ASSUMED:
-        shift = np.zeros((1, own.size))
-        for block in own.blocks:
+        shift = np.zeros((1, likelihood.size))
+        for block in likelihood.blocks:
             changes = meter_changes(block, estimate.errors[block.rows])
             shift[0, block.rows] = assumed.change * changes.get(assumed.key, 0.0)
         if shift.any():
@@ -71,16 +71,16 @@ def unstated(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
 
     Delay and gain count where they are neither uncertain nor free, a discrepancy where a course in time states none.
     """
-    own = estimate.likelihood
-    known = {nuisance.key for nuisance in own.nuisances}
-    known |= {parts_of(name)[1] for name in own.names if is_of_meter(name)}
+    likelihood = estimate.likelihood
+    known = {nuisance.key for nuisance in likelihood.nuisances}
+    known |= {parts_of(name)[1] for name in likelihood.names if is_of_meter(name)}
     found = [(assumed, move) for assumed, move in moves_of(estimate) if assumed.key not in known]
     rows = []
-    for block in own.blocks:
+    for block in likelihood.blocks:
         if block.ordered and not block.noise.discrepancy:
             largest = float(np.abs(estimate.errors[block.rows] - block.at_zero).max())
             courses = block.courses(DISCREPANCY.change * largest, LENGTH)
-            rows.append(estimate.moved(spread(block, courses, own.size)))
+            rows.append(estimate.moved(spread(block, courses, likelihood.size)))
     return [*found, (DISCREPANCY, np.vstack(rows))] if rows else found
 
 
@@ -145,8 +145,8 @@ def verdicts_of(
     `low`, `high` (d,): ends of the intervals [SI]; `reason`: of `withdrawal`; `limit`: half width over value, up to
     which a parameter is pinned; `level`: of the intervals.
     """
-    own = estimate.likelihood
-    scale, quantile = np.abs(own.scaled(estimate.unit)), student(estimate.covariance.freedom, level)
+    likelihood = estimate.likelihood
+    scale, quantile = np.abs(likelihood.scaled(estimate.unit)), student(estimate.covariance.freedom, level)
     single = quantile * estimate.covariance.alone * scale
     assumed = unstated(estimate)
     moves = np.vstack([np.zeros((1, len(scale))), *(move for _, move in assumed)])
@@ -166,8 +166,8 @@ def verdicts_of(
 
 
 def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judged:
-    own = estimate.likelihood
-    parameter, value = own.space.parameters[case.column], float(estimate.point[case.column])
+    likelihood = estimate.likelihood
+    parameter, value = likelihood.space.parameters[case.column], float(estimate.point[case.column])
     if parameter.is_at_bound(value):
         cure = "widen the bound if the part allows it, or read the value as something the model lacks"
         return Judged(ParameterVerdict.AT_BOUND, f"at a bound ({case.figure} without it)", cure, case.half)
@@ -224,10 +224,10 @@ def _row_text(row: Floats, names: Sequence[str]) -> str:
 
 def _blamed(estimate: Estimate, assumed: Sequence[tuple[Assumed, Floats]], column: int) -> tuple[str, str] | None:
     """Quantity of the bench that makes most of a parameter's variance, and its standard deviation in words."""
-    own, scale = estimate.likelihood, float(estimate.likelihood.scaled(estimate.unit)[column])
+    likelihood, scale = estimate.likelihood, float(estimate.likelihood.scaled(estimate.unit)[column])
     moves = [
         (move[column] ** 2 * scale**2, nuisance.name, to_text(nuisance.deviation, nuisance.unit, 2))
-        for nuisance, move in zip(own.nuisances, estimate.covariance.nuisances, strict=True)
+        for nuisance, move in zip(likelihood.nuisances, estimate.covariance.nuisances, strict=True)
     ] + [(float(np.sum(move[:, column] ** 2)), one.owner, one.size) for one, move in assumed]
     total = float(estimate.covariance.total[column, column]) * scale**2
     total += sum(float(np.sum(move[:, column] ** 2)) for _, move in assumed)

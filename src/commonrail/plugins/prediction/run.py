@@ -145,8 +145,10 @@ def predict(
     sets: Sequence[DataSet] = [_asked(study, wanted)] if wanted else study.data
     threads = thread_count(threads)
     point = np.array([best[name] for name in study.space.names])
-    own = Likelihood.of(study, threads)
-    fit = _fit(study, estimate(own, own.space.to_unit(point)[None]), point[None], threads)._replace(draws=draws)
+    likelihood = Likelihood.of(study, threads)
+    fit = _fit(study, estimate(likelihood, likelihood.space.to_unit(point)[None]), point[None], threads)._replace(
+        draws=draws
+    )
     bands = [_band(data, fit, shares, not wanted) for data in sets]
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
 
@@ -167,8 +169,8 @@ def judged_bands(study: Study, within: Within, points: Floats, threads: int | No
     """
     threads, found = thread_count(threads), within.found
     if within.fitted:
-        own = Likelihood.of(study, threads)
-        found = estimate(own, own.space.to_unit(points[0])[None])
+        likelihood = Likelihood.of(study, threads)
+        found = estimate(likelihood, likelihood.space.to_unit(points[0])[None])
     fit = _fit(study, found, points, threads)
     bands = {}
     for data in study.data:
@@ -316,10 +318,10 @@ def _about(found: Estimate, point: Floats) -> Estimate:
     The distance of the calibrated values from the most likely ones, which another loss or an unfinished search leaves,
     is an error of theirs; another optimum has a covariance of its own.
     """
-    own, unit = found.likelihood, found.likelihood.space.to_unit(point)
+    likelihood, unit = found.likelihood, found.likelihood.space.to_unit(point)
     away = unit - found.unit
     variance = np.diag(found.covariance.total)
     if np.all(away**2 <= FAR**2 * np.where(np.isfinite(variance), variance, 1.0)):
         return found.with_errors(away[None])
-    errors = own.residuals(point[None])[0]
-    return with_outliers(with_step_error(estimate_at(own, unit, errors, own.jacobian(unit[None])[0])))
+    errors = likelihood.residuals(point[None])[0]
+    return with_outliers(with_step_error(estimate_at(likelihood, unit, errors, likelihood.jacobian(unit[None])[0])))

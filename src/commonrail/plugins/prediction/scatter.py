@@ -56,16 +56,16 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
 
     `rows` (m,): rows of the residuals.
     """
-    own, d = found.likelihood, len(found.unit)
-    innovations = own.whiten(found.errors)
-    robust = np.sqrt(own.weights(innovations))
-    wide = np.vstack([found.slopes, found.shifts, stated_courses(own.blocks)])
-    tangents = robust * own.whiten(wide)
-    pulls = own.prior_slopes(found.unit)
+    likelihood, d = found.likelihood, len(found.unit)
+    innovations = likelihood.whiten(found.errors)
+    robust = np.sqrt(likelihood.weights(innovations))
+    wide = np.vstack([found.slopes, found.shifts, stated_courses(likelihood.blocks)])
+    tangents = robust * likelihood.whiten(wide)
+    prior_slopes = likelihood.prior_slopes(found.unit)
     held = np.eye(len(wide))
-    held[:d, :d] = pulls.T @ pulls
+    held[:d, :d] = prior_slopes.T @ prior_slopes
     force = tangents @ (robust * innovations)
-    force[:d] += pulls.T @ own.priors.residuals(own.space.from_unit(found.unit[None]))[0]
+    force[:d] += prior_slopes.T @ likelihood.priors.residuals(likelihood.space.from_unit(found.unit[None]))[0]
     inverse = np.linalg.pinv(tangents @ tangents.T + held, hermitian=True)
     rest = (robust * innovations - (inverse @ force) @ tangents)[rows]
     seen = tangents[:, rows]
@@ -81,7 +81,7 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
 
     `fitted`: in the order of the blocks.
     """
-    own = found.likelihood
+    likelihood = found.likelihood
     few = [
         data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
     ]
@@ -89,9 +89,9 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
         replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, known=True)
         if low and not noise.known and noise.sigma < 1.0
         else noise
-        for low, noise in zip(few, own.noises, strict=True)
+        for low, noise in zip(few, likelihood.noises, strict=True)
     ]
-    wide = own.with_noises(noises)
+    wide = likelihood.with_noises(noises)
     covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, wide.prior_slopes(found.unit))
     fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
     covariance = covariance._replace(

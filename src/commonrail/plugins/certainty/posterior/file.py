@@ -77,13 +77,13 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
     """
     folder = file_path(folder, "folder")
     instance(found, Posterior, "posterior")
-    own = found.estimate.likelihood
+    likelihood = found.estimate.likelihood
     study = folder / "study.toml"
     arrays = {
-        "points": own.space.from_unit(found.unit),
+        "points": likelihood.space.from_unit(found.unit),
         "log_density": found.log_density,
-        "names": np.array(own.names),
-        "units": np.array(own.units),
+        "names": np.array(likelihood.names),
+        "units": np.array(likelihood.units),
         "r_hat": found.r_hat,
         "effective": found.effective,
         "refused": np.array(found.refusal),

@@ -42,14 +42,11 @@ class Surrogate:
         scale = np.sqrt(np.maximum(values, _LEAST * max(float(values.max(initial=0.0)), 1e-300)))
         self._root, self._inverse = vectors * scale, vectors / scale
 
-    def draw(self, many: int, random: Any, wider: float = 1.0) -> Floats:
-        """Positions (many, d).
-
-        `wider`: factor of all distances from the centre.
-        """
-        normal = random.standard_normal((many, len(self.centre)))
-        stretched = normal / np.sqrt(random.chisquare(FREEDOM, many) / FREEDOM)[:, None]
-        return np.asarray(self.centre + wider * stretched @ self._root.T)
+    def draw(self, n: int, random: Any) -> Floats:
+        """Positions (n, d) by a `RandomState`."""
+        normal = random.standard_normal((n, len(self.centre)))
+        stretched = normal / np.sqrt(random.chisquare(FREEDOM, n) / FREEDOM)[:, None]
+        return np.asarray(self.centre + stretched @ self._root.T)
 
     def spread(self, feasible: FeasibleSet, many: int, random: Any, wider: float = 1.0) -> Floats:
         """Positions (many, d) spread evenly over the part of an ellipsoid that bounds and linear constraints leave.
