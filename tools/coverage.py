@@ -28,9 +28,10 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import NOISE, Correlation, Noise
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate, library, starts_from
-from commonrail.plugins.certainty.lack_of_fit import missing_delay
+from commonrail.plugins.certainty.lack_of_fit import judged_residuals, of_missing
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.nuisance_fit import Within, estimate_within, judged_residuals
+from commonrail.plugins.certainty.missing import missing_delay
+from commonrail.plugins.certainty.one_sided import Within, estimate_within
 from commonrail.plugins.certainty.run import friction_withdraws
 from commonrail.plugins.certainty.verdict import verdicts_of, withdrawal
 
@@ -294,7 +295,7 @@ def row(bed: Bed, many: int) -> Row:
         judged = verdicts_of(one, low, high, withdrawal(one, tests))
         friction = friction_withdraws(study, whole, judged, 1)
         if friction is not None:
-            tests, tested = [*tests, friction.judged(within.level)], tested + friction.simulated
+            tests, tested = [*tests, of_missing(friction, within.level)], tested + friction.simulated
             judged = verdicts_of(one, low, high, withdrawal(one, tests))
         cost.append((one.simulated, middle - begin, tested, time.process_time() - middle))
         found.append(one.point - bench.truth)

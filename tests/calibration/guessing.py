@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import Optimiser, Work, asked
 from commonrail.calibration.optimisers.registry import Registered
-from commonrail.calibration.space import Space, sample_feasible
+from commonrail.calibration.space import sample_feasible
 
 __all__ = ["GUESSING", "Guessing", "GuessingSettings"]
 
@@ -28,54 +28,29 @@ class Guessing(Optimiser):
     """Feasible guesses."""
 
     method, phase = "guessing", "guesses"
+    ended = "all guesses are made"
 
-    def __init__(self, space: Space, rng: np.random.Generator, settings: GuessingSettings) -> None:
-        super().__init__(space, rng)
-        self.settings = settings
-        self._x, self._costs = np.empty((0, space.dimension)), np.empty(0)
-        self._best = Best(np.array(space.centre), np.inf)
+    def _step(self) -> Work:
+        x = self.guesses()
+        costs = yield asked(x)
+        self.take(x, costs)
 
-    @property
-    def total(self) -> int:
-        """Steps wanted."""
-        return 1 + self.settings.generations
-
-    @property
-    def _ended(self) -> str:
-        return "all guesses are made"
-
-    @property
-    def best(self) -> Best:
-        """The best guess."""
-        return self._best
-
-    @property
-    def population(self) -> np.ndarray:
-        """Guesses of the last step."""
-        return self._x.copy()
-
-    @property
-    def costs(self) -> np.ndarray:
-        """Their costs."""
-        return self._costs.copy()
-
-    def _propose(self) -> Trials:
+    def guesses(self) -> np.ndarray:
+        """Points of a step."""
         x = sample_feasible(self.space, self.settings.members, self._rng)
         x += self.settings.middle * (self.space.centre - x)
-        return Trials(x, np.ones(len(x), bool))
+        return x
 
-    def _take(self, trials: Trials, told: np.ndarray) -> None:
-        self._x, self._costs = trials.x, told
-        winner = int(np.argmin(told))
-        if told[winner] < self._best.cost:
-            self._best = Best(trials.x[winner], float(told[winner]))
+    def take(self, x: np.ndarray, costs: np.ndarray) -> None:
+        """Take the points of a step with their costs."""
+        self.population, self.costs = x, costs
+        self._offer(x, costs)
 
     def _kept(self) -> dict[str, Any]:
-        return {"x": self._x, "costs": self._costs, "best": self._best.x, "cost": self._best.cost}
+        return {"x": self.population, "costs": self.costs}
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        self._x, self._costs = np.array(state["x"]), np.array(state["costs"])
-        self._best = Best(np.array(state["best"]), float(state["cost"]))
+        self.population, self.costs = np.array(state["x"]), np.array(state["costs"])
 
 
 GUESSING = Registered(Guessing, GuessingSettings)

@@ -60,18 +60,17 @@ def test_an_optimiser_keeps_its_promises(case: Case, check: Callable[[Case], Non
 class Outside(Guessing):
     """Proposes points beyond the bounds."""
 
-    def _propose(self) -> Trials:
-        trials = super()._propose()
-        return trials._replace(x=trials.x + self.space.upper)
+    def guesses(self) -> np.ndarray:
+        return super().guesses() + self.space.upper
 
 
 class Common(Guessing):
     """Draws from the generator that the whole process shares."""
 
-    def _propose(self) -> Trials:
-        trials = super()._propose()
-        share = np.random.random((len(trials.x), 1))  # noqa: NPY002
-        return trials._replace(x=trials.x + share * (self.space.centre - trials.x))
+    def guesses(self) -> np.ndarray:
+        x = super().guesses()
+        share = np.random.random((len(x), 1))  # noqa: NPY002
+        return x + share * (self.space.centre - x)
 
 
 class Reseeded(Guessing):
@@ -86,14 +85,15 @@ class Forgetful(Guessing):
     """Does not keep its best."""
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        super()._restore(state | {"best": self.space.centre, "cost": np.inf})
+        super()._restore(state)
+        self.best = Best(self.space.centre, np.inf)
 
 
 class Credulous(Guessing):
     """Takes a failure for the best there is."""
 
-    def _take(self, trials: Trials, told: np.ndarray) -> None:
-        super()._take(trials, np.where(np.isfinite(told), told, 0.0))
+    def take(self, x: np.ndarray, costs: np.ndarray) -> None:
+        super().take(x, np.where(np.isfinite(costs), costs, 0.0))
 
 
 class Stubborn(Guessing):
@@ -107,17 +107,15 @@ class Stubborn(Guessing):
 class Fickle(Guessing):
     """Takes the last step's best for the best of all."""
 
-    def _take(self, trials: Trials, told: np.ndarray) -> None:
-        self._best = Best(self._best.x, np.inf)
-        super()._take(trials, told)
+    def take(self, x: np.ndarray, costs: np.ndarray) -> None:
+        self.best = Best(self.best.x, np.inf)
+        super().take(x, costs)
 
 
 class Silent(Guessing):
     """Does not say why it has ended."""
 
-    @property
-    def _ended(self) -> str:
-        return ""
+    ended = ""
 
 
 class Impatient(Guessing):

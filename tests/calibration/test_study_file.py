@@ -326,7 +326,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         '[constraints]\nlinear = ["nozzle.discharge_maximum > 1"]\n[optimiser]',
         r'study\.toml: constraints: "nozzle\.discharge_maximum > 1" cannot hold',
     ),
-    "members": (ConfigurationError, "members = 24", "members = 3", "optimiser: members = 3 must be at least 4"),
+    "members": (ConfigurationError, "members = 24", "members = 3", "optimiser: The members must lie between 4"),
 }
 
 

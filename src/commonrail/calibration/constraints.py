@@ -31,31 +31,17 @@ LEAST_RADIUS = 1e-6
 class LinearConstraints:
     """Constraints ``matrix @ x >= lower`` on the free parameters, one row each.
 
-    Parameters
-    ----------
-    matrix : (m, d) array
-        Coefficients, one column for each parameter of the space, in SI units.
-    lower : (m,) array
-        Least value of each row.
-    strict : (m,) array of bool, optional
-        Rows meant as ``>``: they must exceed ``lower`` by `STRICT_MARGIN` of the row's largest
-        magnitude. Every row is forgiven `ROUNDING` of the same magnitude.
-    labels : sequence of str, optional
-        The text a person wrote for each row, for messages.
-    chains : sequence of sequences of int, optional
-        Orderings as columns in ascending order, e.g. ``(6, 1, 2)`` for ``k7 < k2 < k3``; repair
-        sorts the values along them.
-
-    Raises
-    ------
-    ConfigurationError
-        If shapes disagree, a number is not finite or a row has no coefficient.
+    Raises `ConfigurationError` if shapes disagree, a number is not finite or a row has no coefficient.
     """
 
-    matrix: Floats
-    lower: Floats
+    matrix: Floats  # (m, d), coefficients, one column for each parameter of the space, in SI units
+    lower: Floats  # (m,), least value of each row
+    # (m,) of bool, rows meant as ``>``: they must exceed ``lower`` by `STRICT_MARGIN` of the row's largest magnitude.
+    # Every row is forgiven `ROUNDING` of the same magnitude
     strict: Bools | None = None
-    labels: Sequence[str] = ()
+    labels: Sequence[str] = ()  # the text a person wrote for each row, for messages
+    # orderings as columns in ascending order, e.g. ``(6, 1, 2)`` for ``k7 < k2 < k3``; repair sorts the values along
+    # them
     chains: Sequence[Sequence[int]] = ()
 
     def __post_init__(self) -> None:
@@ -219,21 +205,8 @@ def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConst
     number, a parameter, or ``number*parameter``. Numbers are SI. A chain of n sums gives n - 1
     rows, so the ordering of n_p parameters gives the paper's n_p - 1 rows.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        The constraints, one text each.
-    names : sequence of str
-        The free parameters, in the order of the columns.
-
-    Returns
-    -------
-    LinearConstraints
-
-    Raises
-    ------
-    InputError
-        If a text cannot be read or names an unknown parameter; the nearest name is offered.
+    `lines`: the constraints, one text each; `names`: the free parameters, in the order of the columns. Raises
+    `InputError` if a text cannot be read or names an unknown parameter; the nearest name is offered.
     """
     rows: list[Floats] = []
     lower: list[float] = []
@@ -362,33 +335,16 @@ _FACTOR = re.compile(
 
 
 class ProductConstraint(NamedTuple):
-    """Constraint factor · Π x_j^exponent_j >= 1.
+    """Constraint factor · Π x_j^exponent_j >= 1."""
 
-    Attributes
-    ----------
-    label : str
-        The text that a person wrote.
-    factor : float
-        Numbers and values that do not vary.
-    exponents : (d,)
-        One for each free parameter.
-    strict : bool
-        The product must exceed 1 by `STRICT_MARGIN`.
-    """
-
-    label: str
-    factor: float
-    exponents: Floats
-    strict: bool
+    label: str  # the text that a person wrote
+    factor: float  # numbers and values that do not vary
+    exponents: Floats  # (d,), one for each free parameter
+    strict: bool  # the product must exceed 1 by `STRICT_MARGIN`
 
 
 class Products:
-    """Constraints between products of parameters.
-
-    Parameters
-    ----------
-    constraints : sequence of ProductConstraint
-    """
+    """Constraints between products of parameters."""
 
     def __init__(self, constraints: Sequence[ProductConstraint] = ()) -> None:
         self.constraints = tuple(constraints)
@@ -422,19 +378,8 @@ def parse_products(lines: Sequence[str], names: Sequence[str], known: Mapping[st
 
     Each side is a product or quotient of numbers (SI), parameters and powers of them. ``pi`` is known.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        One relation each.
-    names : sequence of str
-        The free parameters, in the order of the columns.
-    known : mapping of str to float
-        Values [SI] of names that do not vary.
-
-    Raises
-    ------
-    InputError
-        If a text cannot be read, names something unknown or holds no free parameter.
+    `lines`: one relation each; `names`: the free parameters, in the order of the columns; `known`: values [SI] of names
+    that do not vary. Raises `InputError` if a text cannot be read, names something unknown or holds no free parameter.
     """
     return Products([_read(line.strip(), names, {"pi": math.pi, **known}) for line in lines])
 

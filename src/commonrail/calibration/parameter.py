@@ -81,13 +81,8 @@ class Condition:
 def broken(conditions: Sequence[Condition], batch: Batch, past: Floats | None = None) -> Bools:
     """Mask (candidates, conditions) of the conditions that candidates do not meet.
 
-    Parameters
-    ----------
-    conditions : sequence of Condition
-    batch : Batch
-        Candidates at the points of the conditions, in order.
-    past : (candidates, conditions), optional
-        Of `distances_past`; needed where a condition is about a stop.
+    `batch`: candidates at the points of the conditions, in order; `past` (candidates, conditions): of `distances_past`;
+    needed where a condition is about a stop.
     """
     failed = batch.status != OK
     injects = batch.injected_mass / batch.reference_density > NOTHING
@@ -108,12 +103,7 @@ def distances_past(conditions: Sequence[Condition], simulator: Simulator, values
     NaN for conditions that name none, and for failed simulations. Each condition that does costs one more simulation,
     in f64.
 
-    Parameters
-    ----------
-    conditions : sequence of Condition
-    simulator : Simulator
-    values : (candidates, names)
-        [SI].
+    `values` (candidates, names): [SI].
     """
     if not any(condition.wanted in _AT | _OFF for condition in conditions):
         return None
@@ -169,10 +159,7 @@ class Prior:
 class Priors:
     """Priors of the parameters of a space, as residuals (x - value)/sigma.
 
-    Parameters
-    ----------
-    priors : sequence of Prior or None
-        One for each parameter, in order; None where there is no prior.
+    `priors`: one for each parameter, in order; None where there is no prior.
     """
 
     def __init__(self, priors: Sequence[Prior | None] = ()) -> None:

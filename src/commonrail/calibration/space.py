@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from commonrail.base.arguments import settle
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.linear import cholesky, solve_lower, solve_upper
@@ -59,92 +60,50 @@ class Space:
     constraints: LinearConstraints | Sequence[str] = ()
     products: Products = NONE
 
+    names: tuple[str, ...] = field(init=False, repr=False)  # in the order of the columns
+    dimension: int = field(init=False, repr=False)  # number of free parameters d
+    rows: LinearConstraints = field(init=False, repr=False)  # the constraints that are straight
+    labels: tuple[str, ...] = field(init=False, repr=False)  # texts of all constraints, each once
+    constrained: bool = field(init=False, repr=False)  # there are constraints besides the bounds
+    lower: Floats = field(init=False, repr=False)  # bounds (d,), SI
+    upper: Floats = field(init=False, repr=False)
+    reference: Floats = field(init=False, repr=False)  # reference values (d,), SI
+    logarithmic: Bools = field(init=False, repr=False)  # mask (d,) of the parameters with a logarithmic scale
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", tuple(self.parameters))
-        self._check_names()
-        if self.rows.dimension != self.dimension:
+        parameters = tuple(self.parameters)
+        names = tuple(parameter.name for parameter in parameters)
+        _check_names(names)
+        rows = self.constraints
+        if not isinstance(rows, LinearConstraints):
+            rows = parse_constraints(tuple(rows), names)
+        if rows.dimension != len(parameters):
             raise ConfigurationError(
-                f"constraints: {self.rows.dimension} columns were given for {self.dimension} "
+                f"constraints: {rows.dimension} columns were given for {len(parameters)} "
                 "free parameters, expected one column for each"
             )
-        conflict = conflicting_rows(self.rows, self.lower, self.upper) if len(self.rows) else ()
+        settle(
+            self,
+            parameters=parameters,
+            names=names,
+            dimension=len(parameters),
+            rows=rows,
+            labels=tuple(dict.fromkeys((*rows.labels, *self.products.labels))),
+            constrained=bool(len(rows) or len(self.products)),
+            lower=_frozen([parameter.lower for parameter in parameters]),
+            upper=_frozen([parameter.upper for parameter in parameters]),
+            reference=_frozen([parameter.reference for parameter in parameters]),
+            logarithmic=np.array([parameter.scale == "log" for parameter in parameters]),
+        )
+        conflict = conflicting_rows(rows, self.lower, self.upper) if len(rows) else ()
         if conflict:
-            raise ConfigurationError(self._conflict(conflict))
-        if len(self.products):
-            self._check_products()
-
-    def _check_names(self) -> None:
-        if not self.parameters:
-            raise ConfigurationError("parameters: name at least one parameter to calibrate")
-        repeated = sorted({name for name in self.names if self.names.count(name) > 1})
-        if repeated:
-            raise ConfigurationError(f"parameters: {', '.join(repeated)} given more than once, keep one of each")
-
-    def _check_products(self) -> None:
-        if not self.satisfies(self.centre):
+            raise ConfigurationError(_conflict(self, conflict))
+        if len(self.products) and not self.satisfies(self.centre):
             texts = " and ".join(f'"{label}"' for label in self.products.labels)
             raise ConfigurationError(
                 f"constraints: no point was found within the bounds where {texts} holds with the others; widen a "
                 "bound, or correct or remove a constraint"
             )
-
-    def _conflict(self, conflict: tuple[int, ...]) -> str:
-        """One sentence that names constraints in conflict and the bounds they meet."""
-        texts = dict.fromkeys(f'"{self.rows.labels[row]}"' for row in conflict)
-        used = np.flatnonzero(self.rows.matrix[list(conflict)].any(axis=0))
-        bounds = (self.parameters[column] for column in used.tolist())
-        limits = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g} {p.unit}".rstrip() for p in bounds)
-        return (
-            f"constraints: {' and '.join(texts)} cannot hold within the bounds ({limits}); "
-            "widen a bound, or correct or remove a constraint"
-        )
-
-    @cached_property
-    def rows(self) -> LinearConstraints:
-        """The constraints as rows."""
-        if isinstance(self.constraints, LinearConstraints):
-            return self.constraints
-        return parse_constraints(tuple(self.constraints), self.names)
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names, in the order of the columns."""
-        return tuple(parameter.name for parameter in self.parameters)
-
-    @property
-    def constrained(self) -> bool:
-        """Return whether there are constraints besides the bounds."""
-        return bool(len(self.rows) or len(self.products))
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Texts of all constraints, each once."""
-        return tuple(dict.fromkeys((*self.rows.labels, *self.products.labels)))
-
-    @property
-    def dimension(self) -> int:
-        """Number of free parameters d."""
-        return len(self.parameters)
-
-    @cached_property
-    def lower(self) -> Floats:
-        """Lower bounds (d,), SI."""
-        return _frozen([parameter.lower for parameter in self.parameters])
-
-    @cached_property
-    def upper(self) -> Floats:
-        """Upper bounds (d,), SI."""
-        return _frozen([parameter.upper for parameter in self.parameters])
-
-    @cached_property
-    def reference(self) -> Floats:
-        """Reference values (d,), SI."""
-        return _frozen([parameter.reference for parameter in self.parameters])
-
-    @cached_property
-    def logarithmic(self) -> Bools:
-        """Mask of the parameters (d,) with a logarithmic scale."""
-        return np.array([parameter.scale == "log" for parameter in self.parameters])
 
     @cached_property
     def polytope(self) -> Polytope:
@@ -168,10 +127,11 @@ class Space:
     def to_unit(self, x: ArrayLike) -> Floats:
         """Unit coordinates (..., d) of points (..., d); 0 and 1 exactly at the bounds."""
         points = np.asarray(x, dtype=float)
-        unit = (points - self.lower) / self._range
-        if self._bent:
+        unit = (points - self.lower) / self._limits.span
+        if self._limits.bent:
             ratio = np.maximum(points, np.finfo(float).tiny) / np.where(self.logarithmic, self.lower, 1.0)
-            unit = np.where(self.logarithmic, log(ratio) / self._log_span, unit)
+            log_span = np.where(self.logarithmic, self._limits.log_span, 1.0)  # safe to divide by
+            unit = np.where(self.logarithmic, log(ratio) / log_span, unit)
             inside = (points >= self.lower) & (points <= self.upper)
             unit = np.where(inside, np.clip(unit, 0.0, 1.0), unit)
         return np.asarray(unit)
@@ -179,10 +139,10 @@ class Space:
     def from_unit(self, unit: ArrayLike) -> Floats:
         """Points (..., d) of unit coordinates (..., d); within the bounds where the unit is."""
         z = np.asarray(unit, dtype=float)
-        x = self.lower + z * self._range
-        if self._bent:
+        x = self.lower + z * self._limits.span
+        if self._limits.bent:
             # The scale of linear columns is 0 here: their exponential is 1 and is not used.
-            x = np.where(self.logarithmic, self.lower * exp(z * self._log_scale), x)
+            x = np.where(self.logarithmic, self.lower * exp(z * self._limits.log_span), x)
         # Rounding must neither carry a point over its bound nor stop it short of it.
         within = np.minimum(np.maximum(x, self.lower), self.upper)
         if (np.abs(z - 0.5) >= 0.5).any():  # at a bound or beyond
@@ -191,44 +151,12 @@ class Space:
         return within
 
     @cached_property
-    def _range(self) -> Floats:
-        return _frozen(self.upper - self.lower)
-
-    @cached_property
-    def _bent(self) -> bool:
-        """Return whether a parameter has a logarithmic scale."""
-        return bool(self.logarithmic.any())
-
-    @cached_property
-    def _log_scale(self) -> Floats:
-        """ln(upper/lower) of logarithmic parameters, 0 of linear ones."""
-        low = np.where(self.logarithmic, self.lower, 1.0)
-        return log(np.where(self.logarithmic, self.upper, 1.0) / low)
-
-    @cached_property
-    def _log_span(self) -> Floats:
-        """As `_log_scale`, but 1 for linear parameters: safe to divide by."""
-        return np.where(self.logarithmic, self._log_scale, 1.0)
-
-    @cached_property
-    def _span(self) -> Floats:
-        """Range of each constraint (m,) within the bounds."""
-        return product(self.upper - self.lower, np.abs(self.rows.matrix).T)
-
-    @cached_property
-    def _floor(self) -> Floats:
-        """Smallest value (m,) of each constraint's row, SI."""
-        return self.rows.floor(self.lower, self.upper)
-
-    @cached_property
-    def _least(self) -> Floats:
-        """Smallest `_distances` that count as inside."""
-        tolerance = ROUNDING * self.rows.magnitude(self.lower, self.upper)
-        return -np.concatenate([tolerance, np.zeros(2 * self.dimension)])
+    def _limits(self) -> _Limits:
+        return _Limits.of(self)
 
     def _distances(self, x: Floats) -> Floats:
         """Distance (..., m + 2 d) of points inside each constraint and bound, SI."""
-        inside = product(x, self.rows.matrix.T) - self._floor
+        inside = product(x, self.rows.matrix.T) - self._limits.floor
         return np.concatenate([inside, x - self.lower, self.upper - x], axis=-1)
 
     def slack(self, x: ArrayLike) -> Floats:
@@ -243,7 +171,7 @@ class Space:
 
         Those of products, which stand last, are relative.
         """
-        linear = np.maximum(0.0, -self.slack(x)) / self._span
+        linear = np.maximum(0.0, -self.slack(x)) / self._limits.ranges
         if not len(self.products):
             return linear
         return np.concatenate([linear, self.products.shortfall(np.asarray(x, dtype=float))], axis=-1)
@@ -252,7 +180,7 @@ class Space:
         """Return whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
         # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
         points = np.asarray(x, dtype=float)
-        linear = np.asarray((self._distances(points) >= self._least).all(axis=-1))
+        linear = np.asarray((self._distances(points) >= self._limits.least).all(axis=-1))
         if not len(self.products):
             return linear
         return linear & (self.products.shortfall(points) <= ROUNDING).all(axis=-1)
@@ -265,7 +193,7 @@ class Space:
         """
         points = np.asarray(x, dtype=float)
         outside = np.maximum(0.0, self.lower - points) + np.maximum(0.0, points - self.upper)
-        outside = outside / self._range
+        outside = outside / self._limits.span
         total = outside.sum(axis=-1) + self.shortfall(points).sum(axis=-1)
         total = np.where(np.isnan(total), np.inf, np.maximum(total, np.finfo(float).tiny))
         return np.asarray(np.where(self.satisfies(points), 0.0, total))
@@ -277,9 +205,9 @@ class Space:
         it once. Points that satisfy the space already come back unchanged. A constraint between products, which need
         not be convex, is met by halving what is left of the segment.
         """
-        if len(self.products):
-            return self._halved(np.asarray(anchor, dtype=float), np.asarray(x, dtype=float))
         start, goal = np.asarray(anchor, dtype=float), np.asarray(x, dtype=float)
+        if len(self.products):
+            return _halved(self, start, goal)
         here, there = self._distances(start), self._distances(goal)
         crossed = there < 0.0
         drop = np.where(crossed, np.maximum(here, 0.0) - there, 1.0)
@@ -287,19 +215,65 @@ class Space:
         share = (fraction * (1.0 - _SHORT_OF_BOUNDARY))[..., None]
         pulled = np.clip(start + share * (goal - start), self.lower, self.upper)
         pulled = np.where(self.satisfies(pulled)[..., None], pulled, start)
-        feasible = (there >= self._least).all(axis=-1, keepdims=True)
+        feasible = (there >= self._limits.least).all(axis=-1, keepdims=True)
         return np.asarray(np.where(feasible, goal, pulled))
 
-    def _halved(self, start: Floats, goal: Floats) -> Floats:
-        """Last feasible points (..., d) that halving finds on segments from feasible points (..., d)."""
-        inside, outside = np.zeros(goal.shape[:-1]), np.ones(goal.shape[:-1])
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (inside + outside)
-            feasible = self.satisfies(start + middle[..., None] * (goal - start))
-            inside, outside = np.where(feasible, middle, inside), np.where(feasible, outside, middle)
-        found = start + inside[..., None] * (goal - start)
-        found = np.where(self.satisfies(found)[..., None], found, start)
-        return np.where(self.satisfies(goal)[..., None], goal, found)
+
+class _Limits(NamedTuple):
+    """What a space needs again and again of its bounds and straight constraints."""
+
+    span: Floats  # (d,), distance of the bounds, SI
+    log_span: Floats  # (d,), ln(upper/lower) of logarithmic parameters, 0 of linear ones
+    bent: bool  # a parameter has a logarithmic scale
+    floor: Floats  # (m,), smallest value of each constraint's row, SI
+    ranges: Floats  # (m,), range of each constraint within the bounds
+    least: Floats  # (m + 2 d,), smallest distances that count as inside
+
+    @classmethod
+    def of(cls, space: Space) -> _Limits:
+        low, high, rows = space.lower, space.upper, space.rows
+        ratio = np.where(space.logarithmic, high, 1.0) / np.where(space.logarithmic, low, 1.0)
+        return cls(
+            high - low,
+            log(ratio),
+            bool(space.logarithmic.any()),
+            rows.floor(low, high),
+            product(high - low, np.abs(rows.matrix).T),
+            -np.concatenate([ROUNDING * rows.magnitude(low, high), np.zeros(2 * space.dimension)]),
+        )
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Refuse no name, and one that is there twice."""
+    if not names:
+        raise ConfigurationError("parameters: name at least one parameter to calibrate")
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ConfigurationError(f"parameters: {', '.join(repeated)} given more than once, keep one of each")
+
+
+def _conflict(space: Space, conflict: tuple[int, ...]) -> str:
+    """One sentence that names constraints in conflict and the bounds they meet."""
+    texts = dict.fromkeys(f'"{space.rows.labels[row]}"' for row in conflict)
+    used = np.flatnonzero(space.rows.matrix[list(conflict)].any(axis=0))
+    bounds = (space.parameters[column] for column in used.tolist())
+    limits = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g} {p.unit}".rstrip() for p in bounds)
+    return (
+        f"constraints: {' and '.join(texts)} cannot hold within the bounds ({limits}); "
+        "widen a bound, or correct or remove a constraint"
+    )
+
+
+def _halved(space: Space, start: Floats, goal: Floats) -> Floats:
+    """Last feasible points (..., d) that halving finds on segments from feasible points (..., d)."""
+    inside, outside = np.zeros(goal.shape[:-1]), np.ones(goal.shape[:-1])
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        feasible = space.satisfies(start + middle[..., None] * (goal - start))
+        inside, outside = np.where(feasible, middle, inside), np.where(feasible, outside, middle)
+    found = start + inside[..., None] * (goal - start)
+    found = np.where(space.satisfies(found)[..., None], found, start)
+    return np.where(space.satisfies(goal)[..., None], goal, found)
 
 
 def _frozen(values: ArrayLike) -> Floats:
@@ -325,19 +299,8 @@ _NEWTON_STEPS = 30
 def sample_uniform(space: Space, n: int, rng: np.random.Generator) -> Floats:
     """Draw points uniformly in the bounds, constraints ignored, Eq. (17).
 
-    Parameters
-    ----------
-    space : Space
-        The d parameters.
-    n : int
-        Number of points.
-    rng : numpy.random.Generator
-        Source of the draws.
-
-    Returns
-    -------
-    (n, d) array
-        Points, SI; uniform in the logarithm for parameters on a logarithmic scale.
+    `space`: the d parameters; `n`: number of points; `rng`: source of the draws. Returns points, SI; uniform in the
+    logarithm for parameters on a logarithmic scale (n, d).
     """
     return space.from_unit(rng.random((n, space.dimension)))
 
@@ -383,19 +346,8 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> Floats:
     pulled towards the centre of the space. Without any prior, but with constraints, draws are those of
     `sample_feasible`.
 
-    Parameters
-    ----------
-    space : Space
-        The d parameters and their constraints.
-    n : int
-        Number of points.
-    rng : numpy.random.Generator
-        Source of the draws.
-
-    Returns
-    -------
-    (n, d) array
-        Points, SI, each of which satisfies `space`.
+    `space`: the d parameters and their constraints; `n`: number of points; `rng`: source of the draws. Returns points,
+    SI, each of which satisfies `space` (n, d).
     """
     priors = [parameter.prior for parameter in space.parameters]
     if space.constrained and not any(priors):
@@ -420,10 +372,7 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> Floats:
 def reference_start(space: Space) -> Floats:
     """Return the reference values (1, d), SI, as a member of an initial population.
 
-    Raises
-    ------
-    ConfigurationError
-        If they break a bound or a constraint.
+    Raises `ConfigurationError` if they break a bound or a constraint.
     """
     reference = space.reference[None, :]
     if not space.satisfies(reference)[0]:

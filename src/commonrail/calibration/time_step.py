@@ -22,10 +22,7 @@ def longest_for_all(injector: Injector, space: Space) -> float:
 def step_for_all(injector: Injector, space: Space) -> float:
     """Default step [s], or the largest round one that the stiffest corner of the bounds bears if that is shorter.
 
-    Raises
-    ------
-    ConfigurationError
-        If no step that the engines accept is short enough.
+    Raises `ConfigurationError` if no step that the engines accept is short enough.
     """
     step = min(DEFAULT_STEP, nice_step(longest_for_all(injector, space)))
     if step < TIME_STEPS.low:

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.nuisance import Nuisance
 from commonrail.plugins.certainty.posterior.density import PosteriorDensity
-from tests.plugins.certainty.linear import TRUTH, design, fitted, likelihood
+from tests.plugins.certainty.linear import TRUTH, Uncertain, design, fitted, likelihood, linear
 
 SIGMA = 0.5
 A = design(60)
 Y = A @ TRUTH + SIGMA * np.random.default_rng(1).standard_normal(60)
 
 
-def differences(noise: Noise, nuisances: list[Nuisance] | None = None) -> tuple[np.ndarray, np.ndarray]:
+def differences(noise: Noise, nuisances: list[Uncertain] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Logarithms of the density of three places relative to the first, and their values."""
     found = fitted(likelihood([Y], [A], [noise], nuisances or ()))
     unit = found.unit + np.array([[0.0, 0.0, 0.0], [0.02, 0.0, -0.01], [-0.01, 0.03, 0.0]])
@@ -63,7 +62,7 @@ def test_the_scale_of_few_repeats_is_integrated_out() -> None:
 def test_an_uncertain_quantity_is_integrated_out() -> None:
     """Normal density with the covariance σ² I + g gᵀ."""
     course = 0.4 * np.sin(np.arange(60) / 7.0)
-    nuisance = Nuisance("gain of bench", "gain", 0.01, "1", lambda _: course)
+    nuisance = linear("gain", course)
     noise = Noise(law=Law.GAUSSIAN, sigma=SIGMA, correlation="white")  # type: ignore[arg-type]
     logs, points = differences(noise, [nuisance])
     inverse = np.linalg.inv(SIGMA**2 * np.eye(60) + np.outer(course, course))

@@ -10,8 +10,7 @@ from scipy.stats import t as student
 
 from commonrail.data.noise import Correlation, Law, Noise
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
-from commonrail.plugins.certainty.nuisance import Nuisance
-from tests.plugins.certainty.linear import TRUTH, Floats, design, fitted, likelihood, space
+from tests.plugins.certainty.linear import TRUTH, Floats, design, fitted, likelihood, linear, space
 
 WHITE = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE)
 Draw = Callable[[np.random.Generator, int], Floats]
@@ -101,7 +100,7 @@ def test_blocks_of_other_units_have_their_own_scale() -> None:
 def test_an_uncertain_quantity_adds_its_variance_whatever_its_shape() -> None:
     x = design()
     shift = 0.3 * x[:, 0]  # as if the first parameter were 0.3 larger
-    nuisance = Nuisance("gain of bench", "gain", 0.01, "1", lambda point: shift)
+    nuisance = linear("gain", shift)
     found = fitted(likelihood([curve(normal, 4)], [x], [WHITE], [nuisance]))
     np.testing.assert_allclose(found.covariance.nuisances[0], [-0.3 / 9.9, 0.0, 0.0], atol=1e-9)
     assert found.covariance.total[0, 0] == pytest.approx(found.covariance.noise[0, 0] + (0.3 / 9.9) ** 2)

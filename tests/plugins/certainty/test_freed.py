@@ -9,10 +9,9 @@ import pytest
 
 import commonrail as cr
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
-from commonrail.plugins.certainty.nuisance import Nuisance
-from commonrail.plugins.certainty.nuisance_fit import judged_residuals
-from tests.plugins.certainty.linear import TRUTH, design, fitted, likelihood
+from commonrail.plugins.certainty.lack_of_fit import judged_residuals, lack_of_fit
+from commonrail.plugins.certainty.nuisance import SIDES
+from tests.plugins.certainty.linear import TRUTH, Uncertain, design, fitted, likelihood, linear
 from tools.coverage import BEDS, Benches
 
 WHITE = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.2)
@@ -57,7 +56,7 @@ def test_what_is_stated_explains_no_more_than_its_size(deviations: float, is_fou
     x = design()
     offset = 0.1 * np.ones(len(x))
     y = x @ TRUTH + deviations * offset + 0.2 * np.random.default_rng(4).standard_normal(len(x))
-    nuisance = Nuisance("offset of bench", "offset", 0.1, "1", lambda _: offset)
+    nuisance = linear("offset", offset)
     (test,) = lack_of_fit(fitted(likelihood([y], [x], [WHITE], [nuisance])))
     assert (test.score < 1e-3) is is_found
 
@@ -69,6 +68,6 @@ def test_the_second_change_of_what_is_stated_is_no_finding_either() -> None:
     noise = replace(WHITE, sigma=0.02)
     nothing = np.zeros(len(x))
     for change, is_found in ((nothing, True), (0.2 * bend, False)):
-        nuisance = Nuisance("delay of bench", "delay", 1.0, "1", lambda _: nothing, lambda *_, c=change: c)
+        nuisance = Uncertain("delay", lambda z, _, c=change: z**2 * c, SIDES)
         (test,) = lack_of_fit(fitted(likelihood([y], [x], [noise], [nuisance])))
         assert (test.score < 1e-3) is is_found

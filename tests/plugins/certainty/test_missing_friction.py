@@ -10,8 +10,9 @@ from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.calibration.study import Study
 from commonrail.data.noise import Noise
 from commonrail.plugins.certainty.estimate import Estimate
-from commonrail.plugins.certainty.lack_of_fit import LEVEL, lack_of_fit, missing_friction
+from commonrail.plugins.certainty.lack_of_fit import LEVEL, lack_of_fit, of_missing
 from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.missing import missing_friction
 from commonrail.plugins.certainty.run import friction_withdraws
 from commonrail.plugins.certainty.verdict import verdicts_of, withdrawal
 from tools.coverage import BEDS, FRICTION, Benches
@@ -29,7 +30,7 @@ def test_friction_that_moves_a_pinned_parameter_withdraws_it() -> None:
     assert not low[2] < k7 < high[2]  # 9 % off
     friction = friction_withdraws(bench.study, found, verdicts, 1)
     assert friction is not None
-    test = friction.judged(LEVEL / 3.0)
+    test = of_missing(friction, LEVEL / 3.0)
     assert test.found  # the fall is 73
     assert "friction in the guides" in withdrawal(found, [*tests, test])
     assert abs(friction.point[2] - k7) < 0.6 * abs(found.point[2] - k7)

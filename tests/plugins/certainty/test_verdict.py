@@ -13,13 +13,12 @@ from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise import Block
-from commonrail.plugins.certainty.nuisance import Nuisance
 from commonrail.plugins.certainty.verdict import Judged, verdicts_of, withdrawal
-from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, space
+from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, linear, space
 
 # Everything stated, so that nothing is assumed.
 STATED = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, discrepancy=1e-9, length=0.1)
-KNOWN = [Nuisance(key, key, 1e-9, "1", lambda point: np.zeros(N)) for key in ("delay", "gain")]
+KNOWN = [linear(key, np.zeros(N)) for key in ("delay", "gain")]
 
 
 def curve(seed: int, more: Floats | float = 0.0) -> Floats:
@@ -55,7 +54,7 @@ def test_parameters_that_imitate_each_other_are_named() -> None:
 
 def test_an_uncertain_quantity_that_decides_is_blamed() -> None:
     shift = 1.0 * design()[:, 0]
-    nuisances = [KNOWN[0], Nuisance("gain of bench", "gain", 0.01, "1", lambda point: shift)]
+    nuisances = [KNOWN[0], linear("gain", shift)]
     first = judged(fitted(likelihood([curve(3)], [design()], [STATED], nuisances)))[0]
     assert first.verdict is ParameterVerdict.COMBINED
     assert "with the gain of bench" in first.sentence

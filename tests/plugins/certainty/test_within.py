@@ -17,7 +17,7 @@ from commonrail.plugins.certainty.estimate import estimate
 from commonrail.plugins.certainty.lack_of_fit import beyond_stated
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.nuisance import one_sided, with_uncertain_free
-from commonrail.plugins.certainty.nuisance_fit import _density, _of_first, _Round, _weights, mixture_of
+from commonrail.plugins.certainty.one_sided import _density, _of_first, _Round, _weights, mixture_of
 from commonrail.plugins.certainty.run import certify
 from tests.plugins.certainty.linear import Floats, design, likelihood
 from tools.coverage import BEDS, FRICTION, Bench, Benches

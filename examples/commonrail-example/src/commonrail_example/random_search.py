@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
-from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import Optimiser, Work, asked
 from commonrail.calibration.optimisers.registry import Registered
-from commonrail.calibration.space import Space, sample_feasible
+from commonrail.calibration.space import sample_feasible
 
 
 @dataclass(frozen=True)
@@ -24,56 +23,19 @@ class RandomSearch(Optimiser):
     """Search that keeps the best of all points drawn."""
 
     method, phase = "random search", "draws"
+    ended = "all points are drawn"
 
-    def __init__(self, space: Space, rng: np.random.Generator, settings: RandomSettings) -> None:
-        super().__init__(space, rng)
-        self.settings = settings
-        self._kept_best = Best(space.centre.copy(), np.inf)
-        self._x, self._costs = np.empty((0, space.dimension)), np.empty(0)  # of the last step
-
-    @property
-    def total(self) -> int:
-        """Steps wanted."""
-        return 1 + self.settings.generations
-
-    @property
-    def _ended(self) -> str:
-        return "all points are drawn"
-
-    @property
-    def best(self) -> Best:
-        """The best point so far."""
-        return self._kept_best
-
-    @property
-    def population(self) -> Floats:
-        """Points of the last step."""
-        return self._x.copy()
-
-    @property
-    def costs(self) -> Floats:
-        """Their costs."""
-        return self._costs.copy()
-
-    def _origin(self) -> dict[str, Any]:
-        return super()._origin() | self._settings(self.settings)
-
-    def _propose(self) -> Trials:
+    def _step(self) -> Work:
         x = sample_feasible(self.space, self.settings.members, self._rng)
-        return Trials(x, np.ones(len(x), bool))
-
-    def _take(self, trials: Trials, told: Floats) -> None:
-        self._x, self._costs = trials.x, told
-        winner = int(np.argmin(told))
-        if told[winner] < self._kept_best.cost:
-            self._kept_best = Best(trials.x[winner], float(told[winner]))
+        costs = yield asked(x)
+        self.population, self.costs = x, costs
+        self._offer(x, costs)
 
     def _kept(self) -> dict[str, Any]:
-        return {"x": self._x, "costs": self._costs, "best": self._kept_best.x, "cost": self._kept_best.cost}
+        return {"x": self.population.copy(), "costs": self.costs.copy()}
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        self._x, self._costs = np.array(state["x"], float), np.array(state["costs"], float)
-        self._kept_best = Best(np.array(state["best"], float), float(state["cost"]))
+        self.population, self.costs = np.array(state["x"], float), np.array(state["costs"], float)
 
 
 REGISTERED = Registered(RandomSearch, RandomSettings)

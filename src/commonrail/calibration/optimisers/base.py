@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Generator, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from commonrail.base.arguments import settle, whole
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration.space import Space
@@ -23,31 +24,17 @@ AGREEING, ALIKE, SMALL_GAIN = 3, 0.5, 0.01
 
 
 class Convergence(NamedTuple):
-    """Verdict on convergence.
-
-    Attributes
-    ----------
-    converged : bool
-    sentence : str
-        Rule and figures for the user, without its full stop.
-    figures : dict
-        JSON-able numbers that the rule was applied to.
-    """
+    """Verdict on convergence."""
 
     converged: bool
-    sentence: str
-    figures: dict[str, Any]
+    sentence: str  # rule and figures for the user, without its full stop
+    figures: dict[str, Any]  # JSON-able numbers that the rule was applied to
 
     @classmethod
     def of(cls, converged: bool, sentence: str, figures: dict[str, Any]) -> Convergence:
         """Convergence whose sentence opens with the result.
 
-        Parameters
-        ----------
-        converged : bool
-        sentence : str
-            Rule and figures.
-        figures : dict
+        `sentence`: rule and figures.
         """
         return cls(converged, f"{'' if converged else 'not '}converged: {sentence}", figures)
 
@@ -62,21 +49,33 @@ def noise_of(cost: float, residuals: int, parameters: int, units: float) -> floa
     The objective is read as the likelihood of errors whose size is what it leaves: Gaussian for sums of squares,
     Laplacian for sums of absolute errors. Then 2 ln L changes by `units` (N − d) times its relative change.
 
-    Parameters
-    ----------
-    cost : float
-        Objective of the best.
-    residuals : int
-        Number N of residuals.
-    parameters : int
-        Number d of free parameters.
-    units : float
-        1 for squares, 2 for absolute errors.
+    `cost`: objective of the best; `residuals`: number N of residuals; `parameters`: number d of free parameters;
+    `units`: 1 for squares, 2 for absolute errors.
     """
     return max(cost, 1e-300) / (units * max(residuals - parameters, 1))
 
 
-MOST_GENERATIONS = 1_000_000  # far above what anybody calibrates; below what would fill the memory
+# What settings may ask for: far above what anybody calibrates; below what would fill the memory.
+MOST_GENERATIONS, MOST_MEMBERS, MOST_STARTS = 1_000_000, 100_000, 1000
+
+
+def count(default: int, most: int, least: int = 0) -> Any:
+    """Field of settings that counts something, with its limits, of study files too."""
+    return field(default=default, metadata={"least": least, "most": most})
+
+
+def check_counts(settings: Any) -> None:
+    """Read the counts among the fields of settings as whole numbers within their limits.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is not whole or beyond its limits.
+    """
+    for one in fields(settings):
+        if "most" in one.metadata:
+            value = whole(getattr(settings, one.name), one.name, one.metadata["least"], one.metadata["most"])
+            settle(settings, **{one.name: value})
 
 
 class Wanted(Enum):
@@ -114,13 +113,10 @@ class Counts:
     simulated: int = 0
     failed: int = 0
 
-    def plus(self, costs: Floats, simulate: Bools) -> Counts:
-        """These counts and those of one batch, with its cleaned costs (n,) and mask (n,)."""
-        return Counts(
-            self.slots + len(costs),
-            self.simulated + int(simulate.sum()),
-            self.failed + int((simulate & ~np.isfinite(costs)).sum()),
-        )
+    def plus(self, simulate: Bools, sound: Bools) -> Counts:
+        """These counts and those of one batch, with the masks (n,) of its simulations and of those that succeeded."""
+        simulated, failed = int(simulate.sum()), int((simulate & ~sound).sum())
+        return Counts(self.slots + len(simulate), self.simulated + simulated, self.failed + failed)
 
 
 class Settings(Protocol):
@@ -139,44 +135,60 @@ class Settings(Protocol):
         ...
 
 
+Work = Generator[Trials, Floats, None]
+"""A step: questions are yielded, answers are sent in."""
+
+
+def asked(x: Floats, wanted: Wanted = Wanted.COSTS) -> Trials:
+    """Question about points (n, d), SI, all of which are simulated."""
+    return Trials(x, np.ones(len(x), bool), wanted)
+
+
 class Optimiser(ABC):
     """A search as a conversation: `ask` for trials, simulate them elsewhere, `tell` what became of them.
 
-    `ask` repeats itself until it is answered. A step may take several questions. `state` describes the search as it
-    was after the last step that is done, so that one restored from it asks for the same trials, bit by bit; nobody
-    else looks into it. Subclasses say what is proposed and kept.
+    `ask` repeats itself until it is answered. A subclass writes a step as one generator, `_step`: trials are yielded,
+    costs (n,) or residuals (n, m) of them are sent in, and at its end the step sets `population` and `costs`. `state`
+    describes the search as it was after the last step that is done, so that one restored from it asks for the same
+    trials, bit by bit; nobody else looks into it.
 
     Parameters
     ----------
     space : Space
     rng : numpy.random.Generator
         Source of every draw.
+    settings : Settings
 
     Attributes
     ----------
-    method : str
-        Its name, in study files and states.
-    phase : str
-        What it does, in a word for the user.
     steps : int
         Steps done.
     counts : Counts
         Slots, simulations and failures of the trials whose costs were asked for.
+    best : Best
+        The best feasible point; the centre of the space, at +inf, until a simulation has succeeded.
+    population : (n, d)
+        Points from which another optimiser may go on, SI; no rows before the first step.
+    costs : (n,)
+        Their costs; +inf where the simulation failed or there was none.
     """
 
-    method: ClassVar[str]
-    phase: ClassVar[str]
+    method: ClassVar[str]  # its name, in study files and states
+    phase: ClassVar[str]  # what it does, in a word for the user
+    ended: ClassVar[str] = "all {generations} steps after the first one are done"  # reason, with the settings
 
-    def __init__(self, space: Space, rng: np.random.Generator) -> None:
-        self.space, self._rng = space, rng
-        self.steps, self.counts = 0, Counts()
+    def __init__(self, space: Space, rng: np.random.Generator, settings: Any) -> None:
+        self.space, self.settings, self._rng = space, settings, rng
+        self.steps, self.counts, self.best = 0, Counts(), Best(space.centre.copy(), np.inf)
+        self.population, self.costs = np.empty((0, space.dimension)), np.empty(0)
         self._asked: Trials | None = None
-        self._begun: Mapping[str, Any] = {}  # state of the generator before the step under way
+        self._work: Work | None = None
+        self._started: Mapping[str, Any] = {}  # state of the generator before the step under way
 
     @property
-    @abstractmethod
     def total(self) -> int:
-        """Steps wanted."""
+        """Steps wanted, the first one included."""
+        return int(1 + self.settings.generations)
 
     @property
     def finished(self) -> bool:
@@ -186,7 +198,7 @@ class Optimiser(ABC):
     @property
     def reason(self) -> str:
         """Reason for the end of the search; empty before it."""
-        return self._ended if self.finished else ""
+        return self.ended.format(generations=self.settings.generations) if self.finished else ""
 
     @property
     def verdict(self) -> Convergence | None:
@@ -194,24 +206,9 @@ class Optimiser(ABC):
         return None
 
     @property
-    @abstractmethod
-    def best(self) -> Best:
-        """The best feasible point; one at +inf until a simulation has succeeded."""
-
-    @property
     def ends(self) -> tuple[Best, ...]:
         """Optima of searches side by side, the best first; the best alone where there is one search."""
         return (self.best,)
-
-    @property
-    @abstractmethod
-    def population(self) -> Floats:
-        """Points (n, d) from which another optimiser may go on, SI; no rows before the first step."""
-
-    @property
-    @abstractmethod
-    def costs(self) -> Floats:
-        """Costs (n,) of those points; +inf where the simulation failed or there was none."""
 
     def ask(self) -> Trials:
         """Return the next trials, the same ones until they are answered.
@@ -224,8 +221,9 @@ class Optimiser(ABC):
         if self.finished:
             raise StudyError(f"the search has finished ({self.reason}): read its best member")
         if self._asked is None:
-            self._begun = self._rng.bit_generator.state
-            self._asked = self._propose()
+            self._started = self._rng.bit_generator.state
+            self._work = self._step()
+            self._asked = next(self._work)
         return self._asked._replace(x=self._asked.x.copy())
 
     def tell(self, answers: ArrayLike) -> None:
@@ -236,13 +234,17 @@ class Optimiser(ABC):
         StudyError
             If nothing was asked for, or there is not one answer for each trial.
         """
-        if self._asked is None:
+        if self._asked is None or self._work is None:
             raise StudyError("answers were told before any trials were asked for: ask first")
-        told = _checked(answers, self._asked)
-        if self._asked.wanted is Wanted.COSTS:
-            self.counts = self.counts.plus(told, self._asked.simulate)
-        self._asked = self._take(self._asked, told)
-        self.steps += self._asked is None
+        trials, told = self._asked, _checked(answers, self._asked)
+        if trials.wanted is not Wanted.COSTS_AGAIN:
+            finite = np.isfinite(told)
+            self.counts = self.counts.plus(trials.simulate, finite if told.ndim == 1 else np.all(finite, axis=1))
+        try:
+            self._asked = self._work.send(told)
+        except StopIteration:
+            self._asked = None
+            self.steps += 1
 
     def state(self) -> dict[str, Any]:
         """All that is needed to go on later: texts, numbers and arrays, in lists and mappings."""
@@ -251,12 +253,14 @@ class Optimiser(ABC):
             **self._origin(),
             "steps": self.steps,
             "counts": asdict(self.counts),
-            "rng": dict(now if self._asked is None else self._begun),
+            "rng": dict(now if self._asked is None else self._started),
+            "best": self.best.x.copy(),
+            "cost": self.best.cost,
             **self._kept(),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a `state`; a step that was under way is begun anew.
+        """Go on from a `state`; a step that was under way is started again.
 
         Raises
         ------
@@ -279,40 +283,44 @@ class Optimiser(ABC):
             ) from error
         if not all(isinstance(count, int) and count >= 0 for count in (state["steps"], *state["counts"].values())):
             raise ConfigurationError("state: its counts are no whole numbers")
-        self.steps, self.counts, self._asked = state["steps"], Counts(**state["counts"]), None
+        best = Best(np.array(state["best"], dtype=float), float(state["cost"]))
+        if best.x.shape != (self.space.dimension,) or not inside(self.space.to_unit(best.x)) or np.isnan(best.cost):
+            raise ConfigurationError("state: its best point lies outside the bounds or has no cost; take a whole state")
+        self.steps, self.counts, self._asked, self.best = state["steps"], Counts(**state["counts"]), None, best
         self._restore(state)
 
     def _origin(self) -> dict[str, Any]:
-        """Values that a state must share with the search that resumes from it; subclasses may add to them."""
+        """Values that a state must share with the search that resumes from it, all settings but the steps among them.
+
+        A search that resumes may want more steps.
+        """
         space = self.space
-        names = list(space.names)
-        return {"method": self.method, "names": names, "lower": space.lower.copy(), "upper": space.upper.copy()}
+        values = [str(value) for name, value in asdict(self.settings).items() if name != "generations"]
+        bounds = {"lower": space.lower.copy(), "upper": space.upper.copy()}
+        return {"method": self.method, "names": list(space.names), **bounds, "settings": values}
 
-    def _settings(self, settings: Any) -> dict[str, Any]:
-        """Part of `_origin` for settings: all but the steps, of which a search that resumes may want more."""
-        values = {name: value for name, value in asdict(settings).items() if name != "generations"}
-        return {"settings": [str(value) for value in values.values()]}
-
-    @property
-    @abstractmethod
-    def _ended(self) -> str:
-        """Reason for the end of the search."""
+    def _offer(self, x: Floats, costs: Floats) -> None:
+        """Take the cheapest of points (n, d), SI, as the best if it is."""
+        winner = int(np.argmin(costs)) if len(costs) else -1
+        if winner >= 0 and costs[winner] < self.best.cost:
+            self.best = Best(x[winner].copy(), float(costs[winner]))
 
     @abstractmethod
-    def _propose(self) -> Trials:
-        """First trials of the next step."""
-
-    @abstractmethod
-    def _take(self, trials: Trials, told: Floats) -> Trials | None:
-        """Take the answers, and return further trials of the same step, or None if it is done."""
+    def _step(self) -> Work:
+        """One step, from its first question to its end."""
 
     @abstractmethod
     def _kept(self) -> dict[str, Any]:
-        """Own part of `state`."""
+        """Own part of `state`, beside the best point."""
 
     @abstractmethod
     def _restore(self, state: Mapping[str, Any]) -> None:
         """Take up what `_kept` returned; ConfigurationError if it is not whole."""
+
+
+def inside(unit: Floats) -> bool:
+    """Return whether points lie within the bounds but for the rounding of the way to unit coordinates and back."""
+    return bool(np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9))
 
 
 def _checked(answers: ArrayLike, trials: Trials) -> Floats:
@@ -332,8 +340,6 @@ def _checked(answers: ArrayLike, trials: Trials) -> Floats:
 
 # Members of a population with their costs: the best of them, and their part of a state.
 
-MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
-
 
 def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
     """Choose members of low cost that lie far apart, the best one first.
@@ -341,19 +347,8 @@ def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
     From the better half of the members with a finite cost (at least `n` of them), each further
     choice is the one farthest from those chosen already.
 
-    Parameters
-    ----------
-    unit : (k, d) array
-        Members in unit coordinates (`Space.to_unit`).
-    costs : (k,) array
-        Their costs.
-    n : int
-        How many to choose; fewer come back if fewer distinct ones have a finite cost.
-
-    Returns
-    -------
-    (<= n,) array of int
-        Rows of the chosen members.
+    `unit` (k, d): members in unit coordinates (`Space.to_unit`); `costs` (k,): their costs; `n`: how many to choose;
+    fewer come back if fewer distinct ones have a finite cost. Returns rows of the chosen members (<= n,) int.
     """
     points, cost = np.asarray(unit, dtype=float), np.asarray(costs, dtype=float)
     order = np.argsort(cost, kind="stable")
@@ -373,3 +368,18 @@ def farthest(points: Floats, n: int) -> IndexArray:
         chosen.append(row)
         distance = np.minimum(distance, np.linalg.norm(points - points[row], axis=1))
     return np.array(chosen, dtype=np.intp)
+
+
+HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
+
+
+def hop(space: Space, best: Floats, rng: np.random.Generator) -> Floats:
+    """A feasible point (d,) a normal step away from the best (d,), drawn back where it breaks a constraint, SI."""
+    there = space.from_unit(np.clip(space.to_unit(best) + rng.normal(0.0, HOP, space.dimension), 0.0, 1.0))
+    return np.asarray(space.pull_back(best[None, :], there[None, :])[0])
+
+
+def ranked(best: Best, x: Floats, costs: Floats) -> tuple[Best, ...]:
+    """Ends (n, d) of descents, SI, by rising cost (n,); the best point of the search stands for the first one."""
+    found = [Best(point, float(cost)) for point, cost in zip(x, costs, strict=True) if np.isfinite(cost)]
+    return (best, *sorted(found, key=lambda end: end.cost)[1:])

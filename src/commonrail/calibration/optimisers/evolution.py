@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, chosen, number, settle, whole
+from commonrail.base.arguments import array, chosen, number, settle
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import (
+    MOST_GENERATIONS,
+    MOST_MEMBERS,
+    Best,
+    Optimiser,
+    Trials,
+    Work,
+    check_counts,
+    count,
+    inside,
+)
 from commonrail.calibration.space import Space, reference_start, sample_feasible, sample_uniform
 
 # The operators of DE/rand/1/bin, Eq. (18) and (19): draws first, then pure functions of them.
@@ -40,21 +50,9 @@ def draw(
 ) -> Draws:
     """Draw everything that one mutation and crossover needs.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    members : (k,) array of int
-        Parents.
-    population : (n, d)
-        Shape of the population, n >= 4.
-    factor : (float, float)
-        Range of F.
-
-    Notes
-    -----
-    r1, r2, r3 are drawn from as many numbers as there are members left to choose from, and then
-    shifted past those already taken, in ascending order: uniform over all ordered triples of
-    other members, without a loop or a repeat.
+    `members` (k,) int: parents; `population` (n, d): shape of the population, n >= 4; `factor` (float, float): range of
+    F. r1, r2, r3 are drawn from as many numbers as there are members left to choose from, and then shifted past those
+    already taken, in ascending order: uniform over all ordered triples of other members, without a loop or a repeat.
     """
     size, dimension = population
     count = len(members)
@@ -93,12 +91,7 @@ def mutate(population: Floats, draws: Draws) -> Floats:
 def crossover(parents: Floats, mutants: Floats, draws: Draws, rate: float) -> Floats:
     """Trials (k, d): the mutant's value where rnd <= CR or j = j_rand, else the parent's (19).
 
-    Parameters
-    ----------
-    parents, mutants : (k, d) array
-    draws : Draws
-    rate : float
-        CR.
+    `parents`, `mutants` (k, d); `rate`: CR.
     """
     taken = draws.chance <= rate
     taken[np.arange(len(taken)), draws.forced] = True
@@ -153,23 +146,10 @@ class Treated(NamedTuple):
 def treat(treatment: Treatment, space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
     """Apply a treatment to raw trials.
 
-    Parameters
-    ----------
-    treatment : Treatment
-        Which one.
-    space : Space
-        Bounds and constraints.
-    parents : (n, d) array
-        The members that the trials would replace, unit coordinates. Repair and resampling need
-        them feasible, and keep them so.
-    trials : (n, d) array
-        Trials after mutation and crossover, unit coordinates.
-    redraw : callable
-        More raw trials for some of the members; used by resampling only.
-
-    Returns
-    -------
-    Treated
+    `treatment`: which one; `space`: bounds and constraints; `parents` (n, d): the members that the trials would
+    replace, unit coordinates. Repair and resampling need them feasible, and keep them so; `trials` (n, d): trials after
+    mutation and crossover, unit coordinates; `redraw`: more raw trials for some of the members; used by resampling
+    only.
     """
     return _TREATMENTS[treatment](space, parents, trials, redraw)
 
@@ -257,8 +237,7 @@ _TREATMENTS: dict[Treatment, Callable[[Space, Floats, Floats, Redraw], Treated]]
 
 # Settings of differential evolution; the defaults are the paper's.
 
-FEWEST_MEMBERS = 4
-MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
+FEWEST_MEMBERS = 4  # a mutation combines three members other than the parent
 MOST_REDRAWS = 1000
 
 
@@ -304,44 +283,32 @@ class EvolutionSettings:
 
     size: ClassVar[str] = "{generations} generations of {members} members"  # in words, of a report
 
-    # "most" is what a study file may ask for
-    members: int = field(default=50, metadata={"most": MOST_MEMBERS})
-    generations: int = field(default=70, metadata={"most": MOST_GENERATIONS})
+    members: int = count(50, MOST_MEMBERS, FEWEST_MEMBERS)
+    generations: int = count(70, MOST_GENERATIONS)
     crossover: float = 0.8
     factor: tuple[float, float] = (0.4, 1.0)
     treatment: Treatment = Treatment.REPAIR
     initial: InitialSampling = InitialSampling.FEASIBLE
-    redraws: int = field(default=10, metadata={"most": MOST_REDRAWS})
+    redraws: int = count(10, MOST_REDRAWS, 1)
 
     def __post_init__(self) -> None:
         factor = array(self.factor, "1", "factor", 1).tolist()
         if len(factor) != 2:
             raise ConfigurationError(f"factor = {self.factor} must be a range of two numbers, such as (0.4, 1.0).")
+        check_counts(self)
         settle(
             self,
-            members=whole(self.members, "members", -MOST_MEMBERS, MOST_MEMBERS),
-            generations=whole(self.generations, "generations", -MOST_GENERATIONS, MOST_GENERATIONS),
             crossover=number(self.crossover, "1", "crossover"),
             factor=tuple(factor),
             treatment=chosen(self.treatment, Treatment, "treatment"),
             initial=chosen(self.initial, InitialSampling, "initial"),
-            redraws=whole(self.redraws, "redraws", -MOST_GENERATIONS, MOST_GENERATIONS),
         )
-        if self.members < FEWEST_MEMBERS:
-            raise ConfigurationError(
-                f"members = {self.members} must be at least {FEWEST_MEMBERS}: a mutation combines "
-                "three members other than the parent."
-            )
-        if self.generations < 0:
-            raise ConfigurationError(f"generations = {self.generations} must be 0 or more.")
         if not 0.0 <= self.crossover <= 1.0:
             raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1.")
         if not 0.0 < self.factor[0] <= self.factor[1] <= 2.0:
             raise ConfigurationError(
                 f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range above 0 and not above 2."
             )
-        if self.redraws < 1:
-            raise ConfigurationError(f"redraws = {self.redraws} must be 1 or more.")
 
     @property
     def slots(self) -> int:
@@ -352,10 +319,7 @@ class EvolutionSettings:
 def check_initial(settings: EvolutionSettings, space: Space) -> None:
     """Refuse to start from reference values that break a bound or a constraint.
 
-    Raises
-    ------
-    ConfigurationError
-        If they do, and the settings' `initial` asks for them.
+    Raises `ConfigurationError` if they do, and the settings' `initial` asks for them.
     """
     if settings.initial is InitialSampling.REFERENCE:
         reference_start(space)
@@ -388,6 +352,7 @@ class DifferentialEvolution(Optimiser):
     """
 
     method, phase = "differential evolution", "evolution"
+    ended = "all {generations} generations after the initial population are done"
 
     def __init__(
         self,
@@ -396,59 +361,33 @@ class DifferentialEvolution(Optimiser):
         settings: EvolutionSettings | None = None,
         start: ArrayLike | None = None,
     ) -> None:
-        super().__init__(space, rng)
-        self.settings = settings or EvolutionSettings()
+        super().__init__(space, rng, settings or EvolutionSettings())
         if start is None and self.settings.initial is InitialSampling.REFERENCE:
             start = reference_start(space)
         self._start = _check_start(space, start, self.settings.members)
-        self._unit = np.empty((0, space.dimension))
-        self._costs = self._violations = np.empty(0)
-        self._trial = Treated(self._unit, self._violations, self._unit)
+        self._unit, self._violations = np.empty((0, space.dimension)), np.empty(0)
 
-    @property
-    def total(self) -> int:
-        """Generations wanted, the initial population included."""
-        return 1 + self.settings.generations
-
-    @property
-    def _ended(self) -> str:
-        return f"all {self.settings.generations} generations after the initial population are done"
-
-    @property
-    def population(self) -> Floats:
-        """Members (n, d), SI; no rows before the first `tell`."""
-        return self.space.from_unit(self._unit)
-
-    @property
-    def costs(self) -> Floats:
-        """Costs (n,) of the members; +inf where the simulation failed or there was none."""
-        return self._costs.copy()
-
-    @property
-    def best(self) -> Best:
-        """The best feasible member; the centre of the space, at +inf, until one has succeeded."""
-        winner = int(np.argmin(self._costs)) if len(self._costs) else -1
-        if winner < 0 or self._costs[winner] == np.inf:
-            return Best(self.space.centre.copy(), np.inf)
-        return Best(self.space.from_unit(self._unit[winner]), float(self._costs[winner]))
-
-    def _propose(self) -> Trials:
-        """One generation."""
-        self._trial = self._next() if self.steps else self._first()
-        return Trials(self._trial.x, self._trial.simulate)
-
-    def _take(self, trials: Trials, told: Floats) -> None:
-        """Select the survivors, Eq. (20)."""
+    def _step(self) -> Work:
+        """One generation: trials, and the selection of the survivors, Eq. (20)."""
+        trial = self._next() if self.steps else self._first()
+        told = yield Trials(trial.x, trial.simulate)
         if self.steps:
-            self._select(self._trial, told)
-        else:
-            self._unit, self._costs, self._violations = self._trial.unit, told, self._trial.violation
+            better = wins((told, trial.violation), (self.costs, self._violations))
+            told = np.where(better, told, self.costs)
+            trial = Treated(
+                np.where(better[:, None], trial.unit, self._unit),
+                np.where(better, trial.violation, self._violations),
+                trial.x,
+            )
+        self._take(trial.unit, told, trial.violation)
 
-    def _select(self, trial: Treated, told: Floats) -> None:
-        better = wins((told, trial.violation), (self._costs, self._violations))
-        self._unit = np.where(better[:, None], trial.unit, self._unit)
-        self._costs = np.where(better, told, self._costs)
-        self._violations = np.where(better, trial.violation, self._violations)
+    def _take(self, unit: Floats, costs: Floats, violations: Floats) -> None:
+        """Take members (n, d), their costs (n,) and violations (n,) as the population."""
+        self._unit, self.costs, self._violations = unit, costs, violations
+        self.population = self.space.from_unit(unit)
+        winner = int(np.argmin(costs)) if len(costs) else -1
+        if winner >= 0 and costs[winner] < np.inf:
+            self.best = Best(self.space.from_unit(unit[winner]), float(costs[winner]))
 
     def _first(self) -> Treated:
         """The initial population, treated from the centre of the space."""
@@ -481,23 +420,17 @@ class DifferentialEvolution(Optimiser):
         mutants = mutate(self._unit, draws)
         return crossover(self._unit[members], mutants, draws, self.settings.crossover)
 
-    def _origin(self) -> dict[str, Any]:
-        settings = asdict(self.settings)
-        del settings["generations"]  # more may be wanted of the search that goes on
-        return super()._origin() | {"settings": [str(value) for value in settings.values()]}
-
     def _kept(self) -> dict[str, Any]:
-        return {"unit": self._unit.copy(), "costs": self._costs.copy(), "violations": self._violations.copy()}
+        return {"unit": self._unit.copy(), "costs": self.costs.copy(), "violations": self._violations.copy()}
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         members = self.settings.members if self.steps else 0
-        arrays = {name: np.array(state[name], dtype=float) for name in ("unit", "costs", "violations")}
-        if [a.shape for a in arrays.values()] != [(members, self.space.dimension), (members,), (members,)]:
+        unit, costs, violations = (np.array(state[name], dtype=float) for name in ("unit", "costs", "violations"))
+        if [a.shape for a in (unit, costs, violations)] != [(members, self.space.dimension), (members,), (members,)]:
             raise ConfigurationError(f"state: its population is not one of {members} members; take a whole state")
-        self._unit, self._costs, self._violations = arrays.values()
-        inside = np.all(np.abs(self._unit - 0.5) <= 0.5 + 1e-9)  # to unit coordinates and back rounds
-        if not (inside and np.all(self._costs > -np.inf) and np.all(self._violations >= 0.0)):
+        if not (inside(unit) and np.all(costs > -np.inf) and np.all(violations >= 0.0)):
             raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
+        self._take(unit, costs, violations)
 
 
 def _check_start(space: Space, start: ArrayLike | None, members: int) -> Floats:

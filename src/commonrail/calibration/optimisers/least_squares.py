@@ -17,11 +17,7 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import (
-    Trials,
-    Wanted,
-)
-from commonrail.calibration.optimisers.stepwise import asked
+from commonrail.calibration.optimisers.base import Trials, Wanted, asked, inside
 from commonrail.calibration.space import Space
 
 
@@ -77,12 +73,7 @@ class DescentLoss(StrEnum):
 def recognised(costs: Floats, residuals: Floats) -> DescentLoss:
     """Loss whose sums over residuals come nearest to an objective, or are it; squares where none can be compared.
 
-    Parameters
-    ----------
-    costs : (n,)
-        Objective of candidates.
-    residuals : (n, m)
-        Their residuals.
+    `costs` (n,): objective of candidates; `residuals` (n, m): their residuals.
     """
     usable = np.isfinite(costs) & np.isfinite(residuals).all(axis=1)
 
@@ -161,54 +152,26 @@ class Criterion(Protocol):
 
 
 class Rules(NamedTuple):
-    """Rules of an iteration.
+    """Rules of an iteration."""
 
-    Attributes
-    ----------
-    difference : float or (k,)
-        Width of the one-sided differences, in unit coordinates.
-    least_gain : float
-        Fall of the cost that counts as none.
-    factors : sequence of float
-        Dampings tried at once, of the one that was best before.
-    bent : bool
-        Use geodesic acceleration.
-    free : (k, d) bool, optional
-        Parameters that each descent moves; all by default.
-    """
-
-    difference: float | Floats
-    least_gain: float
-    factors: tuple[float, ...] = FACTORS
-    bent: bool = True
-    free: Bools | None = None
+    difference: float | Floats  # width of the one-sided differences, in unit coordinates
+    least_gain: float  # fall of the cost that counts as none
+    factors: tuple[float, ...] = FACTORS  # dampings tried at once, of the one that was best before
+    bent: bool = True  # use geodesic acceleration
+    free: Bools | None = None  # (k, d) bool, parameters that each descent moves; all by default
 
 
 class Descents(NamedTuple):
-    """State of k descents.
+    """State of k descents."""
 
-    Attributes
-    ----------
-    unit : (k, d)
-        Their points, unit coordinates.
-    residuals : (k, n)
-        Residuals there; not finite where the start could not be simulated.
-    slopes : (k, d, n)
-        One-sided derivatives of the residuals there, zero for fixed parameters; NaN where they are not known.
-    damping : (k,)
-    small : (k,) int
-        Steps in a row with no more than a small gain.
-    running : (k,) bool
-    gain : (k,)
-        Fall of the cost that a full step from the last point but one, or the last, was predicted to bring.
-    """
-
-    unit: Floats
-    residuals: Floats
+    unit: Floats  # (k, d), their points, unit coordinates
+    residuals: Floats  # (k, n), residuals there; not finite where the start could not be simulated
+    # (k, d, n), one-sided derivatives of the residuals there, zero for fixed parameters; NaN where they are not known
     slopes: Floats
-    damping: Floats
-    small: Ints
-    running: Bools
+    damping: Floats  # (k,)
+    small: Ints  # (k,) int, steps in a row with no more than a small gain
+    running: Bools  # (k,) bool
+    # (k,), fall of the cost that a full step from the last point but one, or the last, was predicted to bring
     gain: Floats
 
     @classmethod
@@ -237,10 +200,7 @@ class Descents(NamedTuple):
     def recorded(cls, state: Mapping[str, Any], dimension: int) -> Descents:
         """Descents from their part of a state.
 
-        Raises
-        ------
-        ConfigurationError
-            If they are not whole or lie outside the bounds.
+        Raises `ConfigurationError` if they are not whole or lie outside the bounds.
         """
         unit, residuals, damping, gain = (
             np.array(state[name], dtype=float) for name in ("unit", "residuals", "damping", "gain")
@@ -261,30 +221,17 @@ class Descents(NamedTuple):
         return self._replace(slopes=np.full_like(self.slopes, np.nan))
 
 
-def inside(unit: Floats) -> bool:
-    """Return whether points lie within the bounds but for the rounding of the way to unit coordinates and back."""
-    return bool(np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9))
-
-
 class FeasibleSet(NamedTuple):
     """Bounds and linear constraints ``rows @ unit >= floor`` in unit coordinates.
 
     The rows of the constraints come first, then 2 d rows of the bounds. A constraint that has a parameter on a
     logarithmic scale is curved in unit coordinates and not among them: `limits` linearises it, and `within` keeps to
     all constraints.
-
-    Attributes
-    ----------
-    rows : (m, d)
-    floor : (m,)
-    constraints : int
-        Number of rows that are constraints.
-    space : Space
     """
 
-    rows: Floats
-    floor: Floats
-    constraints: int
+    rows: Floats  # (m, d)
+    floor: Floats  # (m,)
+    constraints: int  # number of rows that are constraints
     space: Space
 
     @classmethod
@@ -335,14 +282,7 @@ class FeasibleSet(NamedTuple):
 def constrained_step(metric: Floats, step: Floats, rows: Floats, least: Floats) -> Floats:
     """Step z with ``rows @ z >= least`` that is nearest to a wanted one in a metric; zero where rounding leaves none.
 
-    Parameters
-    ----------
-    metric : (d, d)
-        Positive definite.
-    step : (d,)
-        Wanted.
-    rows : (m, d)
-    least : (m,)
+    `metric` (d, d): positive definite; `step` (d,): wanted; `rows` (m, d); `least` (m,).
     """
     short = least - rows @ step
     if not (short > _ROUNDING).any():
@@ -364,30 +304,17 @@ def constrained_step(metric: Floats, step: Floats, rows: Floats, least: Floats) 
 
 
 class Model(NamedTuple):
-    """Quadratic models of the cost about k points: c − 2 force·z + z·H z.
+    """Quadratic models of the cost about k points: c − 2 force·z + z·H z."""
 
-    Attributes
-    ----------
-    innovations : (k, m)
-    cost : (k,)
-    tangents, weighted : (k, d, m)
-        Derivatives of the innovations, and these times the weights of the innovations.
-    hessian : (k, d, d)
-        H; that of a parameter that does not move is coupled with no other.
-    force : (k, d)
-    free : (k, d) bool
-    limits : list of (rows, least)
-        What steps from each point must keep, see `constrained_step`.
-    """
-
-    innovations: Floats
-    cost: Floats
+    innovations: Floats  # (k, m)
+    cost: Floats  # (k,)
+    # (k, d, m), derivatives of the innovations, and these times the weights of the innovations
     tangents: Floats
     weighted: Floats
-    hessian: Floats
-    force: Floats
-    free: Bools
-    limits: list[tuple[Floats, Floats]]
+    hessian: Floats  # (k, d, d), H; that of a parameter that does not move is coupled with no other
+    force: Floats  # (k, d)
+    free: Bools  # (k, d) bool
+    limits: list[tuple[Floats, Floats]]  # what steps from each point must keep, see `constrained_step`
 
     @classmethod
     def of(cls, feasible: FeasibleSet, criterion: Criterion, now: Descents, free: Bools | None = None) -> Model:
@@ -446,13 +373,6 @@ def advance(space: Space, descents: Descents, criterion: Criterion, rules: Rules
 
     The questions: unknown differences of all descents; those that failed, to the other side; a probe on each damped
     step, if steps are bent; the steps. The best step of a descent is taken if it lowers the cost.
-
-    Parameters
-    ----------
-    space : Space
-    descents : Descents
-    criterion : Criterion
-    rules : Rules
     """
     after = descents.at(np.arange(len(descents.unit)))
     which = np.flatnonzero(after.running)
@@ -505,16 +425,8 @@ def differences(
 ) -> Questions[Floats]:
     """Derivatives (k, d, n) of residuals, forward, or backward at an upper bound and where that fails.
 
-    Parameters
-    ----------
-    space : Space
-    unit : (k, d)
-    residuals : (k, n)
-        At the points.
-    width : (k,)
-        Of the differences, in unit coordinates.
-    free : (k, d) bool, optional
-        Parameters whose derivatives are asked for, all by default. The others are zero, as those that fail are.
+    `unit` (k, d); `residuals` (k, n): at the points; `width` (k,): of the differences, in unit coordinates; `free` (k,
+    d) bool: parameters whose derivatives are asked for, all by default. The others are zero, as those that fail are.
     """
     rows, columns = np.nonzero(np.ones(unit.shape, bool) if free is None else free)
     each, sign = np.arange(len(rows)), np.where(unit[rows, columns] + width[rows] > 1.0, -1.0, 1.0)
@@ -557,11 +469,7 @@ def _asked(space: Space, unit: Floats) -> Trials:
 def answered(questions: Questions[Result], residuals: Callable[[Floats], Floats]) -> Result:
     """Result of questions that a function answers.
 
-    Parameters
-    ----------
-    questions : Questions
-    residuals : function
-        Residuals (m, n) of points (m, d) in SI.
+    `residuals`: residuals (m, n) of points (m, d) in SI.
     """
     try:
         trials = next(questions)

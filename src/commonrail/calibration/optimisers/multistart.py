@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from commonrail.base.arguments import number, settle, whole
+from commonrail.base.arguments import number, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import (
@@ -16,12 +16,20 @@ from commonrail.calibration.optimisers.base import (
     ALIKE,
     MOST_GENERATIONS,
     MOST_MEMBERS,
+    MOST_STARTS,
     SMALL_GAIN,
     Best,
     Convergence,
+    Optimiser,
     Wanted,
+    Work,
+    asked,
+    check_counts,
+    count,
     diverse_members,
+    inside,
     noise_of,
+    ranked,
 )
 from commonrail.calibration.optimisers.least_squares import (
     DescentLoss,
@@ -29,13 +37,10 @@ from commonrail.calibration.optimisers.least_squares import (
     LossSum,
     Rules,
     advance,
-    inside,
     recognised,
 )
-from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.space import Space, sample_priors
 
-MOST_STARTS = 1000
 POOL = 10  # candidates, for each start, whose better half starts are chosen from
 
 
@@ -43,47 +48,29 @@ POOL = 10  # candidates, for each start, whose better half starts are chosen fro
 class MultiStartSettings:
     """Settings of `MultiStartLeastSquares`.
 
-    Parameters
-    ----------
-    members : int
-        Candidates that are drawn and simulated once; descents start from the good ones among them that lie apart.
-    generations : int
-        Iterations of the descents, at most.
-    starts : int
-        Descents side by side, or fewer where not so many draws can be simulated. As many again begin where these have
-        ended and do not agree.
-    difference : float
-        Forward difference of the derivatives as a share of each range.
-
-    Raises
-    ------
-    ConfigurationError
-        If a number lies outside its range, or is not whole where it counts something.
+    Raises `ConfigurationError` if a number lies outside its range, or is not whole where it counts something.
     """
 
     size: ClassVar[str] = (
         "{starts} starts of {members} draws, {generations} iterations at most"  # in words, of a report
     )
 
-    # "most" is what a study file may ask for
-    members: int = field(default=128, metadata={"most": MOST_MEMBERS})
-    generations: int = field(default=60, metadata={"most": MOST_GENERATIONS})
-    starts: int = field(default=8, metadata={"most": MOST_STARTS})
-    difference: float = 1e-4
+    # candidates that are drawn and simulated once; descents start from the good ones among them that lie apart
+    members: int = count(128, MOST_MEMBERS, 1)
+    generations: int = count(60, MOST_GENERATIONS)  # iterations of the descents, at most
+    # descents side by side, or fewer where not so many draws can be simulated. As many again begin where these have
+    # ended and do not agree
+    starts: int = count(8, MOST_STARTS, 1)
+    difference: float = 1e-4  # forward difference of the derivatives as a share of each range
 
     def __post_init__(self) -> None:
-        settle(
-            self,
-            members=whole(self.members, "members", 1, MOST_MEMBERS),
-            generations=whole(self.generations, "generations", 0, MOST_GENERATIONS),
-            starts=whole(self.starts, "starts", 1, MOST_STARTS),
-            difference=number(self.difference, "1", "difference"),
-        )
+        check_counts(self)
+        settle(self, difference=number(self.difference, "1", "difference"))
         if not 0.0 < self.difference <= 0.1:
             raise ConfigurationError(f"difference = {self.difference:g} must lie above 0 and not above 0.1.")
 
 
-class MultiStartLeastSquares(Stepwise):
+class MultiStartLeastSquares(Optimiser):
     """Least squares with geodesic acceleration from several starts, finished when enough of them agree.
 
     The first step simulates draws from priors and bounds. The others are iterations of all descents side by side. When
@@ -91,23 +78,16 @@ class MultiStartLeastSquares(Stepwise):
     from the best is predicted to gain less than `SMALL_GAIN`. If not, as many descents begin again from other draws,
     once. The likelihood is that of the objective's own noise, see `noise_of`.
 
-    Parameters
-    ----------
-    space : Space
-    rng : numpy.random.Generator
-        Source of every draw.
-    settings : MultiStartSettings, optional
+    `rng`: source of every draw.
     """
 
     method, phase = "multi-start least squares", "multi-start least squares"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: MultiStartSettings | None = None) -> None:
-        self.settings = settings or MultiStartSettings()
-        super().__init__(space, rng, self.settings)
+        super().__init__(space, rng, settings or MultiStartSettings())
         d = space.dimension
-        self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not begun
+        self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not started
         self._ends = Descents.begin(np.empty((0, d)), np.empty((0, 0)))
-        self._costs = np.empty(0)
         self._loss, self._waves, self._stopped = DescentLoss.SQUARES, 0, False
 
     @property
@@ -116,7 +96,10 @@ class MultiStartLeastSquares(Stepwise):
         return self.steps if self._stopped else super().total
 
     @property
-    def _ended(self) -> str:
+    def reason(self) -> str:
+        """Verdict, and how the search has ended; empty before that."""
+        if not self.finished:
+            return ""
         verdict = self.verdict
         assert verdict is not None
         stopped = "" if self._stopped else f"all {self.settings.generations} iterations are done; "
@@ -127,9 +110,9 @@ class MultiStartLeastSquares(Stepwise):
         """Convergence on convergence; None before the first step."""
         if not self._waves and not self.steps:
             return None
-        if not np.isfinite(self._costs).any():
-            return Convergence.of(False, "no candidate could be simulated", {"starts": len(self._costs)})
-        excess = (self._costs - self._costs.min()) / self._noise(self._best.cost)
+        if not np.isfinite(self.costs).any():
+            return Convergence.of(False, "no candidate could be simulated", {"starts": len(self.costs)})
+        excess = (self.costs - self.costs.min()) / self._noise(self.best.cost)
         agreeing = int((excess <= ALIKE).sum())
         gain = float(self._ends.gain[int(np.argmin(excess))]) / self._losses()[1]
         converged = agreeing >= AGREEING and gain < SMALL_GAIN
@@ -149,17 +132,7 @@ class MultiStartLeastSquares(Stepwise):
     @property
     def ends(self) -> tuple[Best, ...]:
         """Points of the descents, of both waves if there were two."""
-        return self._ranked(self._ends.unit, self._costs)
-
-    @property
-    def population(self) -> Floats:
-        """Points (n, d) of the descents, SI."""
-        return self.space.from_unit(self._ends.unit)
-
-    @property
-    def costs(self) -> Floats:
-        """Costs (n,) of those points."""
-        return self._costs.copy()
+        return ranked(self.best, self.population, self.costs)
 
     def _noise(self, cost: float) -> float:
         """Change of the objective that changes 2 ln L by 1."""
@@ -167,26 +140,21 @@ class MultiStartLeastSquares(Stepwise):
 
     def _losses(self) -> tuple[LossSum, float]:
         """Losses, smoothed by the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
-        best = self._ends.residuals[int(np.argmin(self._costs))]
+        best = self._ends.residuals[int(np.argmin(self.costs))]
         losses = LossSum.near(self._loss, best)
         return losses, self._noise(float(losses.costs(best)))
 
     def _step(self) -> Work:
-        """Draws at first, then iterations."""
-        return self._descend() if self.steps else self._draw()
-
-    def _draw(self) -> Work:
-        """Simulate draws, and begin descents from good ones that lie apart."""
-        x = sample_priors(self.space, self.settings.members, self._rng)
-        costs = yield asked(x, Wanted.COSTS)
-        self._offer(x, costs)
-        pool = np.argsort(costs, kind="stable")[: POOL * self.settings.starts]
-        unit = self.space.to_unit(x[pool])
-        self._reserve = unit[diverse_members(unit, costs[pool], 2 * self.settings.starts)]
-        yield from self._settle()
-
-    def _settle(self) -> Work:
-        """End the search, or begin further descents, if none is running."""
+        """Draws at first, of which good ones that lie apart start descents; then iterations of these."""
+        if self.steps:
+            yield from self._descend()
+        else:
+            x = sample_priors(self.space, self.settings.members, self._rng)
+            costs = yield asked(x)
+            self._offer(x, costs)
+            pool = np.argsort(costs, kind="stable")[: POOL * self.settings.starts]
+            unit = self.space.to_unit(x[pool])
+            self._reserve = unit[diverse_members(unit, costs[pool], 2 * self.settings.starts)]
         while not self._ends.running.any():
             verdict = self.verdict
             if not len(self._reserve) or self._waves > 1 or (verdict is not None and verdict.converged):
@@ -195,7 +163,7 @@ class MultiStartLeastSquares(Stepwise):
             yield from self._begin()
 
     def _begin(self) -> Work:
-        """Begin the next descents."""
+        """Start the next descents."""
         unit, self._reserve = np.split(self._reserve, [min(self.settings.starts, len(self._reserve))])
         self._waves += 1
         x = self.space.from_unit(unit)
@@ -203,9 +171,10 @@ class MultiStartLeastSquares(Stepwise):
         costs = yield asked(x, Wanted.COSTS_AGAIN)
         new = Descents.begin(unit, residuals)
         if self._waves == 1:
-            self._loss, self._ends, self._costs = recognised(costs, residuals), new, costs
+            self._loss = recognised(costs, residuals)
+            self._take(new, costs)
         else:
-            self._ends, self._costs = self._ends.joined(new), np.concatenate([self._costs, costs])
+            self._take(self._ends.joined(new), np.concatenate([self.costs, costs]))
 
     def _descend(self) -> Work:
         """One iteration of the descents."""
@@ -214,31 +183,31 @@ class MultiStartLeastSquares(Stepwise):
         after = yield from advance(self.space, self._ends.without_slopes(), losses, rules)
         x = self.space.from_unit(after.unit)
         costs = yield asked(x, Wanted.COSTS_AGAIN)
-        self._ends, self._costs = after, costs
+        self._take(after, costs)
         self._offer(x, costs)
-        yield from self._settle()
+
+    def _take(self, ends: Descents, costs: Floats) -> None:
+        """Take descents and the costs (n,) of their points."""
+        self._ends, self.costs, self.population = ends, costs, self.space.from_unit(ends.unit)
 
     def _kept(self) -> dict[str, Any]:
         return {
             "reserve": self._reserve.copy(),
             **self._ends.record(),
-            "costs": self._costs.copy(),
+            "costs": self.costs.copy(),
             "loss": self._loss.value,
             "waves": self._waves,
             "stopped": self._stopped,
-            "best": self._best.x.copy(),
-            "cost": self._best.cost,
         }
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         d = self.space.dimension
-        reserve, costs, best = (np.array(state[name], dtype=float) for name in ("reserve", "costs", "best"))
+        reserve, costs = (np.array(state[name], dtype=float) for name in ("reserve", "costs"))
         ends = Descents.recorded(state, d)
-        if len(costs) != len(ends.unit) or (reserve.shape[1:], best.shape) != ((d,), (d,)):
+        if len(costs) != len(ends.unit) or reserve.shape[1:] != (d,):
             raise ConfigurationError("state: its descents are not whole; take a whole state")
-        if not all(inside(unit) for unit in (reserve, self.space.to_unit(best))) or np.isnan(costs).any():
+        if not inside(reserve) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
-        self._reserve, self._ends, self._costs = reserve, ends, costs
-        self._loss, self._waves = DescentLoss(state["loss"]), int(state["waves"])
-        self._stopped, self._work = bool(state["stopped"]), None
-        self._best = Best(best, float(state["cost"]))
+        self._reserve, self._loss, self._waves = reserve, DescentLoss(state["loss"]), int(state["waves"])
+        self._stopped = bool(state["stopped"])
+        self._take(ends, costs)

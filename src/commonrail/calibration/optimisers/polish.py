@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import (
     SMALL_GAIN,
-    Best,
     Optimiser,
     Wanted,
+    Work,
+    asked,
     diverse_members,
+    hop,
     noise_of,
 )
 from commonrail.calibration.optimisers.least_squares import Descents, LossSum, Rules, advance, recognised
-from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked, hop
 from commonrail.calibration.space import Space
 
 SHORTER = 6  # times that a hop to where nothing can be simulated is halved
@@ -44,20 +44,13 @@ class RefinementSettings:
         return self.refinements
 
 
-class Refinement(Stepwise):
+class Refinement(Optimiser):
     """Least squares from good members of a finished search that lie apart, then from hops near the best.
 
     A third of the refinements start from members. The end of each is judged by the objective itself, and is the new
     best where that falls. Each is one step: `state` knows nothing of one that is half done.
 
-    Parameters
-    ----------
-    space : Space
-    seed : int
-        Of the hops.
-    settings : RefinementSettings
-    before : Optimiser
-        The finished search; its population and best are refined.
+    `seed`: of the hops; `before`: the finished search; its population and best are refined.
     """
 
     method, phase = "least-squares refinement", "refinement"
@@ -68,28 +61,19 @@ class Refinement(Stepwise):
         members = population[usable]
         count = min(max(settings.refinements // 3, 1), len(members))
         super().__init__(space, np.random.default_rng([seed, count]), settings)
-        self.settings, self._before, self._best = settings, before, before.best
+        self.population, self.costs, self.best = population, costs, before.best
         self._starts = members[diverse_members(space.to_unit(members), costs[usable], count)]
         self.end_costs: Floats = np.empty(0)  # costs of the ends
 
     @property
     def total(self) -> int:
         """Refinements wanted; none of a search in which nothing could be simulated."""
-        return self.settings.refinements if np.isfinite(self.best.cost) else 0
+        return int(self.settings.refinements) if np.isfinite(self.best.cost) else 0
 
     @property
-    def _ended(self) -> str:
-        return f"all {self.total} refinements are done"
-
-    @property
-    def population(self) -> Floats:
-        """That of the search before (n, d), SI."""
-        return self._before.population
-
-    @property
-    def costs(self) -> Floats:
-        """Costs (n,) of that population."""
-        return self._before.costs
+    def reason(self) -> str:
+        """Reason for the end; empty before it."""
+        return f"all {self.total} refinements are done" if self.finished else ""
 
     def _step(self) -> Work:
         """A descent from a member or a hop, nearer the best where nothing can be simulated there."""
@@ -118,15 +102,10 @@ class Refinement(Stepwise):
         self._offer(x, costs)
 
     def _origin(self) -> dict[str, Any]:
-        return Optimiser._origin(self)  # a search that resumes may want other refinements
+        return super()._origin() | {"settings": []}  # a search that resumes may want other refinements
 
     def _kept(self) -> dict[str, Any]:
-        return {"best": self._best.x.copy(), "cost": self._best.cost, "ends": self.end_costs.copy()}
+        return {"ends": self.end_costs.copy()}
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        best, space = Best(np.array(state["best"], dtype=float), float(state["cost"])), self.space
-        slack = 1e-9 * (space.upper - space.lower)
-        within = (best.x >= space.lower - slack) & (best.x <= space.upper + slack)
-        if within.shape != slack.shape or not within.all() or np.isnan(best.cost):
-            raise ConfigurationError("state: its best point lies outside the bounds or has no cost; take a whole state")
-        self._best, self._work, self.end_costs = best, None, np.array(state["ends"], dtype=float)
+        self.end_costs = np.array(state["ends"], dtype=float)

@@ -3,33 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from commonrail.base.arguments import settle, whole
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted, diverse_members
-from commonrail.calibration.optimisers.evolution import Treatment, crossover, draw, mutate, treat, wins
+from commonrail.calibration.optimisers.base import (
+    MOST_GENERATIONS,
+    MOST_MEMBERS,
+    MOST_STARTS,
+    Best,
+    Optimiser,
+    Wanted,
+    Work,
+    asked,
+    check_counts,
+    count,
+    diverse_members,
+    hop,
+    inside,
+    ranked,
+)
+from commonrail.calibration.optimisers.evolution import FEWEST_MEMBERS, Treatment, crossover, draw, mutate, treat, wins
 from commonrail.calibration.optimisers.least_squares import (
     DescentLoss,
     Descents,
     LossSum,
     Rules,
     advance,
-    inside,
     recognised,
 )
-from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked, hop
 from commonrail.calibration.space import Space, sample_priors
 
 # Settings of the staged least squares.
-
-MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
-MOST_STARTS = 1000
-FEWEST_MEMBERS = 4  # a mutation combines three members other than the parent
 
 
 @dataclass(frozen=True)
@@ -62,26 +70,16 @@ class StagedSettings:
 
     size: ClassVar[str] = "{members} screened candidates, {generations} steps"  # in words, of a report
 
-    # "most" is what a study file may ask for
-    members: int = field(default=400, metadata={"most": MOST_MEMBERS})
-    generations: int = field(default=52, metadata={"most": MOST_GENERATIONS})
-    evolution: int = field(default=0, metadata={"most": MOST_GENERATIONS})
-    starts: int = field(default=3, metadata={"most": MOST_STARTS})
-    trial_iterations: int = field(default=10, metadata={"most": MOST_GENERATIONS})
-    finalists: int = field(default=1, metadata={"most": MOST_STARTS})
-    stage_iterations: int = field(default=14, metadata={"most": MOST_GENERATIONS})
+    members: int = count(400, MOST_MEMBERS, FEWEST_MEMBERS)
+    generations: int = count(52, MOST_GENERATIONS)
+    evolution: int = count(0, MOST_GENERATIONS)
+    starts: int = count(3, MOST_STARTS, 1)
+    trial_iterations: int = count(10, MOST_GENERATIONS)
+    finalists: int = count(1, MOST_STARTS, 1)
+    stage_iterations: int = count(14, MOST_GENERATIONS, 1)
 
     def __post_init__(self) -> None:
-        settle(
-            self,
-            members=whole(self.members, "members", FEWEST_MEMBERS, MOST_MEMBERS),
-            generations=whole(self.generations, "generations", 0, MOST_GENERATIONS),
-            evolution=whole(self.evolution, "evolution", 0, MOST_GENERATIONS),
-            starts=whole(self.starts, "starts", 1, MOST_STARTS),
-            trial_iterations=whole(self.trial_iterations, "trial_iterations", 0, MOST_GENERATIONS),
-            finalists=whole(self.finalists, "finalists", 1, MOST_STARTS),
-            stage_iterations=whole(self.stage_iterations, "stage_iterations", 1, MOST_GENERATIONS),
-        )
+        check_counts(self)
         if self.starts > self.members:
             raise ConfigurationError(f"starts = {self.starts} must not exceed members = {self.members}.")
 
@@ -99,7 +97,7 @@ DAMPING, LEAST_DAMPING = 1e-2, 1e-7  # of a descent that begins, and of one that
 FACTORS = tuple(4.0**power for power in range(-3, 5))  # dampings tried at once: eight fill a SIMD block
 
 
-class StagedLeastSquares(Stepwise):
+class StagedLeastSquares(Optimiser):
     """Damped least squares whose difference steps shrink in stages, from the best of many screened candidates.
 
     The first step screens draws from the priors, or from the bounds where a parameter has none, with coarser
@@ -107,46 +105,26 @@ class StagedLeastSquares(Stepwise):
     descents, after `trial_iterations` of the best ones only, through all stages. When all have ended, a new descent
     starts from a point near the best.
 
-    Parameters
-    ----------
-    space : Space
-    rng : numpy.random.Generator
-        Source of every draw.
-    settings : StagedSettings, optional
+    `rng`: source of every draw.
     """
 
     method, phase = "staged least squares", "staged least squares"
+    ended = "all {generations} steps after the screening are done"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: StagedSettings | None = None) -> None:
-        self.settings = settings or StagedSettings()
-        super().__init__(space, rng, self.settings)
+        super().__init__(space, rng, settings or StagedSettings())
         empty = np.empty((0, space.dimension))
         self._pool, self._pool_costs = empty, np.empty(0)
         self._descents = Descents.begin(empty, np.empty((0, 0)))
-        self._costs = np.empty(0)
         self._stage = self._iteration = np.empty(0, int)  # of each descent; one beyond the last stage has ended
-        self._ended_unit, self._ended_costs, self._hopping = empty, np.empty(0), False
+        self._ended_x, self._ended_costs, self._hopping = empty, np.empty(0), False
         self._stages, self._loss = len(DIFFERENCES), DescentLoss.SQUARES
-
-    @property
-    def _ended(self) -> str:
-        return f"all {self.settings.generations} steps after the screening are done"
 
     @property
     def ends(self) -> tuple[Best, ...]:
         """Points of the descents from the screened or evolved members; hops, which start near the best, refine it."""
-        unit, costs = (self._ended_unit, self._ended_costs) if self._hopping else (self._descents.unit, self._costs)
-        return self._ranked(unit, costs)
-
-    @property
-    def population(self) -> Floats:
-        """Points (n, d) of the descents, SI."""
-        return self.space.from_unit(self._descents.unit)
-
-    @property
-    def costs(self) -> Floats:
-        """Costs (n,) of those points."""
-        return self._costs.copy()
+        x, costs = (self._ended_x, self._ended_costs) if self._hopping else (self.population, self.costs)
+        return ranked(self.best, x, costs)
 
     def _step(self) -> Work:
         """Screening at first, then the evolution that is wanted, then iterations."""
@@ -187,7 +165,7 @@ class StagedLeastSquares(Stepwise):
 
     def _descend(self) -> Work:
         """One iteration of the descents, or the start of a new one."""
-        descents, costs = self._descents, self._costs
+        descents, costs = self._descents, self.costs
         stage, iteration, stages = self._stage, self._iteration, self._stages
         if stages == 1 and not (stage < stages).any():  # trials are over: the best descents begin the first stage again
             best = np.argsort(costs, kind="stable")[: self.settings.finalists]
@@ -196,10 +174,10 @@ class StagedLeastSquares(Stepwise):
             stage = np.where(np.isfinite(costs), 0, stages)
         running = stage < stages
         if not running.any():
-            ended = descents.unit, costs
+            ended = self.space.from_unit(descents.unit), costs
             yield from self._begin(self._near_best()[None, :], len(DIFFERENCES))
             if not self._hopping:
-                (self._ended_unit, self._ended_costs), self._hopping = ended, True
+                (self._ended_x, self._ended_costs), self._hopping = ended, True
             return
         losses = LossSum.near(self._loss, descents.residuals[int(np.argmin(costs))])
         width = np.array(DIFFERENCES)[np.minimum(stage, len(DIFFERENCES) - 1)]
@@ -212,8 +190,9 @@ class StagedLeastSquares(Stepwise):
         iteration = iteration + running
         done = running & ((iteration >= most) | ~(lowered < (1.0 - LEAST_GAIN) * before))
         damping = np.where(lowered < before, np.maximum(after.damping, LEAST_DAMPING), descents.damping)
-        self._descents, self._costs, self._stages = after._replace(damping=damping), costs, stages
+        self._descents, self._stages = after._replace(damping=damping), stages
         self._stage, self._iteration = stage + done, np.where(done, 0, iteration)
+        self.population, self.costs = x, costs
         self._offer(x, costs)
 
     def _begin(self, unit: Floats, stages: int | None = None) -> Work:
@@ -225,15 +204,16 @@ class StagedLeastSquares(Stepwise):
         self._stages = stages or (1 if tried else len(DIFFERENCES))
         self._descents = Descents.begin(unit, residuals)._replace(damping=np.full(len(unit), DAMPING))
         self._stage = np.where(self._descents.running & np.isfinite(costs), 0, len(DIFFERENCES))
-        self._iteration, self._costs, self._loss = np.zeros(len(unit), int), costs, recognised(costs, residuals)
+        self._iteration, self._loss = np.zeros(len(unit), int), recognised(costs, residuals)
+        self.population, self.costs = x, costs
         self._offer(x, costs)
 
     def _near_best(self) -> Floats:
         """A feasible point (d,) near the best, or anywhere if there is none yet; unit coordinates."""
         space = self.space
-        if not np.isfinite(self._best.cost):
+        if not np.isfinite(self.best.cost):
             return space.to_unit(sample_priors(space, 1, self._rng)[0])
-        return np.clip(space.to_unit(hop(space, self._best.x, self._rng)), 0.0, 1.0)
+        return np.clip(space.to_unit(hop(space, self.best.x, self._rng)), 0.0, 1.0)
 
     def _kept(self) -> dict[str, Any]:
         return {
@@ -242,34 +222,30 @@ class StagedLeastSquares(Stepwise):
             **self._descents.record(),
             "stage": self._stage.copy(),
             "iteration": self._iteration.copy(),
-            "costs": self._costs.copy(),
+            "costs": self.costs.copy(),
             "stages": self._stages,
             "loss": self._loss.value,
-            "best": self._best.x.copy(),
-            "cost": self._best.cost,
-            "ended_unit": self._ended_unit.copy(),
+            "ended_x": self._ended_x.copy(),
             "ended_costs": self._ended_costs.copy(),
             "hopping": self._hopping,
         }
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         d = self.space.dimension
-        pool, best, ended = (np.array(state[name], dtype=float) for name in ("pool", "best", "ended_unit"))
-        pool_costs, costs, ended_costs = (
-            np.array(state[name], dtype=float) for name in ("pool_costs", "costs", "ended_costs")
-        )
+        names = "pool", "ended_x", "pool_costs", "costs", "ended_costs"
+        pool, ended, pool_costs, costs, ended_costs = (np.array(state[name], dtype=float) for name in names)
         stage, iteration = (np.array(state[name], dtype=np.int64) for name in ("stage", "iteration"))
         descents = Descents.recorded(state, d)
-        shapes = [pool.shape, ended.shape, best.shape, costs.shape, stage.shape, iteration.shape]
-        if shapes != [(len(pool_costs), d), (len(ended_costs), d), (d,), *[descents.damping.shape] * 3]:
+        shapes = [pool.shape, ended.shape, costs.shape, stage.shape, iteration.shape]
+        if shapes != [(len(pool_costs), d), (len(ended_costs), d), *[descents.damping.shape] * 3]:
             raise ConfigurationError("state: its descents are not whole; take a whole state")
-        if not all(map(inside, (pool, ended, self.space.to_unit(best)))) or np.isnan(costs).any():
+        if not (inside(pool) and inside(self.space.to_unit(ended))) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
-        self._pool, self._pool_costs, self._costs = pool, pool_costs, costs
+        self._pool, self._pool_costs = pool, pool_costs
         self._descents, self._stage, self._iteration = descents, stage, iteration
         self._stages, self._loss = int(state["stages"]), DescentLoss(state["loss"])
-        self._best, self._work = Best(best, float(state["cost"])), None
-        self._ended_unit, self._ended_costs, self._hopping = ended, ended_costs, bool(state["hopping"])
+        self._ended_x, self._ended_costs, self._hopping = ended, ended_costs, bool(state["hopping"])
+        self.population, self.costs = self.space.from_unit(descents.unit), costs
 
 
 def capped(cap: float, residuals: Floats) -> Floats:

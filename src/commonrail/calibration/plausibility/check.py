@@ -39,13 +39,7 @@ def of_start(study: Study, scores: Sequence[Score]) -> tuple[Finding, ...]:
 def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> tuple[Finding, ...]:
     """Findings about a finished search and its calibrated injector.
 
-    Parameters
-    ----------
-    fit : Fit
-    injector : Injector
-        The calibrated one.
-    before : iterable of Finding
-        What is told already.
+    `injector`: the calibrated one; `before`: what is told already.
     """
     findings = [*fit_findings(fit), *_of_scores(fit.study, injector, fit.scores)]
     findings += share_findings(fit.study.data, fit.scores, "calibrated values")
@@ -55,14 +49,7 @@ def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> t
 def of_model(study: Study, injector: Injector, scores: Sequence[Score], fitted: bool) -> tuple[Finding, ...]:
     """Findings about any injector on the data of a study.
 
-    Parameters
-    ----------
-    study : Study
-    injector : Injector
-    scores : sequence of Score
-        Of the injector, one for each data set.
-    fitted : bool
-        Judge errors, shifts and gains too.
+    `scores`: of the injector, one for each data set; `fitted`: judge errors, shifts and gains too.
     """
     findings = [f for data in study.data for f in data_findings(data, injector)]
     findings += injector_findings(injector)

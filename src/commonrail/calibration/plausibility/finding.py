@@ -28,12 +28,7 @@ class Finding(NamedTuple):
 def found(code: str, subject: str, text: str) -> Finding:
     """Finding whose sentence begins with its subject.
 
-    Parameters
-    ----------
-    code, subject : str
-        As in `Finding`.
-    text : str
-        The sentence without its subject.
+    `code`, `subject`: as in `Finding`; `text`: the sentence without its subject.
     """
     return Finding(code, subject, one_line(f"{subject}: {text}"))
 

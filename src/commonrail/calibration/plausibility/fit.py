@@ -48,13 +48,7 @@ def fit_findings(fit: Fit) -> Iterator[Finding]:
 def model_findings(data: DataSet, score: Score, injector: Injector) -> Iterator[Finding]:
     """Findings about one model on one data set: a large error, and a shift or a gain that would explain it.
 
-    Parameters
-    ----------
-    data : DataSet
-    score : Score
-        Of the model on these data.
-    injector : Injector
-        The model.
+    `score`: of the model on these data; `injector`: the model.
     """
     error = data.relative_error(score)
     if error > finding.LARGE_MISFIT:

@@ -41,13 +41,7 @@ def start_findings(data: DataSet, score: Score) -> Iterator[Finding]:
 def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) -> Iterator[Finding]:
     """Fitted sets that make nearly all of J, or nearly nothing of it.
 
-    Parameters
-    ----------
-    data : sequence of DataSet
-    scores : sequence of Score
-        One for each data set.
-    of : str
-        What the scored model is called.
+    `scores`: one for each data set; `of`: what the scored model is called.
     """
     fitted = [(d, s) for d, s in zip(data, scores, strict=True) if d.role is Role.FIT]
     costs = np.array([set_cost(d, s) for d, s in fitted])

@@ -8,6 +8,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.least_squares import Descents, FeasibleSet, Model, Rules, advance, answered
+from commonrail.plugins.certainty.covariance import Covariance, covariance_of
 from commonrail.plugins.certainty.likelihood import Likelihood
 
 FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one
@@ -15,24 +16,19 @@ FEW = 5  # free parameters, up to which steps are straight: bending them saves n
 
 
 class Ascent(NamedTuple):
-    """Ends of ascents.
+    """Ends of ascents."""
 
-    Attributes
-    ----------
-    unit : (k, d)
-        Positions between the bounds.
-    cost : (k,)
-        −2 ln of likelihood and priors, without constants; +inf where the start failed.
-    errors : (k, n)
-        Residuals there.
-    slopes : (k, d, n)
-        One-sided derivatives there; NaN of an ascent that does not know them, zero for a fixed parameter.
-    """
-
-    unit: Floats
-    cost: Floats
-    errors: Floats
+    unit: Floats  # (k, d), positions between the bounds
+    cost: Floats  # (k,), −2 ln of likelihood and priors, without constants; +inf where the start failed
+    errors: Floats  # (k, n), residuals there
+    # (k, d, n), one-sided derivatives there; NaN of an ascent that does not know them, zero for a fixed parameter
     slopes: Floats
+
+    @property
+    def best(self) -> Ascent:
+        """The one that ends highest."""
+        best = int(np.argmin(self.cost))
+        return Ascent(*(part[best : best + 1] for part in self))
 
 
 class _Criterion(NamedTuple):
@@ -41,20 +37,20 @@ class _Criterion(NamedTuple):
     likelihood: Likelihood
 
     def innovations(self, residuals: Floats, unit: Floats) -> Floats:
-        own = self.likelihood
+        likelihood = self.likelihood
         known = np.isfinite(residuals).all(axis=-1, keepdims=True)
-        data = np.where(known, own.whiten(np.where(known, residuals, 0.0)), np.nan)
-        priors = own.priors.residuals(own.space.from_unit(unit.reshape(-1, unit.shape[-1])))
+        data = np.where(known, likelihood.whiten(np.where(known, residuals, 0.0)), np.nan)
+        priors = likelihood.priors.residuals(likelihood.space.from_unit(unit.reshape(-1, unit.shape[-1])))
         return np.concatenate([data, priors.reshape(*unit.shape[:-1], -1)], axis=-1)
 
     def tangents(self, slopes: Floats, unit: Floats) -> Floats:
-        own = self.likelihood
-        priors = [own.prior_slopes(point).T for point in unit]
-        return np.concatenate([own.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
+        likelihood = self.likelihood
+        priors = [likelihood.prior_slopes(point).T for point in unit]
+        return np.concatenate([likelihood.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
 
     def costs(self, innovations: Floats) -> Floats:
-        own, n = self.likelihood, self.likelihood.size
-        cost = own.block_costs(innovations[..., :n]).sum(axis=-1) + np.sum(innovations[..., n:] ** 2, axis=-1)
+        likelihood, n = self.likelihood, self.likelihood.size
+        cost = likelihood.block_costs(innovations[..., :n]).sum(axis=-1) + np.sum(innovations[..., n:] ** 2, axis=-1)
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def weights(self, innovations: Floats) -> Floats:
@@ -79,23 +75,11 @@ def climb(
 ) -> Ascent:
     """Ascend from positions to the most likely values that each leads to.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        With its noise.
-    unit : (k, d)
-        Positions between the bounds, within the constraints.
-    fixed : (k,) or (k, h), optional
-        Parameters that each ascent leaves where they are.
-    errors : (k, n), optional
-        Residuals at the positions, if they are known.
-    slopes : (k, d, n), optional
-        Their one-sided derivatives, as those of `Ascent`.
-    turns : int
-        Largest number of steps.
-    tolerance : float
-        Fall of −2 ln L that counts as none: where the linear model promises no more, or two steps in a row bring no
-        more, an ascent ends.
+    `likelihood`: with its noise; `unit` (k, d): positions between the bounds, within the constraints; `fixed` (k,) or
+    (k, h): parameters that each ascent leaves where they are; `errors` (k, n): residuals at the positions, if they are
+    known; `slopes` (k, d, n): their one-sided derivatives, as those of `Ascent`; `turns`: largest number of steps;
+    `tolerance`: fall of −2 ln L that counts as none: where the linear model promises no more, or two steps in a row
+    bring no more, an ascent ends.
     """
     if errors is None:
         errors = likelihood.residuals(likelihood.space.from_unit(unit))
@@ -117,3 +101,12 @@ def linearised(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Flo
     """Quadratic model of −2 ln of likelihood and priors about a position (d,), by slopes (d, n) and errors (n,)."""
     now = Descents.begin(unit[None], errors[None], slopes[None])
     return Model.of(FeasibleSet.of(likelihood.space), _Criterion(likelihood), now)
+
+
+def covariance_at(likelihood: Likelihood, end: Ascent) -> tuple[Covariance, Floats]:
+    """Covariance and derivatives (d, n) of the residuals at the end of one ascent."""
+    slopes = end.slopes[0]
+    if np.isnan(slopes[0, 0]):
+        slopes = likelihood.slopes(end.unit, end.errors)[0]
+    nothing = np.zeros((0, likelihood.size))
+    return covariance_of(likelihood, slopes, end.errors[0], nothing, likelihood.prior_slopes(end.unit[0])), slopes

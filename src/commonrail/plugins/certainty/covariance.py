@@ -3,7 +3,7 @@
 With whitened derivatives J_b of block b, the bread is B = Σ m_b J_bᵀJ_b, m_b being the mean slope of its law, and the
 covariance is V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹ with τ_b = K² Σψ²/ν_b (Huber's factor K): that of the estimator in use,
 whatever its law. A Gaussian block has m = τ = 1. Priors are a block with stated deviations. Bounds and constraints are
-not projected out. Of a block under Student's t the noise's part is replaced at the end, see `integrated`.
+not projected out. Of a block under Student's t the noise's part is replaced at the end, see `outliers`.
 """
 
 from __future__ import annotations
@@ -17,49 +17,27 @@ from scipy import special
 from commonrail.base.arrays import Bools, Floats
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import unequal
+from commonrail.plugins.certainty.noise import stated_courses, unequal
 
 NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direction counts as unseen
 
 
 class Covariance(NamedTuple):
-    """Covariance of the estimates in positions between the bounds.
+    """Covariance of the estimates in positions between the bounds."""
 
-    Attributes
-    ----------
-    inverse : (d, d)
-        Inverse of the bread, see above.
-    noise : (d, d)
-        By noise alone; +inf on the diagonal where nothing holds a parameter.
-    nuisances : (k, d)
-        Change of the estimates for one standard deviation of each uncertain quantity; large ones from fits, see
-        `refits`.
-    discrepancy : (d, d)
-        By what the model cannot do, as the blocks state it.
-    shares : (blocks + 1, d)
-        Parts of the variance by noise that come from each block, the priors last.
-    freedom : (d,)
-        Degrees of freedom of each standard error by noise (Satterthwaite).
-    alone : (d,)
-        Standard errors where all other parameters are known.
-    used : (blocks,)
-        Parameters that each block pays for.
-    ratios : (blocks,)
-        Mean slope over scatter of ψ of each block, by which differences of its cost are scaled.
-    beyond : (d,)
-        Standard errors by noise over those of the likelihood's curvature, 1 at least; more only where outliers were
-        integrated out.
-    """
-
-    inverse: Floats
-    noise: Floats
+    inverse: Floats  # (d, d), inverse of the bread, see above
+    noise: Floats  # (d, d), by noise alone; +inf on the diagonal where nothing holds a parameter
+    # (k, d), change of the estimates for one standard deviation of each uncertain quantity; large ones from fits, see
+    # `with_refits`
     nuisances: Floats
-    discrepancy: Floats
-    shares: Floats
-    freedom: Floats
-    alone: Floats
-    used: Floats
-    ratios: Floats
+    discrepancy: Floats  # (d, d), by what the model cannot do, as the blocks state it
+    shares: Floats  # (blocks + 1, d), parts of the variance by noise that come from each block, the priors last
+    freedom: Floats  # (d,), degrees of freedom of each standard error by noise (Satterthwaite)
+    alone: Floats  # (d,), standard errors where all other parameters are known
+    used: Floats  # (blocks,), parameters that each block pays for
+    ratios: Floats  # (blocks,), mean slope over scatter of ψ of each block, by which differences of its cost are scaled
+    # (d,), standard errors by noise over those of the likelihood's curvature, 1 at least; more only where outliers were
+    # integrated out
     beyond: Floats
 
     @property
@@ -75,25 +53,18 @@ class Covariance(NamedTuple):
         return np.asarray(self.noise + self.nuisances.T @ self.nuisances + self.discrepancy)
 
 
-def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts: Floats, pulls: Floats) -> Covariance:
+def covariance_of(
+    likelihood: Likelihood, slopes: Floats, errors: Floats, shifts: Floats, prior_slopes: Floats
+) -> Covariance:
     """Covariance at the most likely values.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        With its noise.
-    slopes : (d, n)
-        Derivatives of the residuals with respect to the positions.
-    errors : (n,)
-        Residuals.
-    shifts : (k, n)
-        Changes of the residuals for one standard deviation of each uncertain quantity.
-    pulls : (p, d)
-        Derivatives of the residuals of the priors.
+    `likelihood`: with its noise; `slopes` (d, n): derivatives of the residuals with respect to the positions; `errors`
+    (n,): residuals; `shifts` (k, n): changes of the residuals for one standard deviation of each uncertain quantity;
+    `prior_slopes` (p, d): derivatives of the residuals of the priors.
     """
     tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(errors)
     parts = [tangents[:, b.rows] @ tangents[:, b.rows].T for b in likelihood.blocks]
-    prior = pulls.T @ pulls
+    prior = prior_slopes.T @ prior_slopes
     bread, used, meat, ratios = _bread(likelihood, parts, prior, innovations)
     inverse, loose = _inverse(bread)
     spread = [inverse @ (t * part) @ inverse for t, part in zip(meat, parts, strict=True)]
@@ -106,8 +77,11 @@ def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts
     with np.errstate(divide="ignore"):
         alone = 1.0 / np.sqrt(np.diag(bread))
     moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
-    held = _discrepancy(likelihood, inverse, tangents, innovations)
-    return Covariance(inverse, noise, moved, held, shares, freedom, alone, used, ratios, np.ones(len(bread)))
+    courses = likelihood.whiten(stated_courses(likelihood.blocks))
+    lacking = moved_by(likelihood, inverse, tangents, innovations, courses)
+    return Covariance(
+        inverse, noise, moved, lacking.T @ lacking, shares, freedom, alone, used, ratios, np.ones(len(bread))
+    )
 
 
 def combined_freedom(shares: Floats, freedoms: Sequence[float]) -> Floats:
@@ -154,51 +128,12 @@ def _inverse(matrix: Floats) -> tuple[Floats, Bools]:
 def moved_by(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats, shifts: Floats) -> Floats:
     """Changes (k, d) of the estimates, in positions, by changes (k, n) of the innovations.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    inverse : (d, d)
-        Of the bread.
-    tangents : (d, n)
-        Whitened derivatives.
-    innovations : (n,)
-    shifts : (k, n)
+    `inverse` (d, d): of the bread; `tangents` (d, n): whitened derivatives; `innovations` (n,); `shifts` (k, n).
     """
-    weighted = _sloped(likelihood, tangents, innovations)
+    weighted = tangents.copy()
+    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
+        weighted[:, block.rows] *= noise.mean_slope(innovations[block.rows])
     return np.asarray(-(shifts @ weighted.T) @ inverse)
-
-
-def _sloped(likelihood: Likelihood, tangents: Floats, innovations: Floats) -> Floats:
-    """Derivatives times the slope of each value's law."""
-    found = tangents.copy()
-    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        found[:, block.rows] *= max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
-    return found
-
-
-def _discrepancy(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats) -> Floats:
-    """Covariance (d, d) of the estimates by stated discrepancies."""
-    total = np.zeros_like(inverse)
-    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        courses = block.stated_courses()
-        if len(courses):
-            shifts = np.zeros((len(courses), likelihood.size))
-            shifts[:, block.rows] = noise.whiten(courses)
-            moves = moved_by(likelihood, inverse, tangents, innovations, shifts)
-            total += moves.T @ moves
-    return total
-
-
-def half_widths(covariance: Covariance, level: float) -> Floats:
-    """Half widths (d,) of intervals in positions: t quantile of the noise's degrees of freedom times the total error.
-
-    Parameters
-    ----------
-    covariance : Covariance
-    level : float
-        Share of intervals that hold the truth.
-    """
-    return np.asarray(student(covariance.freedom, level) * np.sqrt(np.diag(covariance.total)))
 
 
 def student(freedom: Floats, level: float) -> Floats:

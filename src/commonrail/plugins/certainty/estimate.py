@@ -6,10 +6,8 @@ the noise as white, and its several starts tell whether the search has ended.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
@@ -19,11 +17,12 @@ from commonrail.calibration.optimisers.base import farthest
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
-from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, linearised
-from commonrail.plugins.certainty.covariance import Covariance, combined_freedom, covariance_of, half_widths, moved_by
+from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
+from commonrail.plugins.certainty.covariance import Covariance, covariance_of, moved_by, student
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import LAWS, sample_count
-from commonrail.plugins.certainty.nuisance import Nuisance
+from commonrail.plugins.certainty.noise import sample_count
+from commonrail.plugins.certainty.nuisance import SIDES, Nuisance
+from commonrail.plugins.certainty.outliers import with_integration
 
 # Derivatives over the width of the intervals: differences between points three standard errors to both sides.
 #
@@ -37,25 +36,17 @@ LONGEST = 0.1  # of the range of a parameter: beyond it curvature counts, which 
 SHORTEST = 0.1  # of the reach, below which bounds and constraints leave no difference to be taken
 
 
-def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats, covariance: Covariance) -> Floats:
+def secant_slopes(
+    likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats, covariance: Covariance
+) -> Floats:
     """Derivatives (d, n) of the residuals with respect to the positions, from differences along the principal axes.
 
     2 d points are simulated in one batch, within the bounds and straight constraints (see `FeasibleSet`). Along an axis
     that these close, or where a simulation fails, the given derivatives stay; so do those of parameters that nothing
     holds.
 
-    Parameters
-    ----------
-    own : Likelihood
-        With its noise.
-    unit : (d,)
-        Position between the bounds.
-    errors : (n,)
-        Residuals there.
-    slopes : (d, n)
-        Derivatives at the point.
-    covariance : Covariance
-        By noise.
+    `likelihood`: with its noise; `unit` (d,): position between the bounds; `errors` (n,): residuals there; `slopes` (d,
+    n): derivatives at the point; `covariance`: by noise.
     """
     held = np.isfinite(np.diag(covariance.noise))
     values, vectors = np.linalg.eigh(covariance.noise[np.ix_(held, held)])
@@ -65,10 +56,10 @@ def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats,
     axes = np.zeros((len(values), len(unit)))
     axes[:, held] = (vectors * np.sqrt(values)).T
     reach = np.minimum(REACH, LONGEST / np.maximum(np.abs(axes).max(axis=1), 1e-300))
-    feasible = FeasibleSet.of(own.space)
+    feasible = FeasibleSet.of(likelihood.space)
     ahead, behind = (np.minimum(reach, _distance(feasible, unit, sign * axes)) for sign in (1.0, -1.0))
     points = np.concatenate([unit + ahead[:, None] * axes, unit - behind[:, None] * axes])
-    found = own.residuals(own.space.from_unit(np.clip(points, 0.0, 1.0)))  # cuts rounding only
+    found = likelihood.residuals(likelihood.space.from_unit(np.clip(points, 0.0, 1.0)))  # cuts rounding only
     difference = found[: len(axes)] - found[len(axes) :]
     local = axes @ slopes
     usable = (ahead + behind > SHORTEST * reach) & np.isfinite(difference).all(axis=1)
@@ -90,229 +81,12 @@ def _distance(feasible: FeasibleSet, unit: Floats, axes: Floats) -> Floats:
 def wider(found: Covariance, local: Covariance) -> Covariance:
     """The covariance by differences, no parameter's error smaller than by the derivatives at the point.
 
-    Parameters
-    ----------
-    found : Covariance
-        By differences over the interval.
-    local : Covariance
-        By derivatives at the point.
+    `found`: by differences over the interval; `local`: by derivatives at the point.
     """
     both = np.isfinite(np.diag(found.noise)) & np.isfinite(np.diag(local.noise))
     variances = np.where(both, np.diag(found.noise), 1.0)
     scale = np.sqrt(np.maximum(np.where(both, np.diag(local.noise), 1.0) / np.maximum(variances, 1e-300), 1.0))
     return found._replace(noise=found.noise * np.outer(scale, scale))
-
-
-# Covariance of the parameters under Student's t, with weights, scale and degrees of freedom integrated out.
-#
-# Where few values hold a parameter, its uncertainty depends on which of them are outliers. The curvature of the
-# likelihood, whose weights are averages over all values, does not know that: in the bed of outliers
-# (`tools/coverage.py`) 11 of 520 samples hold k7, and its intervals were a fifth too narrow. Student's t is a normal
-# distribution of unknown weight for each value: given the weights, the parameters of the linear model are normal;
-# given the parameters, the weights are gamma variables. Both are drawn in turn (Gibbs sampling; Geweke 1993), for
-# scales and degrees of freedom from their own posterior at the fitted residuals, with flat priors on the logarithms of
-# both. A stated standard deviation is that of every degree of freedom above two, whose scales differ.
-#
-# The second moment is taken about the most likely values, which the intervals are centred on. No simulation is added.
-
-FREEDOMS = np.exp(np.linspace(0.0, math.log(30.0), 12))  # of Student's t: from a Cauchy to nearly a normal distribution
-SCALES = 41  # tried about the fitted one
-FARTHEST, SPREAD = 0.35, 4.0  # logarithm of these: change by another freedom, and standard errors of the estimate
-STATED = 2.0  # of the same, over the root of the degrees of freedom of a stated scale
-CHAINS, BEFORE, KEPT = 32, 6, 12  # chains, and their turns before and while the moments are collected
-SEED = 1
-AT_ONCE = 2_000_000  # numbers of the chains that are in memory together
-HELD = 1e-13  # eigenvalue of the correlation of the parameters, below which a direction is not seen
-
-
-class Robust(NamedTuple):
-    """Values of one data set under Student's t, as the parameters' linear model has them.
-
-    Attributes
-    ----------
-    innovations : (n,)
-        In fitted scales.
-    tangents : (r, n)
-        Their derivatives.
-    weights : (n,)
-        Those with which the most likely values were found.
-    used : float
-        Parameters that the data set pays for.
-    stated : float
-        Degrees of freedom of a stated deviation, infinite where it is exactly known; zero where it is estimated.
-    """
-
-    innovations: Floats
-    tangents: Floats
-    weights: Floats
-    used: float
-    stated: float = 0.0
-
-
-def with_integration(
-    known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats
-) -> Covariance:
-    """Covariance whose part by noise has the outliers of Student's t integrated out; the same where no block has them.
-
-    Parameters
-    ----------
-    known : Covariance
-        By the curvature of the likelihood.
-    likelihood : Likelihood
-        With its noise.
-    slopes : (d, n)
-        Derivatives of the residuals with respect to the positions.
-    errors : (n,)
-        Residuals.
-    pulls : (p, d)
-        Derivatives of the residuals of the priors.
-    """
-    if not any(noise.law is Law.STUDENT for noise in likelihood.noises):
-        return known
-    try:
-        return _integrated(known, likelihood, slopes, errors, pulls)
-    except np.linalg.LinAlgError:  # no value is left that tells of the noise, so nothing bounds the interval
-        return known._replace(noise=np.diag(np.full(len(known.noise), np.inf)))
-
-
-def _integrated(known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats) -> Covariance:
-    """Covariance with the outliers integrated out, see `with_integration`.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the fit meets all values that hold a parameter.
-    """
-    heavy = [noise.law is Law.STUDENT for noise in likelihood.noises]
-    root, unseen = _root(known.inverse)
-    tangents, innovations = root.T @ likelihood.whiten(slopes), likelihood.whiten(errors)
-    held = pulls @ root
-    fixed = held.T @ held + unseen
-    curved, robust = fixed.copy(), []
-    for i, (block, noise) in enumerate(zip(likelihood.blocks, likelihood.noises, strict=True)):
-        u, own = innovations[block.rows], tangents[:, block.rows]
-        slope = noise.density.slope(u)
-        if heavy[i]:
-            if not np.isfinite(known.ratios[i]):
-                raise np.linalg.LinAlgError("no scatter")
-            live = u != 0.0  # exact agreement, as before an injection, is no sample of the noise
-            weights, stated = noise.density.weight(u[live]), noise.freedom if noise.known else 0.0
-            robust.append(Robust(u[live], own[:, live], weights, float(known.used[i]), stated))
-            curved += known.ratios[i] * (own * slope) @ own.T
-        else:
-            part = known.ratios[i] * max(float(slope.mean()), 0.05) * own @ own.T
-            fixed, curved = fixed + part, curved + part
-    moment = root @ second_moment(robust, fixed) @ root.T
-    variance, loose = np.diag(moment), ~np.isfinite(np.diag(known.noise))
-    local = np.einsum("ij,jk,ik->i", root, np.linalg.pinv(curved, hermitian=True), root)
-    if np.linalg.eigvalsh(curved)[0] <= 0.0:  # an outlier decides: the curvature at the top is no measure of the width
-        local = variance
-    # an outlier at the turn of its weight makes the top nearly flat, which is no reason for a profile to end sooner
-    beyond = np.sqrt(np.maximum(np.where(local > 0.0, variance / np.where(local > 0.0, local, 1.0), 1.0), 1.0))
-    moment[loose, loose] = np.inf
-    freedoms = [np.inf if one else noise.freedom for one, noise in zip(heavy, likelihood.noises, strict=True)]
-    return known._replace(noise=moment, freedom=combined_freedom(known.shares, freedoms), beyond=beyond)
-
-
-def _root(inverse: Floats) -> tuple[Floats, Floats]:
-    """Symmetric root R (d, d) of the inverse of the information, scaled, and the projector (d, d) on what is not seen.
-
-    The symmetric root changes smoothly with the matrix: neighbouring fits use the same draws in the same way.
-    """
-    scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
-    values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))
-    seen = values > HELD * max(values.max(initial=0.0), 1e-300)
-    root = (vectors[:, seen] * np.sqrt(values[seen])) @ vectors[:, seen].T
-    return np.asarray(scale[:, None] * root), np.asarray(vectors[:, ~seen] @ vectors[:, ~seen].T)
-
-
-def second_moment(blocks: Sequence[Robust], fixed: Floats) -> Floats:
-    """Second moment (r, r) of the parameters about their most likely values.
-
-    The most likely values stay so: a bound or a constraint that holds them is a constant force.
-
-    Parameters
-    ----------
-    blocks : sequence of Robust
-        At least one.
-    fixed : (r, r)
-        Information of all other data sets and of the priors; with that of the blocks it is positive definite.
-    """
-    rng = np.random.default_rng(SEED)
-    noises = [_noises(block, rng) for block in blocks]
-    size = max(1, AT_ONCE // max(block.tangents.size for block in blocks))
-    sums = [
-        _chains(blocks, fixed, [(s[at : at + size], f[at : at + size]) for s, f in noises], rng)
-        for at in range(0, CHAINS, size)
-    ]
-    return np.asarray(np.sum(sums, axis=0) / (CHAINS * KEPT))
-
-
-def _noises(block: Robust, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Scales, over the fitted one, and degrees of freedom (`CHAINS`,): evenly spread over their posterior."""
-    square = block.innovations**2
-    n = len(square)
-    reach = FARTHEST + SPREAD / math.sqrt(n) + (STATED / math.sqrt(block.stated) if block.stated else 0.0)
-    grid = np.linspace(-reach, reach, SCALES)
-    scales = np.exp(grid)[:, None] * (_of_one_deviation() if block.stated else np.ones(len(FREEDOMS)))
-    half = 0.5 * (FREEDOMS + 1.0)
-    constants = np.array([math.lgamma(h) - math.lgamma(h - 0.5) - 0.5 * math.log(2.0 * h - 1.0) for h in half])
-    logarithms = np.empty((SCALES, len(FREEDOMS)))
-    for i, scale in enumerate(np.where(scales > 0.0, scales, 1.0)):
-        tails = np.log1p(square / (scale**2 * FREEDOMS)[:, None]).sum(axis=1)
-        logarithms[i] = n * constants - half * tails - max(n - block.used, 1.0) * np.log(scale)
-    if block.stated:
-        logarithms += _stated(np.exp(grid), block.stated)[:, None]
-    logarithms[scales == 0.0] = -np.inf
-    share = np.cumsum(np.exp(logarithms - logarithms.max()))
-    wanted = (rng.permutation(CHAINS) + 0.5) / CHAINS
-    chosen = np.searchsorted(share / share[-1], wanted)
-    return scales.ravel()[chosen], FREEDOMS[chosen % len(FREEDOMS)]
-
-
-def _of_one_deviation() -> Floats:
-    """Scales (`FREEDOMS`,) of one standard deviation, over that of the fitted law; zero where there is none."""
-    share = np.maximum(1.0 - 2.0 / FREEDOMS, 0.0)
-    return np.asarray(LAWS[Law.STUDENT].deviation * np.sqrt(share))
-
-
-def _stated(scales: Floats, freedom: float) -> Floats:
-    """Logarithm of the density (`SCALES`,) of deviations over a stated one of some degrees of freedom."""
-    if math.isinf(freedom):
-        return np.where(np.arange(SCALES) == SCALES // 2, 0.0, -np.inf)
-    return np.asarray(-freedom * (np.log(scales) + 0.5 / scales**2))
-
-
-def _chains(
-    blocks: Sequence[Robust], fixed: Floats, noises: Sequence[tuple[Floats, Floats]], rng: np.random.Generator
-) -> Floats:
-    """Sum (r, r) of the second moments of some chains.
-
-    Parameters
-    ----------
-    blocks : sequence of Robust
-    fixed : (r, r)
-    noises : sequence of (scales, freedoms)
-        Of the chains, for each block.
-    rng : Generator
-    """
-    many, r = len(noises[0][0]), len(fixed)
-    at, total = np.zeros((many, r)), np.zeros((r, r))
-    balance = np.sum([block.tangents @ (block.weights * block.innovations) for block in blocks], axis=0)
-    for turn in range(BEFORE + KEPT):
-        matrix, force = np.tile(fixed, (many, 1, 1)), np.tile(balance, (many, 1))
-        for block, (scale, freedom) in zip(blocks, noises, strict=True):
-            errors = (block.innovations + at @ block.tangents) / scale[:, None]
-            shape = np.broadcast_to(0.5 * (freedom[:, None] + 1.0), errors.shape)
-            weights = 2.0 * rng.standard_gamma(shape) / (freedom[:, None] + errors**2) / scale[:, None] ** 2
-            matrix += (block.tangents * weights[:, None, :]) @ block.tangents.T
-            force -= (weights * block.innovations) @ block.tangents.T
-        inverse = np.linalg.inv(matrix)
-        middle = np.einsum("cij,cj->ci", inverse, force)
-        if turn >= BEFORE:
-            total += inverse.sum(axis=0) + middle.T @ middle
-        at = middle + np.einsum("cij,cj->ci", np.linalg.cholesky(inverse), rng.standard_normal((many, r)))
-    return total
 
 
 # Moves of the estimates by uncertain quantities, from fits with each a standard deviation off.
@@ -326,52 +100,42 @@ LARGE = 0.25  # move over standard error by noise, from which it is taken from f
 TURNS, TOLERANCE = 8, 0.05  # of each fit
 
 
-def with_refits(known: Covariance, own: Likelihood, unit: Floats) -> tuple[Covariance, int]:
+def with_refits(known: Covariance, likelihood: Likelihood, unit: Floats) -> tuple[Covariance, int]:
     """The covariance with large moves by uncertain quantities taken from fits, and the points simulated.
 
     A move is the root mean square of those to both sides, with the signs of the longer one. Bounds and constraints are
     not projected out: where a fit ends at one, derivatives count too.
 
-    Parameters
-    ----------
-    known : Covariance
-        Whose moves are those of derivatives.
-    own : Likelihood
-        With its noise.
-    unit : (d,)
-        Position of the most likely values.
+    `known`: whose moves are those of derivatives; `likelihood`: with its noise; `unit` (d,): position of the most
+    likely values.
     """
     moves, simulated = known.nuisances.copy(), 0
     errors = np.sqrt(np.diag(known.noise))
-    for i, nuisance in enumerate(own.nuisances):
+    for i, nuisance in enumerate(likelihood.nuisances):
         if (np.abs(moves[i]) > LARGE * errors).any():
-            moves[i], more = _move(own, unit, nuisance, moves[i])
+            moves[i], more = _move(likelihood, unit, nuisance, moves[i])
             simulated += more
     return known._replace(nuisances=moves), simulated
 
 
-def _move(own: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> tuple[Floats, int]:
+def _move(likelihood: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> tuple[Floats, int]:
     """Move (d,) of the estimates by a standard deviation of a quantity, and the points simulated.
 
-    Parameters
-    ----------
-    own : Likelihood
-    unit : (d,)
-    nuisance : Nuisance
-    linear : (d,)
-        The move that derivatives promise.
+    `unit` (d,); `linear` (d,): the move that derivatives promise.
     """
-    feasible, simulated = FeasibleSet.of(own.space), 0
+    feasible, simulated = FeasibleSet.of(likelihood.space), 0
     ends: list[Floats] = []
     floor = np.zeros_like(linear)
-    for sign, side in zip((1.0, -1.0), nuisance.sides, strict=False):  # there may be none
-        with_side = own.with_space(own.space, side).with_noises(own.noises)
-        starts = feasible.within(np.tile(unit, (2, 1)), unit + np.array([[0.0], [sign]]) * linear)
+    for side in nuisance.sides if nuisance.sides == SIDES else ():
+        with_side = likelihood.with_space(likelihood.space, partial(nuisance.residuals, side)).with_noises(
+            likelihood.noises
+        )
+        starts = feasible.within(np.tile(unit, (2, 1)), unit + np.array([[0.0], [side]]) * linear)
         found = climb(with_side, starts, turns=TURNS, tolerance=TOLERANCE)
         simulated += with_side.simulated
         best = int(np.argmin(found.cost))
         if np.isfinite(found.cost[best]):
-            ends.append(sign * (found.unit[best] - unit))
+            ends.append(side * (found.unit[best] - unit))
             if feasible.active(found.unit[best]).any():
                 floor = np.abs(linear)
     if not ends:
@@ -396,62 +160,47 @@ CLOSEST = 40  # members of a library that are compared as starts
 
 @dataclass(frozen=True)
 class Estimate:
-    """Most likely values.
+    """Most likely values."""
 
-    Attributes
-    ----------
-    likelihood : Likelihood
-        With the noise that was fitted.
-    unit, point : (d,)
-        Positions between the bounds, and values [SI].
-    cost : float
-        −2 ln L with the priors, without constants.
-    errors : (n,)
-        Residuals.
-    slopes : (d, n)
-        Their derivatives with respect to the positions.
-    shifts : (k, n)
-        Their changes for one standard deviation of each uncertain quantity.
-    bends : (k, n)
-        Second changes, halved, for one standard deviation of each, the values moving with it.
-    covariance : Covariance
-    starts, agreeing : int
-        Starts of the search, and how many of them ended within 0.5 of the largest 2 ln L.
-    gain : float
-        Fall of the cost that the last linear model still promises; zero where its step, tried, brings none.
-    simulated : int
-        Points simulated.
-    """
-
-    likelihood: Likelihood
+    likelihood: Likelihood  # with the noise that was fitted
+    # (d,), positions between the bounds, and values [SI]
     unit: Floats
     point: Floats
-    cost: float
-    errors: Floats
-    slopes: Floats
-    shifts: Floats
-    bends: Floats
+    cost: float  # −2 ln L with the priors, without constants
+    errors: Floats  # (n,), residuals
+    slopes: Floats  # (d, n), their derivatives with respect to the positions
+    shifts: Floats  # (k, n), their changes for one standard deviation of each uncertain quantity
+    bends: Floats  # (k, n), second changes, halved, for one standard deviation of each, the values moving with it
     covariance: Covariance
+    # starts of the search, and how many of them ended within 0.5 of the largest 2 ln L
     starts: int
     agreeing: int
-    gain: float
-    simulated: int
+    gain: float  # fall of the cost that the last linear model still promises; zero where its step, tried, brings none
+    simulated: int  # points simulated
 
     @property
     def settled(self) -> bool:
         """True if the search has ended: no gain is left, and enough of several starts agree."""
         return self.gain < SETTLED and (self.starts == 1 or self.agreeing >= min(LEAST_AGREEING, self.starts))
 
+    def moves(self, shifts: Floats) -> Floats:
+        """Changes (k, d) of the positions by changes (k, n) of the residuals."""
+        likelihood = self.likelihood
+        tangents, innovations = likelihood.whiten(self.slopes), likelihood.whiten(self.errors)
+        return moved_by(likelihood, self.covariance.inverse, tangents, innovations, likelihood.whiten(shifts))
+
     def moved(self, shifts: Floats) -> Floats:
         """Changes (k, d) of the values [SI] by changes (k, n) of the residuals."""
-        own = self.likelihood
-        tangents, innovations = own.whiten(self.slopes), own.whiten(self.errors)
-        move = moved_by(own, self.covariance.inverse, tangents, innovations, own.whiten(shifts))
-        return np.asarray(move * own.scaled(self.unit))
+        return np.asarray(self.moves(shifts) * self.likelihood.scaled(self.unit))
+
+    def with_errors(self, moves: Floats) -> Estimate:
+        """The estimate, its covariance with errors of the positions that add up to moves (k, d)."""
+        known = self.covariance
+        return replace(self, covariance=known._replace(discrepancy=known.discrepancy + moves.T @ moves))
 
     def half_widths(self, level: float = 0.95) -> Floats:
-        """Half widths of the local intervals (d,) in positions."""
-        return half_widths(self.covariance, level)
+        """Half widths of the local intervals (d,) in positions: t quantile of the noise times the total error."""
+        return np.asarray(student(self.covariance.freedom, level) * np.sqrt(np.diag(self.covariance.total)))
 
     def interval(self, level: float = 0.95) -> tuple[Floats, Floats]:
         """Ends of the local intervals (d,) [SI], which bounds and constraints do not cut."""
@@ -468,12 +217,7 @@ class Estimate:
 def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, Floats]:
     """Positions (m, d) drawn where bounds and constraints hold, and their residuals (m, n), without those that fail.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    many : int
-    seed : int
-        Of the draws.
+    `seed`: of the draws.
     """
     points = sample_feasible(likelihood.space, many, np.random.default_rng(seed))
     errors = likelihood.residuals(points)
@@ -487,12 +231,7 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
     Members are compared by Σ n ln Σ|e| over the blocks: no noise need be known for that, and outliers, whose squares
     lead all starts to another optimum, add little. Values at which all members agree with the data do not count in n.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    found : (positions, residuals)
-        Of `library`.
-    many : int
+    `found` (positions, residuals): of `library`.
     """
     unit, errors = found
     if not len(unit):
@@ -507,19 +246,8 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
 def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) -> Estimate:
     """Most likely values from several starts.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Its noise need not be known.
-    starts : (k, d)
-        Positions between the bounds; the first is the best one so far.
-    rounds : int
-        Turns of noise and values.
-
-    Raises
-    ------
-    SimulationError
-        If the first start cannot be simulated.
+    `likelihood`: its noise need not be known; `starts` (k, d): positions between the bounds; the first is the best one
+    so far; `rounds`: turns of noise and values. Raises `SimulationError` if the first start cannot be simulated.
     """
     before = likelihood.simulated
     first = likelihood.residuals(likelihood.space.from_unit(starts[:1]))[0]
@@ -533,32 +261,22 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
     ends = climb(own, starts, turns=turns, tolerance=tolerance)
     simulated = own.simulated
     if len(starts) > 1:  # the first noise is that of a start, which is no measure of how near an end is
-        best = int(np.argmin(ends.cost))
-        own = likelihood.estimated(ends.errors[best], [0.0] * len(likelihood.blocks), correlated=False)
+        own = likelihood.estimated(ends.best.errors[0], [0.0] * len(likelihood.blocks), correlated=False)
         sound = np.isfinite(ends.cost)
-        ends = climb(
-            own,
-            ends.unit[sound],
-            errors=ends.errors[sound],
-            slopes=ends.slopes[sound],
-            turns=turns,
-            tolerance=tolerance,
-        )
+        unit, errors, slopes = (part[sound] for part in (ends.unit, ends.errors, ends.slopes))
+        ends = climb(own, unit, errors=errors, slopes=slopes, turns=turns, tolerance=tolerance)
         simulated += own.simulated
-    best = int(np.argmin(ends.cost))
-    agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED))
-    unit, errors, slopes = ends.unit[best], ends.errors[best], ends.slopes[best]
+    near = ends.best
+    agreeing = int(np.count_nonzero(ends.cost - near.cost < AGREED))
     for last in range(rounds):
-        if np.isnan(slopes[0, 0]):
-            slopes = own.slopes(unit[None], errors[None])[0]
-        known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), own.prior_slopes(unit))
+        known, slopes = covariance_at(own, near)
         simulated += own.simulated
-        own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
+        own = likelihood.estimated(near.errors[0], known.used.tolist(), known.root.T @ slopes)
         tolerance = 0.1 if last < rounds - 1 else LEAST_FALL
-        near = climb(own, unit[None], errors=errors[None], slopes=slopes[None], turns=NEAR, tolerance=tolerance)
+        near = climb(own, near.unit, errors=near.errors, slopes=slopes[None], turns=NEAR, tolerance=tolerance)
         if last == 0 and len(starts) > 1 and _heavier(likelihood, own):
             near, agreeing = _again(own, near, starts, turns)
-        unit, errors, slopes = near.unit[0], near.errors[0], near.slopes[0]
+    unit, errors = near.unit[0], near.errors[0]
     found = with_outliers(_over_intervals(_ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))))
     covariance, refitted = with_refits(found.covariance, own, found.unit)
     simulated += own.simulated + refitted + likelihood.simulated - before
@@ -571,38 +289,22 @@ def _heavier(likelihood: Likelihood, own: Likelihood) -> bool:
     return any(law is Law.AUTO and noise.law is not Law.GAUSSIAN for law, noise in zip(stated, own.noises, strict=True))
 
 
-def _again(own: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[Ascent, int]:
+def _again(likelihood: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[Ascent, int]:
     """Best end of all starts under noise with outliers, and the number of ends that agree.
 
     Outliers can pull the search by least squares, with all of its starts, to another optimum.
 
-    Parameters
-    ----------
-    own : Likelihood
-    near : Ascent
-        From the best end of the first search.
-    starts : (k, d)
-        Of the first search.
-    turns : int
+    `near`: from the best end of the first search; `starts` (k, d): of the first search.
     """
-    others = climb(own, starts, turns=turns, tolerance=0.1)
-    ends = Ascent(*(np.concatenate(pair) for pair in zip(near, others, strict=True)))
-    best = int(np.argmin(ends.cost))
-    agreeing = int(np.count_nonzero(others.cost - ends.cost[best] < AGREED))
-    return Ascent(*(part[best : best + 1] for part in ends)), agreeing
+    others = climb(likelihood, starts, turns=turns, tolerance=0.1)
+    best = Ascent(*(np.concatenate(pair) for pair in zip(near, others, strict=True))).best
+    return best, int(np.count_nonzero(others.cost - best.cost < AGREED))
 
 
 def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats) -> Estimate:
     """Estimate at an end of the search, its noise known; by the curvature alone, see `with_outliers`.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    unit : (d,)
-    errors : (n,)
-        Residuals there.
-    slopes : (d, n)
-        Their derivatives with respect to the positions.
+    `unit` (d,); `errors` (n,): residuals there; `slopes` (d, n): their derivatives with respect to the positions.
     """
     point = likelihood.space.from_unit(unit)
     many = len(likelihood.nuisances)
@@ -621,10 +323,11 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
 
 
 def with_outliers(found: Estimate) -> Estimate:
-    """The estimate, outliers of Student's t integrated out of its covariance, see `integrated`."""
-    own = found.likelihood
-    pulls = own.prior_slopes(found.unit)
-    return replace(found, covariance=with_integration(found.covariance, own, found.slopes, found.errors, pulls))
+    """The estimate, outliers of Student's t integrated out of its covariance, see `outliers`."""
+    likelihood = found.likelihood
+    prior_slopes = likelihood.prior_slopes(found.unit)
+    covariance = with_integration(found.covariance, likelihood, found.slopes, found.errors, prior_slopes)
+    return replace(found, covariance=covariance)
 
 
 def _ended(found: Estimate) -> Estimate:
@@ -641,11 +344,11 @@ def _ended(found: Estimate) -> Estimate:
 
 
 def _over_intervals(found: Estimate) -> Estimate:
-    """Estimate whose derivatives are differences over its intervals, see `secants`, and moved as these promise."""
-    own, local = found.likelihood, found.covariance
+    """Estimate whose derivatives are `secant_slopes` over its intervals, and moved as these promise."""
+    likelihood, local = found.likelihood, found.covariance
     for _ in range(SECANTS):
-        slopes = secant_slopes(own, found.unit, found.errors, found.slopes, found.covariance)
-        again = estimate_at(own, found.unit, found.errors, slopes)
+        slopes = secant_slopes(likelihood, found.unit, found.errors, found.slopes, found.covariance)
+        again = estimate_at(likelihood, found.unit, found.errors, slopes)
         before, after = (np.diag(one.covariance.noise) for one in (found, again))
         found = _stepped(again, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -656,39 +359,39 @@ def _over_intervals(found: Estimate) -> Estimate:
 
 
 def with_step_error(found: Estimate) -> Estimate:
-    """The estimate, its covariance with what the time step of the simulations moves the values by."""
-    own, known = found.likelihood, found.covariance
-    shift = own.step_error(found.point)
-    if not np.isfinite(shift).all():
+    """The estimate, its covariance with what the time step of the simulations moves the values by.
+
+    By a step a quarter as long: at least 3/4 of the step's whole error, which falls with the step or faster.
+    """
+    likelihood, point = found.likelihood, found.point[None]
+    if likelihood.finer is None:
         return found
-    whitened = own.whiten(np.stack([*found.slopes, found.errors, shift]))
-    move = moved_by(own, known.inverse, whitened[:-2], whitened[-2], whitened[-1:])
-    return replace(found, covariance=known._replace(discrepancy=known.discrepancy + move.T @ move))
+    shift = likelihood.residuals(point) - likelihood.finer(point)
+    likelihood.simulated += 1
+    return found.with_errors(found.moves(shift)) if np.isfinite(shift).all() else found
 
 
 def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:
     """The estimate after one step of its linear model, or a share of it, if that lowers the cost.
 
-    Parameters
-    ----------
-    found : Estimate
-    slopes : (d, n), optional
-        Derivatives to take there; central differences by default.
+    `slopes` (d, n): derivatives to take there; central differences by default.
     """
-    own = found.likelihood
+    likelihood = found.likelihood
     if found.gain < SETTLED:
         return found
-    step, _ = _promised(own, found.unit, found.slopes, found.errors, found.covariance)
-    ends = FeasibleSet.of(own.space).within(np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step)
-    points = own.space.from_unit(ends)
-    errors = own.residuals(points)
-    costs = own.block_costs(own.whiten(errors)).sum(axis=1) + own.priors.costs(points)
+    step, _ = _promised(likelihood, found.unit, found.slopes, found.errors, found.covariance)
+    ends = FeasibleSet.of(likelihood.space).within(
+        np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step
+    )
+    points = likelihood.space.from_unit(ends)
+    errors = likelihood.residuals(points)
+    costs = likelihood.block_costs(likelihood.whiten(errors)).sum(axis=1) + likelihood.priors.costs(points)
     costs = np.where(np.isfinite(costs), costs, np.inf)
     best = int(np.argmin(costs))
     if costs[best] >= found.cost:
         return replace(found, gain=0.0) if found.gain < AGREED else found
-    slopes = own.jacobian(ends[best][None])[0] if slopes is None else slopes
-    return estimate_at(own, ends[best], errors[best], slopes)
+    slopes = likelihood.jacobian(ends[best][None])[0] if slopes is None else slopes
+    return estimate_at(likelihood, ends[best], errors[best], slopes)
 
 
 def _promised(

@@ -20,9 +20,9 @@ from commonrail.physics.injector import Source
 from commonrail.physics.meters import is_of_meter, known_quantity
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit
-from commonrail.plugins.certainty.nuisance_fit import Within
+from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.posterior.file import POSTERIOR
-from commonrail.plugins.certainty.profile import Profile, ProfileEnd, Ripple
+from commonrail.plugins.certainty.profile import Profile, Ripple
 from commonrail.plugins.certainty.verdict import Judged, sensitivity_records
 from commonrail.readers.injector.file import dump_injector
 from commonrail.runs.folder import CALIBRATED, LIKELY, RESULT, TRACES, members_of, read_result, write_record
@@ -58,7 +58,7 @@ class Certainty(Shown):
     simulated : int
         Points simulated.
     within : Within
-        The same estimate with the quantities that were fitted as the study states them, see `within`.
+        The same estimate with the quantities that were fitted as the study states them, see `one_sided`.
     gain : float
         2 ln L of the most likely values less that of the values that the search started from, under the same noise.
     ripple : Ripple or None
@@ -87,42 +87,40 @@ class Certainty(Shown):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, the key "certainty" of a result."""
-        return certainty_record(self)
-
-
-def certainty_record(found: Certainty) -> dict[str, Any]:
-    """Record of a certainty."""
-    estimate = found.estimate
-    return {
-        "level": found.level,
-        "starts": estimate.starts,
-        "agreeing": estimate.agreeing,
-        "settled": estimate.settled,
-        "adopted": found.adopted,
-        "gain": number(found.gain),
-        "simulated": found.simulated,
-        "withdrawn": found.withdrawn,
-        "parameters": [_parameter(found, i) for i in range(len(estimate.likelihood.names))],
-        "fitted_as_stated": _fitted_as_stated(found),
-        "combinations": [
-            {"sum": text, "value": value, "half_width": number(half)}
-            for text, (value, half) in found.combinations.items()
-        ],
-        "noise": _noise(estimate),
-        "tests": [test._asdict() for test in found.tests],
-        "visible_delay": number(found.visible),
-        "sensitivity": sensitivity_records(estimate),
-        "profiles": [_profile(profile) for profile in found.profiles.values()],
-    }
+        estimate = self.estimate
+        return {
+            "level": self.level,
+            "starts": estimate.starts,
+            "agreeing": estimate.agreeing,
+            "settled": estimate.settled,
+            "adopted": self.adopted,
+            "gain": number(self.gain),
+            "simulated": self.simulated,
+            "withdrawn": self.withdrawn,
+            "parameters": [_parameter(self, i) for i in range(len(estimate.likelihood.names))],
+            "fitted_as_stated": [
+                {"name": name, "value": value, "unit": known_quantity(name).unit}
+                for name, value in self.within.fitted.items()
+            ],
+            "combinations": [
+                {"sum": text, "value": value, "half_width": number(half)}
+                for text, (value, half) in self.combinations.items()
+            ],
+            "noise": _noise(estimate),
+            "tests": [test._asdict() for test in self.tests],
+            "visible_delay": number(self.visible),
+            "sensitivity": sensitivity_records(estimate),
+            "profiles": [_profile(profile) for profile in self.profiles.values()],
+        }
 
 
 def _parameter(found: Certainty, i: int) -> dict[str, Any]:
     estimate = found.estimate
-    own, value = estimate.likelihood, float(estimate.point[i])
+    likelihood, value = estimate.likelihood, float(estimate.point[i])
     low, high, judged = float(found.low[i]), float(found.high[i]), found.verdicts[i]
-    error = float(np.sqrt(estimate.covariance.total[i, i]) * abs(own.scaled(estimate.unit)[i]))
+    error = float(np.sqrt(estimate.covariance.total[i, i]) * abs(likelihood.scaled(estimate.unit)[i]))
     return {
-        "name": own.names[i],
+        "name": likelihood.names[i],
         "value": value,
         "lower": number(low),
         "upper": number(high),
@@ -138,17 +136,10 @@ def _parameter(found: Certainty, i: int) -> dict[str, Any]:
     }
 
 
-def _fitted_as_stated(found: Certainty) -> list[dict[str, Any]]:
-    """Most likely values of the quantities that were fitted within what the study states."""
-    return [
-        {"name": name, "value": value, "unit": known_quantity(name).unit} for name, value in found.within.fitted.items()
-    ]
-
-
 def _moved_by(estimate: Estimate, i: int) -> list[dict[str, Any]]:
     """Percent of the value for one standard deviation of each uncertain quantity."""
-    own = estimate.likelihood
-    scale, value = float(own.scaled(estimate.unit)[i]), abs(float(estimate.point[i]))
+    likelihood = estimate.likelihood
+    scale, value = float(likelihood.scaled(estimate.unit)[i]), abs(float(estimate.point[i]))
     return [
         {
             "name": nuisance.name,
@@ -156,21 +147,21 @@ def _moved_by(estimate: Estimate, i: int) -> list[dict[str, Any]]:
             "unit": nuisance.unit,
             "percent": float(100.0 * move[i] * scale / value) if value else None,
         }
-        for nuisance, move in zip(own.nuisances, estimate.covariance.nuisances, strict=True)
+        for nuisance, move in zip(likelihood.nuisances, estimate.covariance.nuisances, strict=True)
     ]
 
 
 def _shares(estimate: Estimate, i: int) -> dict[str, float | None]:
     """Shares of the variance by noise that come from each data set, and from the priors."""
-    own = estimate.likelihood
-    names = [block.name for block in own.blocks] + (["priors"] if len(own.priors) else [])
+    likelihood = estimate.likelihood
+    names = [block.name for block in likelihood.blocks] + (["priors"] if len(likelihood.priors) else [])
     return {name: number(float(s)) for name, s in zip(names, estimate.covariance.shares[:, i], strict=False)}
 
 
 def _noise(estimate: Estimate) -> list[dict[str, Any]]:
     """Noise of each data set as it was fitted, and the share of the data set in −2 ln L."""
-    own = estimate.likelihood
-    costs = own.block_costs(own.whiten(estimate.errors))
+    likelihood = estimate.likelihood
+    costs = likelihood.block_costs(likelihood.whiten(estimate.errors))
     whole = max(float(costs.sum()), 1e-300)
     return [
         {
@@ -187,21 +178,19 @@ def _noise(estimate: Estimate) -> list[dict[str, Any]]:
             "parameters": float(used),
             "discrepancy": block.noise.discrepancy,
         }
-        for block, noise, cost, used in zip(own.blocks, own.noises, costs, estimate.covariance.used, strict=True)
+        for block, noise, cost, used in zip(
+            likelihood.blocks, likelihood.noises, costs, estimate.covariance.used, strict=True
+        )
     ]
 
 
 def _profile(profile: Profile) -> dict[str, Any]:
+    ends = ("low", profile.low), ("high", profile.high)
     return {
         "name": profile.name,
-        "low": _end(profile.low),
-        "high": _end(profile.high),
+        **{side: {"value": end.value, "finished": end.finished, "wall": end.wall} for side, end in ends},
         "points": [[float(x), float(fall)] for x, fall in profile.points],
     }
-
-
-def _end(end: ProfileEnd) -> Mapping[str, Any]:
-    return {"value": end.value, "finished": end.finished, "wall": end.wall}
 
 
 # Certainty of a fit in its run folder: in result.json, with the injector of the most likely values beside it.
@@ -212,19 +201,8 @@ def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Pat
 
     `keep_certainty`, which follows, writes its checksum.
 
-    Parameters
-    ----------
-    folder : Path
-        Run folder.
-    study : Study
-        Of the run.
-    values : mapping of str to float
-        [SI], of all free parameters.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    `folder`: run folder; `study`: of the run; `values`: [SI], of all free parameters. Raises `OutputError` if the file
+    cannot be written.
     """
     source = Source("F", f'most likely values of "{study.title}"')
     fitted = {name: value for name, value in values.items() if not is_of_meter(name)}
@@ -237,19 +215,8 @@ def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Pat
 def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
     """Write the certainty of a fit into its result.json, and return the whole record.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Run folder.
-    certainty : mapping
-        Of `Certainty.record`; with a key "posterior" if posterior.npz was written.
-
-    Raises
-    ------
-    InputError
-        If the folder is not a run folder.
-    OutputError
-        If the file cannot be written.
+    `folder`: run folder; `certainty`: of `Certainty.record`; with a key "posterior" if posterior.npz was written.
+    Raises `InputError` if the folder is not a run folder. Raises `OutputError` if the file cannot be written.
     """
     folder = file_path(folder, "folder")
     record = read_result(folder)

@@ -15,6 +15,7 @@ from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import StudyError
 from commonrail.calibration.goal import Goal
+from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.least_squares import answered, differences
 from commonrail.calibration.parameter import Priors
@@ -22,15 +23,12 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role
 from commonrail.data.kinds import of_role
-from commonrail.physics.meters import known_quantity
 from commonrail.plugins.certainty.noise import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
 from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
 
-# Distance of the candidates of a central difference, in positions between the bounds: above the ripple of a PWM drive,
-# below the curvature, as `neighbourhood.STEP`.
-STEP = 5e-3
-# Of a one-sided difference on the way to the optimum: valleys of many parameters bend within 1e-3; the ripple of a PWM
-# drive is that wide, and that of quantities, whose injections end between two steps.
+# Step of a one-sided difference, in positions between the bounds, on the way to the optimum: valleys of many parameters
+# bend within 1e-3; the ripple of a PWM drive is that wide, and that of quantities, whose injections end between two
+# steps.
 FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
 FINER = 4.0  # parts of the time step of a study with which its error is found
 
@@ -55,6 +53,10 @@ class Likelihood:
 
     Attributes
     ----------
+    names, units : tuple of str
+        Of the parameters; SI units.
+    size : int
+        Number of residuals of all blocks.
     forward : float
     noises : tuple of FittedNoise
         Of the blocks, in order. Of a new likelihood they are unknown: `estimate` or `with_noises` sets them.
@@ -72,9 +74,10 @@ class Likelihood:
         forward: float = FORWARD,
         finer: Callable[[Floats], Floats] | None = None,
     ) -> None:
-        self._finer = finer
         self.space, self.blocks, self.nuisances = space, tuple(blocks), tuple(nuisances)
-        self.priors = Priors.of(space.parameters)
+        self.names, self.size = space.names, int(self.blocks[-1].rows.stop)
+        self.units = tuple(parameter.unit for parameter in space.parameters)
+        self.priors, self.finer = Priors.of(space.parameters), finer
         self._residuals, self.forward = residuals, forward
         self.noises: tuple[FittedNoise, ...] = ()
         self.simulated = self.failed = 0
@@ -120,25 +123,10 @@ class Likelihood:
         forward = FORWARD_ROUGH if rough else FORWARD
         return cls(study.space, with_shots(blocks, objective.data), residuals, nuisances, forward=forward, finer=finer)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return self.space.names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """SI units of the parameters."""
-        return tuple(known_quantity(name).unit for name in self.names)
-
-    @property
-    def size(self) -> int:
-        """Number of residuals of all blocks."""
-        return int(self.blocks[-1].rows.stop)
-
     def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
         """The same likelihood with other noise; it counts simulations of its own."""
         other = Likelihood(
-            self.space, self.blocks, self._residuals, self.nuisances, forward=self.forward, finer=self._finer
+            self.space, self.blocks, self._residuals, self.nuisances, forward=self.forward, finer=self.finer
         )
         other.noises = tuple(noises)
         return other
@@ -169,7 +157,7 @@ class Likelihood:
         used : sequence of float
             Parameters that each block pays for.
         off : (d, n), optional
-            Courses that the fitted residuals may be off by, see `autoregression.estimate`.
+            Courses that the fitted residuals may be off by, see `estimate`.
         correlated : bool
             Estimate autocorrelations too.
         """
@@ -191,26 +179,12 @@ class Likelihood:
         self.failed += int(np.count_nonzero(broken))
         return np.where(broken[:, None], np.nan, found)
 
-    def step_error(self, point: Floats) -> Floats:
-        """Change (n,) of the residuals at a point (d,) [SI] with a step a quarter as long; zero where it is not known.
-
-        It is at least 3/4 of the step's whole error, which falls with the step or faster.
-        """
-        if self._finer is None:
-            return np.zeros(self.size)
-        self.simulated += 1
-        return np.asarray(self.residuals(point[None])[0] - self._finer(point[None])[0])
-
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals or of their derivatives (…, n)."""
         found = np.empty_like(errors)
         for block, noise in zip(self.blocks, self.noises, strict=True):
             found[..., block.rows] = noise.whiten(errors[..., block.rows])
         return found
-
-    def innovations(self, points: Floats) -> Floats:
-        """Standardised innovations (m, n) of points (m, d) [SI]; NaN where a simulation failed."""
-        return self.whiten(self.residuals(points))
 
     def block_costs(self, innovations: Floats) -> Floats:
         """−2 ln L of each block (…, blocks) of innovations (…, n), without its constants; NaN where one is."""
@@ -226,7 +200,7 @@ class Likelihood:
             block.size * (noise.density.constant + 2.0 * np.log(noise.scale))
             for block, noise in zip(self.blocks, self.noises, strict=True)
         )
-        found = -0.5 * (self.block_costs(self.innovations(points)).sum(axis=-1) + constant)
+        found = -0.5 * (self.block_costs(self.whiten(self.residuals(points))).sum(axis=-1) + constant)
         return np.where(np.isfinite(found), found, -np.inf)
 
     def log_prior(self, points: Floats) -> Floats:
@@ -246,12 +220,10 @@ class Likelihood:
 
         From differences to both sides, simulated in one batch. Zero where a candidate fails.
         """
-        k, d = unit.shape
-        ahead, behind = (np.clip(unit[:, None] + step * np.eye(d), 0.0, 1.0) for step in (STEP, -STEP))
-        points = self.space.from_unit(np.concatenate([ahead, behind]).reshape(-1, d))
-        found = self.residuals(points).reshape(2, k, d, self.size)
-        width = np.sum((ahead - behind) * np.eye(d), axis=2)
-        slopes = (found[0] - found[1]) / width[..., None]
+        near = [around_position(self.space, one) for one in unit]
+        found = self.residuals(np.concatenate([one.values[1:] for one in near]))
+        below, above = np.moveaxis(found.reshape(len(unit), 2, -1, self.size), 1, 0)
+        slopes = (above - below) / np.array([one.width for one in near])[..., None]
         return np.where(np.isfinite(slopes), slopes, 0.0)
 
     def slopes(self, unit: Floats, errors: Floats, free: Bools | None = None) -> Floats:
@@ -283,7 +255,4 @@ class Likelihood:
 
     def scaled(self, unit: Floats) -> Floats:
         """SI value per unit of position (d,) at a position (d,)."""
-        step = STEP * np.eye(len(unit))
-        low, high = np.clip(unit - step, 0.0, 1.0), np.clip(unit + step, 0.0, 1.0)
-        rise = np.diag(self.space.from_unit(high) - self.space.from_unit(low))
-        return np.asarray(rise / np.diag(high - low))
+        return around_position(self.space, unit).scale

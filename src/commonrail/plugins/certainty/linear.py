@@ -28,43 +28,25 @@ DIGITS = 5  # of a standard error: LAPACK has other last bits on other processor
 
 
 class Near(NamedTuple):
-    """Certainty of a given value of a parameter.
+    """Certainty of a given value of a parameter."""
 
-    Attributes
-    ----------
-    standard_error : float or None
-        Of the given value [SI]; None where nothing holds the parameter.
-    verdict : ParameterVerdict
-    """
-
-    standard_error: float | None
+    standard_error: float | None  # of the given value [SI]; None where nothing holds the parameter
     verdict: ParameterVerdict
 
 
 def certify_near(study: Study, best: Mapping[str, float], threads: int | None = None) -> dict[str, Near]:
     """Certainty of the values of a fit, by the name of the parameter, see `estimate_near`.
 
-    Parameters
-    ----------
-    study : Study
-    best : mapping of str to float
-        Values [SI], as `Calibration.best`.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Raises
-    ------
-    SimulationError
-        If the values cannot be simulated.
+    `best`: values [SI], as `Calibration.best`. Raises `SimulationError` if the values cannot be simulated.
     """
-    own = Likelihood.of(study, threads)
-    found = estimate_near(own, own.space.to_unit(np.array([best[name] for name in own.names])))
+    likelihood = Likelihood.of(study, threads)
+    found = estimate_near(likelihood, likelihood.space.to_unit(np.array([best[name] for name in likelihood.names])))
     low, high = found.interval()
     judged = verdicts_of(found, low, high, withdrawal(found, lack_of_fit(found)))
-    errors = np.sqrt(np.diag(found.covariance.total)) * np.abs(own.scaled(found.unit))
+    errors = np.sqrt(np.diag(found.covariance.total)) * np.abs(likelihood.scaled(found.unit))
     return {
         name: Near(float(f"{error:.{DIGITS}g}") if np.isfinite(error) else None, one.verdict)
-        for name, error, one in zip(own.names, errors, judged, strict=True)
+        for name, error, one in zip(likelihood.names, errors, judged, strict=True)
     }
 
 
@@ -73,22 +55,14 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
 
     Noise and top are found in turn; the residuals are those that the linear model leaves at the top.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Its noise need not be known.
-    unit : (d,)
-
-    Raises
-    ------
-    SimulationError
-        If the positions cannot be simulated.
+    `likelihood`: its noise need not be known; `unit` (d,). Raises `SimulationError` if the positions cannot be
+    simulated.
     """
     before = likelihood.simulated
     first = likelihood.residuals(likelihood.space.from_unit(unit[None]))[0]
     if not np.isfinite(first).all():
         raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
-    slopes, pulls = likelihood.jacobian(unit[None])[0], likelihood.prior_slopes(unit)
+    slopes, prior_slopes = likelihood.jacobian(unit[None])[0], likelihood.prior_slopes(unit)
     own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
     errors, nothing = first, np.zeros((0, own.size))
     top = unit
@@ -96,10 +70,8 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
         step = linearised(own, top, slopes, errors).full_step()[0][0]
         top, errors = top + step, errors + step @ slopes
         if last < ROUNDS:
-            known = covariance_of(own, slopes, errors, nothing, pulls)
+            known = covariance_of(own, slopes, errors, nothing, prior_slopes)
             own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
     found = with_outliers(estimate_at(own, unit, errors, slopes))
-    covariance = found.covariance
-    covariance = covariance._replace(discrepancy=covariance.discrepancy + np.outer(top - unit, top - unit))
     simulated = likelihood.simulated - before + own.simulated
-    return replace(found, covariance=covariance, gain=0.0, simulated=simulated)
+    return replace(found.with_errors((top - unit)[None]), gain=0.0, simulated=simulated)

@@ -28,31 +28,15 @@ _TURNS = 60
 
 
 class DensityLaw(NamedTuple):
-    """A law.
+    """A law."""
 
-    Attributes
-    ----------
-    cost, weight, slope : function of (…)
-        ρ, ψ/u and ψ′ of standardised residuals.
-    constant : float
-        −2 ln of the density at zero, with scale 1.
-    deviation : float
-        Standard deviation over the scale.
-    tail : function of (…)
-        Probability that a standardised residual exceeds a value u ≥ 0.
-    """
-
+    # function of (…): ρ, ψ/u and ψ′ of standardised residuals
     cost: Callable[[Floats], Floats]
     weight: Callable[[Floats], Floats]
     slope: Callable[[Floats], Floats]
-    constant: float
-    deviation: float
-    tail: Callable[[Floats], Floats]
-
-
-def _student_slope(u: Floats) -> Floats:
-    square = u * u
-    return np.asarray((FREEDOM + 1.0) * (FREEDOM - square) / (FREEDOM + square) ** 2)
+    constant: float  # −2 ln of the density at zero, with scale 1
+    deviation: float  # standard deviation over the scale
+    tail: Callable[[Floats], Floats]  # function of (…): probability that a standardised residual exceeds a value u ≥ 0
 
 
 def _rounded(u: Floats) -> Floats:
@@ -75,7 +59,7 @@ LAWS: dict[Law, DensityLaw] = {
     Law.STUDENT: DensityLaw(
         lambda u: np.asarray((FREEDOM + 1.0) * np.log1p(u * u / FREEDOM)),
         lambda u: np.asarray((FREEDOM + 1.0) / (FREEDOM + u * u)),
-        _student_slope,
+        lambda u: np.asarray((FREEDOM + 1.0) * (FREEDOM - u * u) / (FREEDOM + u * u) ** 2),
         _STUDENT_CONSTANT,
         math.sqrt(FREEDOM / (FREEDOM - 2.0)),
         lambda u: np.asarray(special.stdtr(FREEDOM, -u)),
@@ -122,13 +106,8 @@ def agreed(errors: Floats) -> int:
 def scale_of(law: Law, errors: Floats, freedom: float) -> float:
     """Scale of errors (n,): the root of Σ weight · error²/freedom, which the weights depend on.
 
-    Parameters
-    ----------
-    law : Law
-        Not "auto".
-    errors : (n,)
-    freedom : float
-        Degrees of freedom: errors that are not exactly zero, less what the fit has used.
+    `law`: not "auto"; `errors` (n,); `freedom`: degrees of freedom: errors that are not exactly zero, less what the fit
+    has used.
     """
     if law is Law.GAUSSIAN:
         return float(np.sqrt(np.sum(errors**2) / freedom))
@@ -151,10 +130,7 @@ BIAS = 2.0  # of the first reflection coefficient of a series whose mean is know
 class Autoregression:
     """Stationary autoregressive noise, described by its reflection coefficients.
 
-    Parameters
-    ----------
-    reflections : (order,)
-        Partial autocorrelations, each between −1 and 1; none for white noise.
+    `reflections` (order,): partial autocorrelations, each between −1 and 1; none for white noise.
     """
 
     def __init__(self, reflections: Floats) -> None:
@@ -202,13 +178,9 @@ def estimate(series: Floats, most: int = MOST) -> Autoregression:
     Residuals are smaller than the noise, and less correlated, because the fit has followed it. Their sums of products
     are therefore completed by those of what the fit may be off by, as in expectation maximisation.
 
-    Parameters
-    ----------
-    series : (1 + d, n)
-        Residuals, then d courses with unit weights that the fitted values may be off by: columns of a root of the
-        covariance of the parameters, times the derivatives.
-    most : int
-        Largest order; at most a tenth of the samples is taken.
+    `series` (1 + d, n): residuals, then d courses with unit weights that the fitted values may be off by: columns of a
+    root of the covariance of the parameters, times the derivatives; `most`: largest order; at most a tenth of the
+    samples is taken.
     """
     samples = sample_count(series[0])
     forward, backward = np.array(series, float), np.array(series, float)
@@ -249,32 +221,17 @@ AGREED = 1e-4
 
 
 class Growth(NamedTuple):
-    """Standard deviations of values relative to each other.
+    """Standard deviations of values relative to each other."""
 
-    Attributes
-    ----------
-    shape : (n,) or (1,)
-        Their logarithms add up to zero.
-    least : float
-        That at a rate of zero.
-    slope : float
-        Rise over `least` for one unit of the rate.
-    """
-
-    shape: Floats
-    least: float
-    slope: float
+    shape: Floats  # (n,) or (1,), their logarithms add up to zero
+    least: float  # that at a rate of zero
+    slope: float  # rise over `least` for one unit of the rate
 
     @classmethod
     def of(cls, rate: Floats, slope: float) -> Growth:
         """Growth in proportion to 1 + slope · rate.
 
-        Parameters
-        ----------
-        rate : (n,)
-            Negative ones count as zero.
-        slope : float
-            Zero for values of one standard deviation.
+        `rate` (n,): negative ones count as zero; `slope`: zero for values of one standard deviation.
         """
         if not slope:
             return EVEN
@@ -316,29 +273,14 @@ _CLIP = 3.0  # deviations to which outliers are cut before the autocorrelation i
 
 @dataclass(frozen=True)
 class FittedNoise:
-    """Noise of a block as it was fitted.
+    """Noise of a block as it was fitted."""
 
-    Attributes
-    ----------
-    law : Law
-        Not "auto".
-    scale : float
-        Of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation.
-    freedom : float
-        Degrees of freedom of the scale; infinite where it is exactly known.
-    autoregression : Autoregression
-    known : bool
-        The scale is stated, or that of repeated measurements: it does not come from the residuals.
-    growth : Growth
-        Standard deviations of the values relative to each other.
-    """
-
-    law: Law
-    scale: float
-    freedom: float
+    law: Law  # not "auto"
+    scale: float  # of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation
+    freedom: float  # degrees of freedom of the scale; infinite where it is exactly known
     autoregression: Autoregression = WHITE
-    known: bool = False
-    growth: Growth = EVEN
+    known: bool = False  # the scale is stated, or that of repeated measurements: it does not come from the residuals
+    growth: Growth = EVEN  # standard deviations of the values relative to each other
 
     @property
     def density(self) -> DensityLaw:
@@ -360,6 +302,10 @@ class FittedNoise:
         """Share of the rate that `sigma` grows by."""
         return self.sigma * self.growth.slope
 
+    def mean_slope(self, innovations: Floats) -> float:
+        """Mean slope of the law over innovations (n,), 0.05 at least."""
+        return max(float(self.density.slope(unequal(innovations)).mean()), 0.05)
+
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n)."""
         return self.autoregression.whiten(errors / self.growth.shape) / self.scale
@@ -367,38 +313,19 @@ class FittedNoise:
 
 @dataclass(frozen=True)
 class Block:
-    """Residuals of a data set within the residuals of a fit.
-
-    Attributes
-    ----------
-    name : str
-    rows : slice
-        Its place.
-    noise : Noise
-        As stated; a standard deviation in the unit of the residuals.
-    unit : str
-        Unit of the residuals, for texts.
-    ordered : bool
-        The values are a course in time.
-    at_zero : (n,)
-        Residuals where the model gives nothing.
-    offset : (n,)
-        Change of the residuals for one more unit of the values everywhere.
-    places : (n, 2)
-        Time [s] and rail pressure [Pa] of each value, between which a discrepancy is correlated.
-    shots : FittedNoise or None
-        Noise estimated from repeated shots.
-    """
+    """Residuals of a data set within the residuals of a fit."""
 
     name: str
-    rows: slice
-    noise: Noise = NOISE
-    unit: str = ""
-    ordered: bool = False
-    at_zero: Floats = field(default_factory=lambda: np.empty(0))
+    rows: slice  # its place
+    noise: Noise = NOISE  # as stated; a standard deviation in the unit of the residuals
+    unit: str = ""  # unit of the residuals, for texts
+    ordered: bool = False  # the values are a course in time
+    at_zero: Floats = field(default_factory=lambda: np.empty(0))  # (n,), residuals where the model gives nothing
+    # (n,), change of the residuals for one more unit of the values everywhere
     offset: Floats = field(default_factory=lambda: np.empty(0))
+    # (n, 2), time [s] and rail pressure [Pa] of each value, between which a discrepancy is correlated
     places: Floats = field(default_factory=lambda: np.empty((0, 2)))
-    shots: FittedNoise | None = None
+    shots: FittedNoise | None = None  # noise estimated from repeated shots
 
     @property
     def size(self) -> int:
@@ -416,12 +343,8 @@ class Block:
         Along a course in time they are bumps half a length apart, whose sum has a Gaussian correlation; a map has the
         roots of its covariance. Without a length there are none: white discrepancy is part of the noise.
 
-        Parameters
-        ----------
-        deviation : float
-            Standard deviation, in the unit of the residuals.
-        length, pressure_length : float
-            Distances over which it is correlated [s], [Pa].
+        `deviation`: standard deviation, in the unit of the residuals; `length`, `pressure_length`: distances over which
+        it is correlated [s], [Pa].
         """
         if not (deviation and length):
             return np.zeros((0, self.size))
@@ -437,6 +360,18 @@ class Block:
     def stated_courses(self) -> Floats:
         """Courses of the discrepancy that the study states."""
         return self.courses(self.noise.discrepancy, self.noise.length, self.noise.pressure_length)
+
+
+def spread(block: Block, courses: Floats, size: int) -> Floats:
+    """Courses (k, n) of a block as residuals (k, size) of a fit, zero in the other blocks."""
+    found = np.zeros((len(courses), size))
+    found[:, block.rows] = courses
+    return found
+
+
+def stated_courses(blocks: Sequence[Block]) -> Floats:
+    """Courses (k, n) of the discrepancies that a study states, as residuals of its fit."""
+    return np.vstack([spread(block, block.stated_courses(), blocks[-1].rows.stop) for block in blocks])
 
 
 def block_of(data: DataSet, start: int) -> Block:
@@ -495,19 +430,11 @@ def fit_noise(
 ) -> FittedNoise:
     """Noise of a block from its residuals at the best values.
 
-    Parameters
-    ----------
-    block : Block
-    errors : (n,)
-    used : float
-        Parameters that the block pays for: trace of its part of the influence matrix.
-    off : (d, n), optional
-        Courses that the fitted values may be off by, see `autoregression.estimate`.
-    correlated : bool
-        Estimate the autocorrelation where the noise model has one, and look for outliers and for growth with the rate.
-    rate : (n,), optional
-        Rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no
-        noise: weights by measured ones would favour values that are too low.
+    `errors` (n,); `used`: parameters that the block pays for: trace of its part of the influence matrix; `off` (d, n):
+    courses that the fitted values may be off by, see `estimate`; `correlated`: estimate the
+    autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate` (n,):
+    rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no noise:
+    weights by measured ones would favour values that are too low.
     """
     if block.shots is not None:
         return block.shots
@@ -520,7 +447,10 @@ def fit_noise(
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
-        sigma = sigma / growth.least if correlated else _typical(block, errors)
+        if correlated:
+            sigma = sigma / growth.least
+        else:  # at the mean rate, for a search whose first rates may be far from the true ones
+            sigma += block.noise.relative * float(np.mean(np.maximum(errors - block.at_zero, 0.0)))
         whole = math.hypot(sigma, floor)
         freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
         scale = whole * regression.innovation_share / LAWS[law].deviation
@@ -539,12 +469,6 @@ def _growth(block: Block, errors: Floats, rate: Floats | None, off: Floats) -> G
         return Growth.of(rate, block.noise.relative / block.noise.sigma)
     white = block.noise.correlation is Correlation.WHITE
     return growth_of((WHITE if white else _regression(errors, off, Law.STUDENT)).whiten(errors), rate)
-
-
-def _typical(block: Block, errors: Floats) -> float:
-    """Stated standard deviation at the mean rate, for a search whose first rates may be far from the true ones."""
-    mean = float(np.mean(np.maximum(errors - block.at_zero, 0.0))) if block.noise.relative else 0.0
-    return (block.noise.sigma or 0.0) + block.noise.relative * mean
 
 
 def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
@@ -582,16 +506,8 @@ def _cut(errors: Floats, law: Law) -> Floats:
 def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block, ...]:
     """Blocks whose noise models name repeated shots, with the noise of these.
 
-    Parameters
-    ----------
-    blocks : sequence of Block
-    data : sequence of DataSet
-        In the same order.
-
-    Raises
-    ------
-    ConfigurationError
-        If a group has a single data set, or its data sets differ in kind or number of values.
+    `data`: in the same order. Raises `ConfigurationError` if a group has a single data set, or its data sets differ in
+    kind or number of values.
     """
     groups: dict[str, list[int]] = {}
     for i, block in enumerate(blocks):
@@ -605,8 +521,9 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
                 f'The repeated shots "{name}" must be two data sets or more of one kind with equally many values; '
                 f"{', '.join(blocks[i].name for i in members)} cannot be compared."
             )
-        apart = _deviations([blocks[i].at_zero for i in members])
-        mean = -np.mean([blocks[i].at_zero for i in members], axis=0)
+        shots = np.array([blocks[i].at_zero for i in members])
+        mean = -shots.mean(axis=0)
+        apart = shots + mean
         used = sample_count(apart)  # the mean shot
         noise = fit_noise(
             replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")),
@@ -617,9 +534,3 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
         for i in members:
             found[i] = replace(blocks[i], shots=replace(noise, growth=noise.growth.at(mean)))
     return tuple(found)
-
-
-def _deviations(shots: Sequence[Floats]) -> Floats:
-    """Deviations (shots, n) from the mean shot."""
-    values = np.array(shots)
-    return np.asarray(values - values.mean(axis=0))

@@ -10,7 +10,7 @@ from commonrail.base.table import Table
 from commonrail.base.text import counted, fixed, significant
 from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.data.records import Record
-from commonrail.plugins.certainty.file import Certainty, certainty_record
+from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.posterior.file import posterior_record
 from commonrail.plugins.certainty.posterior.sample import Posterior
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables, posterior_table
@@ -32,9 +32,9 @@ def _tables(found: Certainty) -> list[Table]:
 
 def _kept(found: Certainty) -> Record:
     """Record as result.json keeps it, with the units of the parameters."""
-    own = found.estimate.likelihood
-    parameters = [{"name": name, "unit": unit} for name, unit in zip(own.names, own.units, strict=True)]
-    return {"parameters": parameters, "certainty": certainty_record(found)}
+    likelihood = found.estimate.likelihood
+    parameters = [{"name": name, "unit": unit} for name, unit in zip(likelihood.names, likelihood.units, strict=True)]
+    return {"parameters": parameters, "certainty": found.record()}
 
 
 def _posterior_lines(found: Posterior) -> list[str]:
@@ -56,17 +56,17 @@ def _posterior_tables(found: Posterior) -> list[Table]:
 
 def _arrays(found: Certainty) -> Arrays:
     """Values and intervals of the parameters in SI units, which a column names."""
-    own = found.estimate.likelihood
+    likelihood = found.estimate.likelihood
     columns = {
         "value": np.asarray(found.estimate.point),
         "lower": found.low,
         "upper": found.high,
-        "unit": np.array(own.units),
+        "unit": np.array(likelihood.units),
         "verdict": np.array([judged.verdict.value for judged in found.verdicts]),
         "estimator": np.array(found.estimators),
     }
     values = {name: Array(("parameter",), column) for name, column in columns.items()}
-    return Arrays({"parameter": Array(("parameter",), np.array(own.names))}, values, "Certainty of a fit")
+    return Arrays({"parameter": Array(("parameter",), np.array(likelihood.names))}, values, "Certainty of a fit")
 
 
 def _posterior_arrays(found: Posterior) -> Arrays:

@@ -1,4 +1,17 @@
-"""Uncertain quantities of bench and injector that are not fitted: their effect on the residuals."""
+"""Uncertain quantities of bench and injector that are not fitted: parameters beside the study's, with their priors.
+
+A quantity that a study states as uncertain is a further parameter whose prior is what is stated. As such it is fitted
+by tests and where it has one side, see `with_uncertain_free`; one that the fit leaves at its value is a `Nuisance`,
+whose residuals are those of the same further parameter, a standard deviation off.
+
+What is done with it differs, each time for a reason. With room to both sides it stays beside the fit and moves the
+estimates, by derivatives or, where these are large, by fits to both sides (`estimate`): the likelihood ripples along
+the path on which parameters imitate it, and derivatives alone cost coverage (`tools/coverage.py`). About an end of its
+domain it is fitted and integrated out (`one_sided`): it moves the estimates to one side, along a curve. Tests of what
+a model lacks fit all that is stated (`missing`, `lack_of_fit`), else they take it for a fault. What nobody states is
+assumed with a size, by derivatives alone (`verdict`): every verdict asks for it, and it costs no simulation. A drift is
+no parameter of a model, and its courses stand beside the test for it (`lack_of_fit`).
+"""
 
 from __future__ import annotations
 
@@ -18,195 +31,164 @@ from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
 from commonrail.data.kinds import of_role
 from commonrail.data.noise import OF_METER, TEMPERATURE, uncertain_unit
-from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import QUANTITIES, Meter, known_quantity
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.parameters import Domain
 
-_UNNAMED = "unnamed"  # meter of a data set that has none
+SIDES = (1.0, -1.0)
 
 
 class Nuisance(NamedTuple):
-    """Quantity that is uncertain and not fitted.
+    """Quantity that is uncertain and not fitted."""
 
-    Attributes
-    ----------
-    name : str
-        With its meter or data set: "delay of bench".
-    key : str
-        The quantity alone.
-    deviation : float
-        Its standard deviation [SI].
-    unit : str
-        Its SI unit.
-    shift : function of (d,)
-        Change of the residuals (n,) for one standard deviation, at a point [SI].
-    bend : function of (d,) and (d,)
-        Second difference of the residuals (n,), halved, for one standard deviation to both sides of a point [SI], which
-        moves by the second argument with it; zero where a side leaves the domain.
-    sides : functions of (m, d)
-        Residuals (m, n) of points [SI] with the quantity a standard deviation above, and below; none where neither, or
-        one of both, lies in its domain.
-    """
+    name: str  # with its meter or data set: "delay of bench"
+    key: str  # the quantity alone
+    deviation: float  # its standard deviation [SI]
+    unit: str  # its SI unit
+    # residuals (m, n) with the quantity so many standard deviations off, of points (m, d) [SI]
+    residuals: Callable[[float, Floats], Floats]
+    sides: tuple[float, ...] = SIDES  # standard deviations, of 1 and -1 those that lie in its domain
 
-    name: str
+    def shift(self, point: Floats) -> Floats:
+        """Change of the residuals (n,) for one standard deviation, at a point (d,) [SI]; zero where it is unknown."""
+        ends = [self.residuals(side, point[None])[0] for side in self.sides]
+        if len(ends) == 1:  # the other side leaves the domain
+            ends.append(2.0 * self.residuals(0.0, point[None])[0] - ends[0])
+        change = 0.5 * (ends[0] - ends[1])
+        return np.where(np.isfinite(change), change, 0.0)
+
+    def bend(self, point: Floats, move: Floats) -> Floats:
+        """Second difference of the residuals (n,), halved, for one standard deviation to both sides of a point (d,).
+
+        The point [SI] moves by `move` (d,) with the quantity. Zero where a side leaves the domain.
+        """
+        middle = self.residuals(0.0, point[None])[0]
+        if len(self.sides) < len(SIDES):
+            return np.zeros_like(middle)
+        above, below = (self.residuals(side, (point + side * move)[None])[0] for side in SIDES)
+        change = 0.5 * (above + below) - middle
+        return np.where(np.isfinite(change), change, 0.0)
+
+    def at(self, last: Floats) -> Nuisance:
+        """The same quantity of a study whose last parameters are fixed at values (m,) [SI]."""
+
+        def residuals(deviations: float, points: Floats) -> Floats:
+            return self.residuals(deviations, np.column_stack([points, np.tile(last, (len(points), 1))]))
+
+        return self._replace(residuals=residuals)
+
+
+class _Stated(NamedTuple):
+    """Uncertain quantity of a data set as its noise states it."""
+
     key: str
-    deviation: float
-    unit: str
-    shift: Callable[[Floats], Floats]
-    bend: Callable[[Floats, Floats], Floats] = lambda point, move: np.zeros(())
-    sides: tuple[Callable[[Floats], Floats], ...] = ()
+    name: str  # of the parameter that it would be
+    value: float  # [SI]
+    deviation: float  # [SI]
+
+    @property
+    def parameter(self) -> Parameter:
+        """The quantity with its deviation as a prior, free as far to both sides as its domain admits."""
+        quantity, source = known_quantity(self.name), "stated as uncertain"
+        low, high = (_farthest(quantity.domain, self.value, side * REACH * self.deviation) for side in (-1.0, 1.0))
+        prior = Prior(self.value, self.deviation, source)
+        return Parameter(self.name, self.value, low, high, quantity.unit, mark="E", source=source, prior=prior)
+
+    @property
+    def sides(self) -> tuple[float, ...]:
+        """Of 1 and -1 standard deviations those that lie in its domain."""
+        domain = known_quantity(self.name).domain
+        return tuple(side for side in SIDES if domain.admits(self.value + side * self.deviation))
 
 
-class _Owner(NamedTuple):
-    """Quantity and the meter, data set or injector that it belongs to."""
+def _stated_of(injector: Injector, data: DataSet) -> list[_Stated]:
+    """Uncertain quantities of a data set that is seen through a meter."""
+    meter, found = data.meter or Meter("unnamed"), []  # one of a meter's quantities has its own
+    for key, deviation in data.noise.deviations.items():
+        if key in OF_METER:
+            default = QUANTITIES[key].default
+            name, value = meter.parameter(key), meter.values.get(key, 0.0 if default is None else default)
+        else:
+            name = FUEL_TEMPERATURE if key == TEMPERATURE else key
+            value = injector.values[name]
+        found.append(_Stated(key, name, float(value), deviation))
+    return found
 
-    key: str
-    owner: str
+
+def _behind_a_meter(data: DataSet, index: int) -> DataSet:
+    """Data set that has a meter, a neutral one of its own where it has none and a meter's quantity is uncertain."""
+    has = data.meter is not None or not set(OF_METER) & set(data.noise.uncertain)
+    return data if has else data.with_meter(Meter(f"unnamed_{index + 1}"))
 
 
 def nuisances_of(objective: Objective, root_weights: Floats) -> tuple[Nuisance, ...]:
     """Uncertain quantities that the noise models of data sets state, each once.
 
-    Parameters
-    ----------
-    objective : Objective
-    root_weights : (n,)
-        Roots of the weights of its residuals, which the shifts are free of.
-
-    Raises
-    ------
-    ConfigurationError
-        If a quantity is free too, has two standard deviations, or has no value that it could deviate from.
+    `root_weights` (n,): roots of the weights of its residuals, which those of the quantities are free of. Raises
+    `ConfigurationError` if a quantity is free too, has two standard deviations, or has no value that it could deviate
+    from.
     """
-    stated: dict[_Owner, float] = {}
-    for data in objective.data:
-        for key, deviation in data.noise.deviations.items():
-            own = _Owner(key, _owner(key, data))
-            _check(objective, data, own)
-            if stated.setdefault(own, deviation) != deviation:
+    data = [_behind_a_meter(one, i) for i, one in enumerate(objective.data)]
+    stated: dict[str, _Stated] = {}
+    owners: dict[str, str] = {}  # meter or data set, by the name of the parameter
+    for own, metered in zip(objective.data, data, strict=True):
+        for one in _stated_of(objective.injector, metered):
+            _check(objective, own, one)
+            owners[one.name] = (own.meter or own).name if one.key in OF_METER else ""
+            first = stated.setdefault(one.name, one)
+            if first.deviation != one.deviation:
                 raise ConfigurationError(
-                    f"The {key} of {own.owner} is uncertain by {stated[own]:g} and by {deviation:g} "
-                    f"{uncertain_unit(key)}; state one of them."
+                    f"The {one.key} of {owners[one.name]} is uncertain by {first.deviation:g} and by "
+                    f"{one.deviation:g} {uncertain_unit(one.key)}; state one of them."
                 )
-    return tuple(
-        Nuisance(
-            f"{own.key} of {own.owner}" if own.owner else own.key,
-            own.key,
-            deviation,
-            uncertain_unit(own.key),
-            *_changes(objective, own, deviation, root_weights),
-        )
-        for own, deviation in stated.items()
-    )
-
-
-def _owner(key: str, data: DataSet) -> str:
-    if key not in OF_METER:
-        return ""
-    return data.name if data.meter is None else data.meter.name
-
-
-def _check(objective: Objective, data: DataSet, own: _Owner) -> None:
-    name = FUEL_TEMPERATURE if own.key == TEMPERATURE else own.key
-    free = name in objective.names
-    if own.key in OF_METER and data.meter is not None:
-        free = data.meter.parameter(own.key) in objective.names
-    if free:
-        raise ConfigurationError(
-            f"{own.key} is uncertain in the noise of {data.name} and free in the fit; give it a prior, or fix it."
-        )
-    if own.key == "cutoff" and (data.meter is None or "cutoff" not in data.meter.values):
-        raise ConfigurationError(
-            f"{data.name}: the cutoff is uncertain, and no meter has one that it could deviate from; describe the "
-            "meter in a table [meters.NAME]."
-        )
-    if own.key in OF_METER and own.key not in data.seen:
-        raise ConfigurationError(
-            f"{data.name}: the {own.key} of a meter has no effect on data of this kind; remove it."
-        )
-
-
-def _concerned(data: DataSet, own: _Owner) -> bool:
-    """True if a quantity acts on a data set."""
-    if own.key in OF_METER:
-        return _owner(own.key, data) == own.owner
-    return own.key != TEMPERATURE or own.key in data.noise.deviations
-
-
-def _changes(
-    objective: Objective, own: _Owner, deviation: float, root_weights: Floats
-) -> tuple[Callable[[Floats], Floats], Callable[[Floats, Floats], Floats], tuple[Callable[[Floats], Floats], ...]]:
-    """Functions `Nuisance.shift`, `Nuisance.bend` and `Nuisance.sides` of a quantity."""
-    rows = np.concatenate([np.full(len(d.measured), _concerned(d, own)) for d in objective.data])
-    sides = [moved for sign in (1.0, -1.0) if (moved := _moved(objective, own, sign * deviation)) is not None]
-
-    def shift(point: Floats) -> Floats:
-        ends = [side.residuals(point[None])[0][: len(rows)] for side in sides]
-        if len(ends) == 1:  # the other side leaves the domain
-            ends.append(2.0 * objective.residuals(point[None])[0][: len(rows)] - ends[0])
-        change = 0.5 * (ends[0] - ends[1]) / root_weights
-        return np.where(rows & np.isfinite(change), change, 0.0)
-
-    def bend(point: Floats, move: Floats) -> Floats:
-        if len(sides) == 1:
-            return np.zeros(len(rows))
-        middle = objective.residuals(point[None])[0][: len(rows)]
-        ends = [
-            side.residuals((point + sign * move)[None])[0][: len(rows)]
-            for sign, side in zip((1.0, -1.0), sides, strict=True)
-        ]
-        change = (0.5 * (ends[0] + ends[1]) - middle) / root_weights
-        return np.where(np.isfinite(change), change, 0.0)
-
-    def with_side(side: Objective) -> Callable[[Floats], Floats]:
-        def residuals(points: Floats) -> Floats:
-            found = side.residuals(points)[:, : len(rows)]
-            if not rows.all():
-                found = np.where(rows, found, objective.residuals(points)[:, : len(rows)])
-            return np.asarray(found / root_weights)
-
-        return residuals
-
-    return shift, bend, tuple(with_side(side) for side in sides if len(sides) == 2)
-
-
-def _moved(objective: Objective, own: _Owner, change: float) -> Objective | None:
-    """The objective with a quantity changed; None where the change leaves its domain."""
-    data: Sequence[DataSet] = objective.data
-    injector: Injector = objective.injector
-    if own.key in OF_METER:
-        changed = [_with_change(d, own.key, change) if _concerned(d, own) else d for d in data]
-        data = [d for d in changed if d is not None]
-        if len(data) < len(changed):
-            return None
-    else:
-        name = FUEL_TEMPERATURE if own.key == TEMPERATURE else own.key
-        value = injector.values[name] + change
-        if not _admits(parameter_quantities()[name], value):
-            return None
-        injector = injector.with_values({name: value})
-    return Objective(
-        injector,
-        objective.names,
+    if not stated:
+        return ()
+    wide = Objective(
+        objective.injector,
+        [*objective.names, *stated],
         data,
         objective.time_step,
         objective.threads,
         goal=objective.goal,
         same_bits=objective.simulator.same_bits,
     )
+    values = np.array([one.value for one in stated.values()])
+    heated = np.concatenate([np.full(len(d.measured), TEMPERATURE in d.noise.deviations) for d in data])
+
+    def moved(points: Floats, changes: Floats) -> Floats:
+        columns = np.column_stack([points, np.tile(values + changes, (len(points), 1))])
+        return np.asarray(wide.residuals(columns)[:, : len(root_weights)] / root_weights)
+
+    def nuisance(column: int, one: _Stated) -> Nuisance:
+        def residuals(deviations: float, points: Floats) -> Floats:
+            changes = np.zeros(len(values))
+            changes[column] = deviations * one.deviation
+            found = moved(points, changes)
+            if one.key == TEMPERATURE and not heated.all():  # the fuel of the other data sets is another
+                found = np.where(heated, found, moved(points, np.zeros(len(values))))
+            return found
+
+        name = f"{one.key} of {owners[one.name]}" if owners[one.name] else one.key
+        return Nuisance(name, one.key, one.deviation, uncertain_unit(one.key), residuals, one.sides)
+
+    return tuple(nuisance(i, one) for i, one in enumerate(stated.values()))
 
 
-def _admits(quantity: Q, value: float) -> bool:
-    return bool(quantity.domain.admits(value))
-
-
-def _with_change(data: DataSet, key: str, change: float) -> DataSet | None:
-    meter = data.meter or Meter(_UNNAMED)
-    default = QUANTITIES[key].default
-    value = meter.values.get(key, 0.0 if default is None else default) + change
-    if not _admits(QUANTITIES[key], value):
-        return None
-    return data.with_meter(replace(meter, values={**meter.values, key: value}))
+def _check(objective: Objective, data: DataSet, one: _Stated) -> None:
+    """Refuse an uncertain quantity that is free, has no value or does not act on the data set."""
+    if one.name in objective.names:
+        raise ConfigurationError(
+            f"{one.key} is uncertain in the noise of {data.name} and free in the fit; give it a prior, or fix it."
+        )
+    if one.key == "cutoff" and (data.meter is None or "cutoff" not in data.meter.values):
+        raise ConfigurationError(
+            f"{data.name}: the cutoff is uncertain, and no meter has one that it could deviate from; describe the "
+            "meter in a table [meters.NAME]."
+        )
+    if one.key in OF_METER and one.key not in data.seen:
+        raise ConfigurationError(
+            f"{data.name}: the {one.key} of a meter has no effect on data of this kind; remove it."
+        )
 
 
 # Study whose uncertain quantities are fitted too, with their stated deviations as priors.
@@ -219,36 +201,33 @@ HALVINGS = 40  # of the interval that holds an end of the domain
 def one_sided(study: Study) -> tuple[str, ...]:
     """Uncertain quantities within a standard deviation of an end of what is possible, such as friction about zero."""
     found: dict[str, None] = {}
-    for data in of_role(study.data, Role.FIT):
-        for key, (parameter, value) in _parameters(study, data, data.meter or Meter("unnamed")).items():
-            room = NEAR * data.noise.deviations[key]
-            if not (parameter.lower < value - room and value + room < parameter.upper):
-                found[key] = None
+    for i, data in enumerate(of_role(study.data, Role.FIT)):
+        for one in _stated_of(study.injector, _behind_a_meter(data, i)):
+            if one.key in COUNTS:
+                continue
+            parameter, room = one.parameter, NEAR * one.deviation
+            if not (parameter.lower < one.value - room and one.value + room < parameter.upper):
+                found[one.key] = None
     return tuple(found)
 
 
 def with_uncertain_free(study: Study, keys: Collection[str] | None = None) -> Study | None:
-    """Study with its uncertain quantities as last parameters, their standard deviations as priors.
+    """Study with its uncertain quantities, or those of some `keys`, as last parameters with priors; fitted data alone.
 
-    Parameters
-    ----------
-    study : Study
-    keys : collection of str, optional
-        Quantities that become free, the others stay uncertain; all by default.
-
-    Returns
-    -------
-    Study or None
-        With the fitted data alone; None if a quantity has no room about its value.
+    The others stay uncertain, as those do that count pieces. None if a quantity cannot move from its value.
     """
     fitted: list[DataSet] = []
     added: dict[str, Parameter] = {}
     for i, data in enumerate(of_role(study.data, Role.FIT)):
-        meter = data.meter or Meter(f"unnamed_{i + 1}")
-        own = {k: p for k, (p, _) in _parameters(study, data, meter).items() if keys is None or k in keys}
+        metered = _behind_a_meter(data, i)
+        own = {
+            one.key: one.parameter
+            for one in _stated_of(study.injector, metered)
+            if one.key not in COUNTS and (keys is None or one.key in keys)
+        }
         left = {key: value for key, value in data.noise.uncertain.items() if key not in own}
-        plain = data.with_noise(replace(data.noise, uncertain=left))
-        fitted.append(plain if not set(OF_METER) & set(own) else plain.with_meter(meter))
+        seen = metered if set(OF_METER) & set(own) else data
+        fitted.append(seen.with_noise(replace(data.noise, uncertain=left)))
         added.update({parameter.name: parameter for parameter in own.values()})
     if not all(parameter.lower < parameter.upper for parameter in added.values()):
         return None
@@ -261,39 +240,6 @@ def wider(space: Space, more: Sequence[Parameter]) -> Space:
     if len(rows):
         rows = replace(rows, matrix=np.column_stack([rows.matrix, np.zeros((len(rows), len(more)))]))
     return Space((*space.parameters, *more), rows if len(rows) else (), space.products)
-
-
-def _parameters(study: Study, data: DataSet, meter: Meter) -> dict[str, tuple[Parameter, float]]:
-    """Uncertain quantities of a data set as parameters, and their values, by key; none of those that count pieces.
-
-    Parameters
-    ----------
-    study : Study
-    data : DataSet
-    meter : Meter
-        Of the data set.
-    """
-    found = {}
-    for key, deviation in data.noise.deviations.items():
-        if key in COUNTS:
-            continue
-        if key in OF_METER:
-            default = QUANTITIES[key].default
-            name, value = meter.parameter(key), meter.values.get(key, 0.0 if default is None else default)
-        else:
-            name = FUEL_TEMPERATURE if key == TEMPERATURE else key
-            value = study.injector.values[name]
-        found[key] = _parameter(name, float(value), deviation), float(value)
-    return found
-
-
-def _parameter(name: str, value: float, deviation: float) -> Parameter:
-    """An uncertain quantity as a parameter with a prior, as far to both sides as its domain admits."""
-    quantity = known_quantity(name)
-    low, high = (_farthest(quantity.domain, value, sign * REACH * deviation) for sign in (-1.0, 1.0))
-    source = "stated as uncertain"
-    prior = Prior(value, deviation, source)
-    return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, prior=prior)
 
 
 def _farthest(domain: Domain, value: float, reach: float) -> float:

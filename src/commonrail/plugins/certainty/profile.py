@@ -26,58 +26,29 @@ BETTER = 0.5  # rise of 2 ln L by which a point beats the optimum
 
 
 class ProfileEnd(NamedTuple):
-    """One end of a profile.
+    """One end of a profile."""
 
-    Attributes
-    ----------
-    unit : float
-        Position of the parameter.
-    value : float
-        The same [SI].
-    finished : bool
-        The likelihood has fallen as far as wanted.
-    wall : bool
-        A bound or a constraint was met before.
-    """
-
-    unit: float
-    value: float
-    finished: bool
-    wall: bool
+    unit: float  # position of the parameter
+    value: float  # the same [SI]
+    finished: bool  # the likelihood has fallen as far as wanted
+    wall: bool  # a bound or a constraint was met before
 
 
 class Profile(NamedTuple):
-    """Profile of a parameter: its ends, and the points on the way.
-
-    Attributes
-    ----------
-    name : str
-    low, high : ProfileEnd
-    points : (m, 2)
-        Values [SI] and falls of 2 ln L there, by falling likelihood on each side.
-    """
+    """Profile of a parameter: its ends, and the points on the way."""
 
     name: str
     low: ProfileEnd
     high: ProfileEnd
-    points: Floats
+    points: Floats  # (m, 2), values [SI] and falls of 2 ln L there, by falling likelihood on each side
 
 
 class Profiles(NamedTuple):
-    """Profiles of several parameters.
-
-    Attributes
-    ----------
-    found : list of Profile
-    better : (d,) or None
-        Position that beats the optimum, if one was met; the profiles are then not to be used.
-    simulated : int
-        Points simulated.
-    """
+    """Profiles of several parameters."""
 
     found: list[Profile]
-    better: Floats | None
-    simulated: int
+    better: Floats | None  # (d,), position that beats the optimum, if one was met; the profiles are then not to be used
+    simulated: int  # points simulated
 
 
 class _Ends:
@@ -207,34 +178,24 @@ def profiles_of(
 ) -> Profiles:
     """Profiles of parameters.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    which : sequence of int, optional
-        Columns of the parameters; all by default.
-    level : float
-        Share of intervals that hold the truth.
-    rounds : int
-        Largest number of points for each end.
-
-    Returns
-    -------
-    Profiles
-        As soon as a point beats the optimum, with that point in `better`.
+    `which`: columns of the parameters; all by default; `level`: share of intervals that hold the truth; `rounds`:
+    largest number of points for each end. Returns as soon as a point beats the optimum, with that point in `better`.
     """
-    own = estimate.likelihood
-    columns = list(range(own.space.dimension)) if which is None else list(which)
-    before = own.simulated
+    likelihood = estimate.likelihood
+    columns = list(range(likelihood.space.dimension)) if which is None else list(which)
+    before = likelihood.simulated
     ends = _Ends(estimate, columns, level)
     for _ in range(rounds):
         if ends.done.all() or ends.better is not None:
             break
         ends.round()
     found = [
-        Profile(own.names[i], ends.end(2 * k), ends.end(2 * k + 1), _points(ends.seen[2 * k] + ends.seen[2 * k + 1]))
+        Profile(
+            likelihood.names[i], ends.end(2 * k), ends.end(2 * k + 1), _points(ends.seen[2 * k] + ends.seen[2 * k + 1])
+        )
         for k, i in enumerate(columns)
     ]
-    return Profiles(found, ends.better, own.simulated - before)
+    return Profiles(found, ends.better, likelihood.simulated - before)
 
 
 def fall_along(estimate: Estimate, distances: Sequence[float]) -> Floats:
@@ -242,20 +203,16 @@ def fall_along(estimate: Estimate, distances: Sequence[float]) -> Floats:
 
     NaN beyond bounds and constraints, and where a simulation fails.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    distances : (k,)
-        In standard errors of the curvature.
+    `distances` (k,): in standard errors of the curvature.
     """
-    own, d = estimate.likelihood, len(estimate.unit)
+    likelihood, d = estimate.likelihood, len(estimate.unit)
     ends = _Ends(estimate, range(d), 0.95)
     live = np.arange(2 * d)
     error = ends.error / estimate.covariance.beyond[ends.column]
     origin = estimate.unit[ends.column]
     wanted = [origin + ends.sign * distance * error for distance in distances]
     units = np.concatenate([ends._start(live, one) for one in wanted])
-    falls = ends._fall(own.residuals(own.space.from_unit(units)), units) - ends.best
+    falls = ends._fall(likelihood.residuals(likelihood.space.from_unit(units)), units) - ends.best
     over = np.concatenate([ends.sign * (one - ends.limit) >= 0.0 for one in wanted])
     return np.where(over, np.nan, falls).reshape(len(distances), d, 2)
 
@@ -274,31 +231,17 @@ MOST_RATIO = 1.2  # an interval 1.2 times too short holds 90 % instead of 95 % (
 
 
 class Ripple(NamedTuple):
-    """Curvature against simulated likelihood.
+    """Curvature against simulated likelihood."""
 
-    Attributes
-    ----------
-    ratios : (d,)
-        Largest distance at which the simulated likelihood has fallen as far as the curvature promises at one, in
-        distances; infinite where it does not fall, NaN where no point could be simulated.
-    rippled : (d,)
-        True where a ratio, of any distance and side, lies outside 1/`MOST_RATIO` … `MOST_RATIO`.
-    simulated : int
-        Points simulated.
-    """
-
+    # (d,), largest distance at which the simulated likelihood has fallen as far as the curvature promises at one, in
+    # distances; infinite where it does not fall, NaN where no point could be simulated
     ratios: Floats
-    rippled: Bools
-    simulated: int
+    rippled: Bools  # (d,), true where a ratio, of any distance and side, lies outside 1/`MOST_RATIO` … `MOST_RATIO`
+    simulated: int  # points simulated
 
 
 def ripple_of(estimate: Estimate) -> Ripple:
-    """Ratios of an estimate, from 4 d simulations in one batch.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    """
+    """Ratios of an estimate, from 4 d simulations in one batch."""
     before = estimate.likelihood.simulated
     falls = fall_along(estimate, DISTANCES)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -20,17 +20,10 @@ from commonrail.plugins.certainty.ascent import FEW
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate, library, starts_from
 from commonrail.plugins.certainty.file import Certainty
-from commonrail.plugins.certainty.lack_of_fit import (
-    DRIFT,
-    LackOfFit,
-    MissingFriction,
-    missing_delay,
-    missing_friction,
-    visible_delay,
-    with_drift,
-)
+from commonrail.plugins.certainty.lack_of_fit import DRIFT, LackOfFit, judged_residuals, of_missing, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.nuisance_fit import Within, estimate_within, judged_residuals
+from commonrail.plugins.certainty.missing import Missing, missing_delay, missing_friction, visible_delay
+from commonrail.plugins.certainty.one_sided import Within, estimate_within
 from commonrail.plugins.certainty.profile import Profile, Ripple, profiles_of, ripple_of
 from commonrail.plugins.certainty.verdict import Judged, verdicts_of, withdrawal
 
@@ -85,22 +78,22 @@ def certify(
     instance(study, Study, "study")
     starts = whole(starts, "starts", 1)
     level, limit = fraction(level, "level"), fraction(limit, "limit")
-    own = Likelihood.of(study, thread_count(threads))
-    wanted = list(own.names) if profiles is None else list(profiles)
-    columns = [_column(own, name) for name in wanted]
-    rows = {text: _row(own, text) for text in combinations}
-    point = np.array([best[name] for name in own.names])
-    begin = own.space.to_unit(point)[None]
+    likelihood = Likelihood.of(study, thread_count(threads))
+    wanted = list(likelihood.names) if profiles is None else list(profiles)
+    columns = [_column(likelihood, name) for name in wanted]
+    rows = {text: _row(likelihood, text) for text in combinations}
+    point = np.array([best[name] for name in likelihood.names])
+    begin = likelihood.space.to_unit(point)[None]
     if starts > 1:
         note(f"searching from {starts} starts ...")
-        begin = np.vstack([begin, starts_from(own, library(own, MEMBERS), starts - 1)])
-    within = estimate_within(study, own, begin, thread_count(threads))
-    simulated, adopted = own.simulated + within.whole.simulated, 0
+        begin = np.vstack([begin, starts_from(likelihood, library(likelihood, MEMBERS), starts - 1)])
+    within = estimate_within(study, likelihood, begin, thread_count(threads))
+    simulated, adopted = likelihood.simulated + within.whole.simulated, 0
     profiled: dict[str, Profile] = {}
     ripple = None if columns or within.fitted else ripple_of(within.whole)
     if ripple is not None:
         simulated += ripple.simulated
-        columns = np.flatnonzero(ripple.rippled).tolist() if len(own.names) <= FEW else []
+        columns = np.flatnonzero(ripple.rippled).tolist() if len(likelihood.names) <= FEW else []
     while columns:
         note(f"profiling {len(columns)} parameters ...")
         done = profiles_of(within.whole, columns, level)
@@ -110,7 +103,7 @@ def certify(
             break
         note("a profile has met a better fit, which is adopted")
         adopted += 1
-        again = estimate_within(study, own, done.better[None], thread_count(threads))
+        again = estimate_within(study, likelihood, done.better[None], thread_count(threads))
         simulated += again.whole.simulated
         within = _adopted(within, again)
     tests, visible, more = _tests(within, thread_count(threads))
@@ -126,7 +119,7 @@ def certify(
     verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     friction = friction_withdraws(within.study, within.whole, verdicts, thread_count(threads))
     if friction is not None:
-        tests, more = [*tests, friction.judged(within.level)], more + friction.simulated
+        tests, more = [*tests, of_missing(friction, within.level)], more + friction.simulated
         reason = withdrawal(found, tests) or reason
         verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     return Certainty(
@@ -160,8 +153,10 @@ def judge(fit: FinishedFit) -> None:
 
 def _gain(found: Estimate, point: Floats) -> float:
     """2 ln L of the most likely values less that of a point (d,) [SI]; NaN if that cannot be simulated."""
-    own, points = found.likelihood, np.array([found.point, point])
-    costs = own.block_costs(own.innovations(points)).sum(axis=1) + own.priors.costs(points)
+    likelihood, points = found.likelihood, np.array([found.point, point])
+    costs = likelihood.block_costs(likelihood.whiten(likelihood.residuals(points))).sum(
+        axis=1
+    ) + likelihood.priors.costs(points)
     return float(costs[1] - costs[0])
 
 
@@ -206,16 +201,10 @@ def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float,
 
 def friction_withdraws(
     study: Study, found: Estimate, verdicts: Sequence[Judged], threads: int | None
-) -> MissingFriction | None:
+) -> Missing | None:
     """Test of friction that the model lacks, made where a parameter is called pinned: it can only withdraw that.
 
-    Parameters
-    ----------
-    study : Study
-    found : Estimate
-    verdicts : sequence of Judged
-        Without this test.
-    threads : int or None
+    `verdicts`: without this test.
     """
     pinned = any(one.verdict is ParameterVerdict.PINNED for one in verdicts)
     return missing_friction(study, found, threads) if pinned else None
@@ -227,15 +216,15 @@ def _adopted(first: Within, again: Within) -> Within:
     return again._replace(whole=whole, found=found)
 
 
-def _column(own: Likelihood, name: str) -> int:
-    if name not in own.names:
-        raise ConfigurationError(f"{name} is no free parameter of the study; free are {', '.join(own.names)}.")
-    return own.names.index(name)
+def _column(likelihood: Likelihood, name: str) -> int:
+    if name not in likelihood.names:
+        raise ConfigurationError(f"{name} is no free parameter of the study; free are {', '.join(likelihood.names)}.")
+    return likelihood.names.index(name)
 
 
-def _row(own: Likelihood, text: str) -> Floats:
+def _row(likelihood: Likelihood, text: str) -> Floats:
     """Coefficients (d,) of a sum of parameters."""
-    return np.asarray(parse_constraints([f"{text} >= 0"], own.names).matrix[0])
+    return np.asarray(parse_constraints([f"{text} >= 0"], likelihood.names).matrix[0])
 
 
 def _combined(found: Estimate, row: Floats, level: float) -> tuple[float, float]:

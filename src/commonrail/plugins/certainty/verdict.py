@@ -15,7 +15,8 @@ from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.physics.meters import is_of_meter, parts_of
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
-from commonrail.plugins.certainty.lack_of_fit import LackOfFit
+from commonrail.plugins.certainty.lack_of_fit import LackOfFit, meter_changes
+from commonrail.plugins.certainty.noise import spread
 
 # Sensitivity of the estimates to what the bench may be off by, whether a study states it or not.
 
@@ -53,16 +54,13 @@ def moves_of(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
     All data sets that see the quantity change together. It takes no simulation: a delay moves the model's course, a
     gain stretches it.
     """
-    own = estimate.likelihood
+    likelihood = estimate.likelihood
     found = []
     for assumed in ASSUMED:
-        shift = np.zeros((1, own.size))
-        for block in own.blocks:
-            shown = estimate.errors[block.rows] - block.at_zero
-            if assumed.key == "gain":
-                shift[0, block.rows] = assumed.change * shown
-            elif block.ordered:
-                shift[0, block.rows] = -assumed.change * np.gradient(shown, block.places[:, 0])
+        shift = np.zeros((1, likelihood.size))
+        for block in likelihood.blocks:
+            changes = meter_changes(block, estimate.errors[block.rows])
+            shift[0, block.rows] = assumed.change * changes.get(assumed.key, 0.0)
         if shift.any():
             found.append((assumed, estimate.moved(shift)))
     return found
@@ -73,18 +71,16 @@ def unstated(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
 
     Delay and gain count where they are neither uncertain nor free, a discrepancy where a course in time states none.
     """
-    own = estimate.likelihood
-    known = {nuisance.key for nuisance in own.nuisances}
-    known |= {parts_of(name)[1] for name in own.names if is_of_meter(name)}
+    likelihood = estimate.likelihood
+    known = {nuisance.key for nuisance in likelihood.nuisances}
+    known |= {parts_of(name)[1] for name in likelihood.names if is_of_meter(name)}
     found = [(assumed, move) for assumed, move in moves_of(estimate) if assumed.key not in known]
     rows = []
-    for block in own.blocks:
+    for block in likelihood.blocks:
         if block.ordered and not block.noise.discrepancy:
             largest = float(np.abs(estimate.errors[block.rows] - block.at_zero).max())
             courses = block.courses(DISCREPANCY.change * largest, LENGTH)
-            shifts = np.zeros((len(courses), own.size))
-            shifts[:, block.rows] = courses
-            rows.append(estimate.moved(shifts))
+            rows.append(estimate.moved(spread(block, courses, likelihood.size)))
     return [*found, (DISCREPANCY, np.vstack(rows))] if rows else found
 
 
@@ -111,23 +107,13 @@ MOST_TOLD = 10.0  # half width over value, above which it is no figure any more
 
 
 class Judged(NamedTuple):
-    """Verdict on a parameter.
-
-    Attributes
-    ----------
-    verdict : ParameterVerdict
-    sentence : str
-        Verdict with its figure.
-    cure : str
-        Measurement or statement that would improve it; empty for a pinned parameter.
-    half : float
-        Half width [SI] that the verdict rests on: that of the interval, and of the delay, the gain and the discrepancy
-        that are assumed where the study states none.
-    """
+    """Verdict on a parameter."""
 
     verdict: ParameterVerdict
-    sentence: str
-    cure: str
+    sentence: str  # verdict with its figure
+    cure: str  # measurement or statement that would improve it; empty for a pinned parameter
+    # half width [SI] that the verdict rests on: that of the interval, and of the delay, the gain and the discrepancy
+    # that are assumed where the study states none
     half: float
 
 
@@ -156,20 +142,11 @@ def verdicts_of(
 ) -> list[Judged]:
     """Verdict on each parameter.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    low, high : (d,)
-        Ends of the intervals [SI].
-    reason : str
-        Of `withdrawal`.
-    limit : float
-        Half width over value, up to which a parameter is pinned.
-    level : float
-        Of the intervals.
+    `low`, `high` (d,): ends of the intervals [SI]; `reason`: of `withdrawal`; `limit`: half width over value, up to
+    which a parameter is pinned; `level`: of the intervals.
     """
-    own = estimate.likelihood
-    scale, quantile = np.abs(own.scaled(estimate.unit)), student(estimate.covariance.freedom, level)
+    likelihood = estimate.likelihood
+    scale, quantile = np.abs(likelihood.scaled(estimate.unit)), student(estimate.covariance.freedom, level)
     single = quantile * estimate.covariance.alone * scale
     assumed = unstated(estimate)
     moves = np.vstack([np.zeros((1, len(scale))), *(move for _, move in assumed)])
@@ -189,8 +166,8 @@ def verdicts_of(
 
 
 def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judged:
-    own = estimate.likelihood
-    parameter, value = own.space.parameters[case.column], float(estimate.point[case.column])
+    likelihood = estimate.likelihood
+    parameter, value = likelihood.space.parameters[case.column], float(estimate.point[case.column])
     if parameter.is_at_bound(value):
         cure = "widen the bound if the part allows it, or read the value as something the model lacks"
         return Judged(ParameterVerdict.AT_BOUND, f"at a bound ({case.figure} without it)", cure, case.half)
@@ -247,10 +224,10 @@ def _row_text(row: Floats, names: Sequence[str]) -> str:
 
 def _blamed(estimate: Estimate, assumed: Sequence[tuple[Assumed, Floats]], column: int) -> tuple[str, str] | None:
     """Quantity of the bench that makes most of a parameter's variance, and its standard deviation in words."""
-    own, scale = estimate.likelihood, float(estimate.likelihood.scaled(estimate.unit)[column])
+    likelihood, scale = estimate.likelihood, float(estimate.likelihood.scaled(estimate.unit)[column])
     moves = [
         (move[column] ** 2 * scale**2, nuisance.name, to_text(nuisance.deviation, nuisance.unit, 2))
-        for nuisance, move in zip(own.nuisances, estimate.covariance.nuisances, strict=True)
+        for nuisance, move in zip(likelihood.nuisances, estimate.covariance.nuisances, strict=True)
     ] + [(float(np.sum(move[:, column] ** 2)), one.owner, one.size) for one, move in assumed]
     total = float(estimate.covariance.total[column, column]) * scale**2
     total += sum(float(np.sum(move[:, column] ** 2)) for _, move in assumed)

@@ -24,32 +24,15 @@ LEAST_SOUND = 0.5  # share of the draws that must give a value for it to have ed
 
 
 class Band(NamedTuple):
-    """Prediction of a data set.
-
-    Attributes
-    ----------
-    data : DataSet
-    values : (n,)
-        Predictions in the unit of the data; NaN where a simulation failed.
-    edges : mapping of float to ((n,), (n,))
-        Lower and upper edges by level.
-    measured : bool
-        The data set has measured values, not operating points alone.
-    alone : mapping of float to ((n,), (n,))
-        Edges by what the parameters may be alone.
-    optima : int
-        Number of optima over which the band is the union of theirs.
-    drawn : bool
-        The edges are quantiles of simulated draws, not linear.
-    """
+    """Prediction of a data set."""
 
     data: DataSet
-    values: Floats
-    edges: Mapping[float, tuple[Floats, Floats]]
-    measured: bool
-    alone: Mapping[float, tuple[Floats, Floats]]
-    optima: int = 1
-    drawn: bool = False
+    values: Floats  # (n,), predictions in the unit of the data; NaN where a simulation failed
+    edges: Mapping[float, tuple[Floats, Floats]]  # lower and upper edges by level
+    measured: bool  # the data set has measured values, not operating points alone
+    alone: Mapping[float, tuple[Floats, Floats]]  # edges by what the parameters may be alone
+    optima: int = 1  # number of optima over which the band is the union of theirs
+    drawn: bool = False  # the edges are quantiles of simulated draws, not linear
 
     @property
     def counted(self) -> Bools:
@@ -82,17 +65,9 @@ class Band(NamedTuple):
     def judgement(self, level: float, estimator: str) -> dict[str, Any]:
         """JSON-able record of the band of one level, as result.json keeps it for a data set.
 
-        Parameters
-        ----------
-        level : float
-        estimator : str
-
-        Returns
-        -------
-        dict
-            Half widths about the predicted values of a map ("half_widths", to the farther edge), None where a value is
-            not judged; edges ("lower", "upper") of a course, of the union over several optima, and of draws; counts of
-            measured values inside.
+        Returns half widths about the predicted values of a map ("half_widths", to the farther edge), None where a value
+        is not judged; edges ("lower", "upper") of a course, of the union over several optima, and of draws; counts of
+        measured values inside.
         """
         low, high = self.edges[level]
         half = np.where(self.counted, np.maximum(high - self.values, self.values - low), np.nan)
@@ -143,18 +118,9 @@ def band_from_slopes(
 ) -> dict[float, Edges]:
     """Edges of bands by the linear (Laplace) approximation.
 
-    Parameters
-    ----------
-    values : (n,)
-    slopes : (n, d)
-        Derivatives with respect to the positions between the bounds.
-    covariance : (d, d)
-        Of the positions.
-    deviations : (n,)
-        Standard deviations of the scatter.
-    freedom : float
-        Degrees of freedom of the scatter.
-    levels : sequence of float
+    `values` (n,); `slopes` (n, d): derivatives with respect to the positions between the bounds; `covariance` (d, d):
+    of the positions; `deviations` (n,): standard deviations of the scatter; `freedom`: degrees of freedom of the
+    scatter.
     """
     variance = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
     total = np.sqrt(np.maximum(variance, 0.0) + deviations**2)
@@ -172,20 +138,10 @@ def band_from_draws(
 ) -> dict[float, Edges]:
     """Edges of bands from predictions of drawn parameters.
 
-    Parameters
-    ----------
-    drawn : (m, n)
-        Predictions; NaN where a simulation failed. A value that fails for half of the draws or more has no edges.
-    deviations : (n,)
-        Standard deviations of the scatter.
-    freedom : float
-        Degrees of freedom of the scatter.
-    levels : sequence of float
-    stretch : (m,), optional
-        Factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by default the
-        scatter has its own, by the degrees of freedom.
-    seed : int
-        Of the scatter that is added to each draw.
+    `drawn` (m, n): predictions; NaN where a simulation failed. A value that fails for half of the draws or more has no
+    edges; `deviations` (n,): standard deviations of the scatter; `freedom`: degrees of freedom of the scatter;
+    `stretch` (m,): factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by
+    default the scatter has its own, by the degrees of freedom; `seed`: of the scatter that is added to each draw.
     """
     # a draw that fails at one operating point still tells of the others
     sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
@@ -222,17 +178,13 @@ def _scattered(
     Normal scatters are equally likely ones, so that few replicates will do; a stretch is drawn.
     """
     many = drawn.shape[1]
-    scatter = rng.permutation(_equally_likely(REPLICATES * many)).reshape(REPLICATES, many)
+    size = REPLICATES * many
+    scatter = rng.permutation(special.ndtri((np.arange(size) + 0.5) / size)).reshape(REPLICATES, many)
     if stretch is not None:
         scatter *= stretch
     elif np.isfinite(freedom):
         scatter /= np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
     return (drawn[:, None] + scatter * deviations[:, None, None]).reshape(len(drawn), -1)
-
-
-def _equally_likely(many: int) -> Floats:
-    """Values (many,) that divide the standard normal distribution into parts of equal probability, at their middles."""
-    return np.asarray(special.ndtri((np.arange(many) + 0.5) / many))
 
 
 def union(edges: Sequence[Mapping[float, Edges]]) -> dict[float, Edges]:
@@ -267,12 +219,7 @@ SLACK = 0.01
 def falls_below_zero(values: Floats, alone: Mapping[float, Edges]) -> bool:
     """True if a band by the parameters alone falls below zero where no predicted value does.
 
-    Parameters
-    ----------
-    values : (n,)
-        Predicted.
-    alone : mapping of float to ((n,), (n,))
-        Lower and upper edges by level.
+    `values` (n,): predicted; `alone`: lower and upper edges by level.
     """
     found = np.isfinite(values)
     floor = -SLACK * float(np.max(values, where=found, initial=0.0))
@@ -282,32 +229,17 @@ def falls_below_zero(values: Floats, alone: Mapping[float, Edges]) -> bool:
 
 
 class Drawn(NamedTuple):
-    """Drawn parameters.
+    """Drawn parameters."""
 
-    Attributes
-    ----------
-    values : (DRAWS, d)
-        [SI], within bounds and constraints.
-    stretch : (DRAWS,)
-        Factor of each draw's distance from the mean, by the uncertain scale of the covariance.
-    """
-
-    values: Floats
-    stretch: Floats
+    values: Floats  # (DRAWS, d), [SI], within bounds and constraints
+    stretch: Floats  # (DRAWS,), factor of each draw's distance from the mean, by the uncertain scale of the covariance
 
 
 def drawn_about(space: Space, point: Floats, covariance: Floats, freedom: float = np.inf) -> Drawn:
     """Parameters drawn from Student's t distribution, brought within bounds and constraints.
 
-    Parameters
-    ----------
-    space : Space
-    point : (d,)
-        Mean [SI].
-    covariance : (d, d)
-        Of the positions between the bounds, for the normal distribution of the same scale.
-    freedom : float
-        Degrees of freedom of the scale; the distribution is normal where it is exactly known.
+    `point` (d,): mean [SI]; `covariance` (d, d): of the positions between the bounds, for the normal distribution of
+    the same scale; `freedom`: degrees of freedom of the scale; the distribution is normal where it is exactly known.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))

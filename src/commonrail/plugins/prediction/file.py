@@ -22,10 +22,7 @@ RAIL, TIME = "rail_pressure", "energising_time"
 def read_points(path: Path) -> list[tuple[float, float]]:
     """Pairs of rail pressure [Pa] and energising time [s] of a file with these two columns.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a column or unit is missing, or a cell is no positive number.
+    Raises `InputError` if the file cannot be read, a column or unit is missing, or a cell is no positive number.
     """
     wanted = [Column(RAIL, "Pa", domain=Domain.POSITIVE), Column(TIME, "s", domain=Domain.POSITIVE)]
     columns = read_columns(path, wanted, least=1).columns
@@ -35,15 +32,7 @@ def read_points(path: Path) -> list[tuple[float, float]]:
 def write_bands(path: Path, found: Prediction) -> None:
     """Write a row for each predicted value: place, prediction, edges of the bands, and the measured value if any.
 
-    Parameters
-    ----------
-    path : Path
-    found : Prediction
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
+    Raises `OutputError` if it cannot be written.
     """
     head = ["data set", f"{RAIL} [MPa]", f"{TIME} [us]", "start [us]", "end [us]", "unit", "predicted"]
     for level in found.levels:

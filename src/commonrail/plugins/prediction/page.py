@@ -22,10 +22,7 @@ _MM3 = 1e9
 def coverage_table(record: Record) -> Table:
     """Share of the measured values of each data set that lie inside the bands.
 
-    Parameters
-    ----------
-    record : mapping
-        Of `Prediction.record`.
+    `record`: of `Prediction.record`.
     """
     rows = [(data, band) for data in record["data"] for band in data["bands"]]
     parts = (
@@ -49,10 +46,7 @@ def coverage_table(record: Record) -> Table:
 def points_table(record: Record) -> Table:
     """Predicted quantities and their bands.
 
-    Parameters
-    ----------
-    record : mapping
-        Of `Prediction.record`, of operating points.
+    `record`: of `Prediction.record`, of operating points.
     """
     (data,) = record["data"]
     heads = ["rail pressure, MPa", "energising time, us", "quantity, mm3"]

@@ -31,7 +31,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.plugins.certainty.estimate import Estimate, estimate, estimate_at, with_outliers, with_step_error
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise import places_of
-from commonrail.plugins.certainty.nuisance_fit import Within
+from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.posterior.sample import bounded
 from commonrail.plugins.prediction.band import (
     Band,
@@ -89,28 +89,14 @@ class Prediction(Shown):
 
 
 class _Fit(NamedTuple):
-    """Fit that predictions are made with.
-
-    Attributes
-    ----------
-    simulator : Simulator
-    estimate : Estimate
-    points : (k, d)
-        Calibrated values [SI], then other optima that explain the data as well.
-    scatter : mapping of str to Scatter
-        By the kind of the data.
-    curves : mapping of str to Scatter
-        Of fitted curves, by their names.
-    draws : (m, d) or None
-        From the posterior, if they are wanted.
-    """
+    """Fit that predictions are made with."""
 
     simulator: Simulator
     estimate: Estimate
-    points: Floats
-    scatter: Mapping[str, Scatter]
-    curves: Mapping[str, Scatter]
-    draws: Floats | None = None
+    points: Floats  # (k, d), calibrated values [SI], then other optima that explain the data as well
+    scatter: Mapping[str, Scatter]  # by the kind of the data
+    curves: Mapping[str, Scatter]  # of fitted curves, by their names
+    draws: Floats | None = None  # (m, d), from the posterior, if they are wanted
 
     def scatter_about(self, data: DataSet) -> Scatter:
         """Scatter of the measured values of a data set: a fitted curve has its own, all others that of their kind."""
@@ -159,8 +145,10 @@ def predict(
     sets: Sequence[DataSet] = [_asked(study, wanted)] if wanted else study.data
     threads = thread_count(threads)
     point = np.array([best[name] for name in study.space.names])
-    own = Likelihood.of(study, threads)
-    fit = _fit(study, estimate(own, own.space.to_unit(point)[None]), point[None], threads)._replace(draws=draws)
+    likelihood = Likelihood.of(study, threads)
+    fit = _fit(study, estimate(likelihood, likelihood.space.to_unit(point)[None]), point[None], threads)._replace(
+        draws=draws
+    )
     bands = [_band(data, fit, shares, not wanted) for data in sets]
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
 
@@ -175,20 +163,14 @@ def judge(fit: FinishedFit) -> None:
 def judged_bands(study: Study, within: Within, points: Floats, threads: int | None = None) -> dict[str, dict[str, Any]]:
     """Bands of all data of a study about its calibrated values, as records of result.json by the name of the data set.
 
-    Parameters
-    ----------
-    study : Study
-    within : Within
-        Of the study. Bands are those of the model that predicts: without the friction that was fitted as stated.
-    points : (k, d)
-        Calibrated values [SI], then other optima that explain the data as well: a band is the union of theirs.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
+    `within`: of the study. Bands are those of the model that predicts: without the friction that was fitted as stated;
+    `points` (k, d): calibrated values [SI], then other optima that explain the data as well: a band is the union of
+    theirs.
     """
     threads, found = thread_count(threads), within.found
     if within.fitted:
-        own = Likelihood.of(study, threads)
-        found = estimate(own, own.space.to_unit(points[0])[None])
+        likelihood = Likelihood.of(study, threads)
+        found = estimate(likelihood, likelihood.space.to_unit(points[0])[None])
     fit = _fit(study, found, points, threads)
     bands = {}
     for data in study.data:
@@ -336,11 +318,10 @@ def _about(found: Estimate, point: Floats) -> Estimate:
     The distance of the calibrated values from the most likely ones, which another loss or an unfinished search leaves,
     is an error of theirs; another optimum has a covariance of its own.
     """
-    own, unit = found.likelihood, found.likelihood.space.to_unit(point)
+    likelihood, unit = found.likelihood, found.likelihood.space.to_unit(point)
     away = unit - found.unit
     variance = np.diag(found.covariance.total)
     if np.all(away**2 <= FAR**2 * np.where(np.isfinite(variance), variance, 1.0)):
-        covariance = found.covariance
-        return replace(found, covariance=covariance._replace(discrepancy=covariance.discrepancy + np.outer(away, away)))
-    errors = own.residuals(point[None])[0]
-    return with_outliers(with_step_error(estimate_at(own, unit, errors, own.jacobian(unit[None])[0])))
+        return found.with_errors(away[None])
+    errors = likelihood.residuals(point[None])[0]
+    return with_outliers(with_step_error(estimate_at(likelihood, unit, errors, likelihood.jacobian(unit[None])[0])))

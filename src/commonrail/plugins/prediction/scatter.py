@@ -13,7 +13,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.covariance import covariance_of
 from commonrail.plugins.certainty.estimate import Estimate, wider, with_outliers
-from commonrail.plugins.certainty.noise import sample_count, scale_of
+from commonrail.plugins.certainty.noise import sample_count, scale_of, stated_courses
 
 LEAST = 8  # values held out, from which their scatter is believed
 HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
@@ -21,31 +21,17 @@ TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t whose qu
 
 
 class Scatter(NamedTuple):
-    """Scatter of measured values about the best prediction: noise and discrepancy of the model.
+    """Scatter of measured values about the best prediction: noise and discrepancy of the model."""
 
-    Attributes
-    ----------
-    factor : float
-        Multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values.
-    freedom : float
-        Degrees of freedom of the factor; infinite where it is stated.
-    calibration : float
-        Factor on the whole standard deviation of a prediction, parameters included: root mean square of the values
-        that were held out, each over the deviation predicted for it. 1 where too few could be held out.
-    left_out : int
-        Number of those values.
-    least : float
-        Share of the factor at a rate of zero; less than 1 where the noise grows with the rate.
-    slope : float
-        Rise over that for one SI unit of the rate.
-    """
-
+    # multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values
     factor: float
-    freedom: float
+    freedom: float  # degrees of freedom of the factor; infinite where it is stated
+    # factor on the whole standard deviation of a prediction, parameters included: root mean square of the values that
+    # were held out, each over the deviation predicted for it. 1 where too few could be held out
     calibration: float = 1.0
-    left_out: int = 0
-    least: float = 1.0
-    slope: float = 0.0
+    left_out: int = 0  # number of those values
+    least: float = 1.0  # share of the factor at a rate of zero; less than 1 where the noise grows with the rate
+    slope: float = 0.0  # rise over that for one SI unit of the rate
 
     def deviations(self, data: DataSet, values: Floats) -> Floats:
         """Standard deviations (n,) about predicted values (n,)."""
@@ -56,17 +42,10 @@ class Scatter(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """Prediction errors of values that are held out one at a time, over their predicted standard deviations.
+    """Prediction errors of values that are held out one at a time, over their predicted standard deviations."""
 
-    Attributes
-    ----------
-    errors : (m,)
-    freedom : float
-        Degrees of freedom of their mean square (Satterthwaite): they are correlated.
-    """
-
-    errors: Floats
-    freedom: float
+    errors: Floats  # (m,)
+    freedom: float  # degrees of freedom of their mean square (Satterthwaite): they are correlated
 
 
 def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
@@ -75,22 +54,18 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     With the influence H of the fit, uncertain quantities and discrepancies among what is fitted, the error of the value
     i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
 
-    Parameters
-    ----------
-    found : Estimate
-    rows : (m,)
-        Rows of the residuals.
+    `rows` (m,): rows of the residuals.
     """
-    own, d = found.likelihood, len(found.unit)
-    innovations = own.whiten(found.errors)
-    robust = np.sqrt(own.weights(innovations))
-    wide = np.vstack([found.slopes, found.shifts, *_courses(found)])
-    tangents = robust * own.whiten(wide)
-    pulls = own.prior_slopes(found.unit)
+    likelihood, d = found.likelihood, len(found.unit)
+    innovations = likelihood.whiten(found.errors)
+    robust = np.sqrt(likelihood.weights(innovations))
+    wide = np.vstack([found.slopes, found.shifts, stated_courses(likelihood.blocks)])
+    tangents = robust * likelihood.whiten(wide)
+    prior_slopes = likelihood.prior_slopes(found.unit)
     held = np.eye(len(wide))
-    held[:d, :d] = pulls.T @ pulls
+    held[:d, :d] = prior_slopes.T @ prior_slopes
     force = tangents @ (robust * innovations)
-    force[:d] += pulls.T @ own.priors.residuals(own.space.from_unit(found.unit[None]))[0]
+    force[:d] += prior_slopes.T @ likelihood.priors.residuals(likelihood.space.from_unit(found.unit[None]))[0]
     inverse = np.linalg.pinv(tangents @ tangents.T + held, hermitian=True)
     rest = (robust * innovations - (inverse @ force) @ tangents)[rows]
     seen = tangents[:, rows]
@@ -101,27 +76,12 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     return LeftOut(rest[free] / root, float(np.count_nonzero(free) ** 2 / max(float(np.sum(related**2)), 1e-300)))
 
 
-def _courses(found: Estimate) -> list[Floats]:
-    """Courses (k, n) of the stated discrepancy of each block."""
-    courses = []
-    for block in found.likelihood.blocks:
-        own = block.stated_courses()
-        wide = np.zeros((len(own), found.likelihood.size))
-        wide[:, block.rows] = own
-        courses.append(wide)
-    return courses
-
-
 def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
     """Estimate whose scales of noise are no smaller than stated tolerances, of data with too few values to hold out.
 
-    Parameters
-    ----------
-    found : Estimate
-    fitted : sequence of DataSet
-        In the order of the blocks.
+    `fitted`: in the order of the blocks.
     """
-    own = found.likelihood
+    likelihood = found.likelihood
     few = [
         data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
     ]
@@ -129,9 +89,9 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
         replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, known=True)
         if low and not noise.known and noise.sigma < 1.0
         else noise
-        for low, noise in zip(few, own.noises, strict=True)
+        for low, noise in zip(few, likelihood.noises, strict=True)
     ]
-    wide = own.with_noises(noises)
+    wide = likelihood.with_noises(noises)
     covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, wide.prior_slopes(found.unit))
     fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
     covariance = covariance._replace(
@@ -148,12 +108,7 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
     Where none are, residuals that exceed a stated noise, or that of repeated shots, count in its place: the model's
     own error is in them.
 
-    Parameters
-    ----------
-    found : Estimate
-        Of `floored`.
-    fitted : sequence of DataSet
-        In the order of the blocks.
+    `found`: of `floored`; `fitted`: in the order of the blocks.
     """
     scatter: dict[str, Scatter] = {}
     levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
@@ -177,12 +132,7 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
 def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
     """Scatter of each fitted curve by its name: its own, which for a mean of many strokes is that of the mean.
 
-    Parameters
-    ----------
-    found : Estimate
-        Of `floored`.
-    fitted : sequence of DataSet
-        In the order of the blocks.
+    `found`: of `floored`; `fitted`: in the order of the blocks.
     """
     blocks = found.likelihood.blocks
     return {data.name: _of_set(found, i, data)[1] for i, data in enumerate(fitted) if blocks[i].ordered}
@@ -191,12 +141,7 @@ def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatt
 def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
     """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise.
 
-    Parameters
-    ----------
-    found : Estimate
-    index : int
-        Of the block.
-    data : DataSet
+    `index`: of the block.
     """
     noise, block = found.likelihood.noises[index], found.likelihood.blocks[index]
     extra = block.noise.discrepancy if block.noise.length else 0.0

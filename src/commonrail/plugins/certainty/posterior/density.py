@@ -3,7 +3,7 @@
 Uncertain quantities and discrepancies that a study states move the innovations u by u + z G, z of unit deviation, with
 the derivatives G at the most likely values. A scale that is estimated is integrated out too, under a density of
 1/scale: −2 ln p = n ln Σρ in place of Σρ; one of repeated measurements with ν degrees of freedom gives
-(n + ν) ln(1 + Σρ/ν). Values at which data and best fit agree exactly do not count in n, see `laws.unequal`.
+(n + ν) ln(1 + Σρ/ν). Values at which data and best fit agree exactly do not count in n, see `noise.unequal`.
 Autocorrelations are those of the estimate. The density of the parameters is that of their priors, uniform between the
 bounds on the scale of each, and zero beyond bounds and constraints.
 """
@@ -16,7 +16,7 @@ from commonrail.base.arrays import Floats
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import FittedNoise, sample_count
+from commonrail.plugins.certainty.noise import FittedNoise, sample_count, stated_courses
 
 _TURNS = 3  # of reweighting, for laws that are not Gaussian
 
@@ -24,47 +24,33 @@ _TURNS = 3  # of reweighting, for laws that are not Gaussian
 class PosteriorDensity:
     """Logarithm of a posterior density, a batch of positions at a time.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its likelihood has the fitted noise.
-
-    Attributes
-    ----------
-    likelihood : Likelihood
-        Counts the simulations of this density, and those that failed.
+    `estimate`: its likelihood has the fitted noise. `likelihood`: counts the simulations of this density, and those
+    that failed.
     """
 
     def __init__(self, estimate: Estimate) -> None:
         self.likelihood: Likelihood = estimate.likelihood.with_noises(estimate.likelihood.noises)
-        own = self.likelihood
-        rows = [np.asarray(estimate.shifts, float).reshape(-1, own.size)]
-        for block in own.blocks:
-            courses = block.stated_courses()
-            wide = np.zeros((len(courses), own.size))
-            wide[:, block.rows] = courses
-            rows.append(wide)
-        self._moves = own.whiten(np.vstack(rows))
-        self._samples = [sample_count(estimate.errors[block.rows]) for block in own.blocks]
+        likelihood = self.likelihood
+        self._moves = likelihood.whiten(np.vstack([estimate.shifts, stated_courses(likelihood.blocks)]))
+        self._samples = [sample_count(estimate.errors[block.rows]) for block in likelihood.blocks]
 
     def __call__(self, unit: Floats) -> Floats:
         """Logarithm (m,) without its constant of positions (m, d); −inf beyond the walls and where a simulation fails.
 
         Positions beyond bounds and constraints are not simulated.
         """
-        own = self.likelihood
+        likelihood = self.likelihood
         inside = ((unit >= 0.0) & (unit <= 1.0)).all(axis=1)
-        points = own.space.from_unit(np.clip(unit, 0.0, 1.0))
-        found = np.where(inside, own.log_prior(points), -np.inf)
+        points = likelihood.space.from_unit(np.clip(unit, 0.0, 1.0))
+        found = np.where(inside, likelihood.log_prior(points), -np.inf)
         which = np.flatnonzero(np.isfinite(found))
         if len(which):
-            found[which] += self._data(own.innovations(points[which]))
+            found[which] += self._data(likelihood.whiten(likelihood.residuals(points[which])))
         return np.where(np.isfinite(found), found, -np.inf)
 
     def _data(self, innovations: Floats) -> Floats:
         """Part (m,) of innovations (m, n)."""
-        left, pulls = self._moved(innovations)
-        total = pulls
+        left, total = self._moved(innovations)
         costs = self.likelihood.block_costs(left)
         for i, (samples, noise) in enumerate(zip(self._samples, self.likelihood.noises, strict=True)):
             total = total + _integrated(samples, noise, costs[:, i])

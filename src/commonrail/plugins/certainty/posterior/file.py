@@ -24,11 +24,7 @@ from commonrail.plugins.certainty.posterior.sample import Posterior
 def posterior_record(found: Posterior, level: float = 0.95) -> dict[str, Any]:
     """Record of a posterior; no interval and no median if the chains do not agree.
 
-    Parameters
-    ----------
-    found : Posterior
-    level : float
-        Share of the draws within an interval.
+    `level`: share of the draws within an interval.
     """
     size = len(found.names)
     low, high, middle = np.full((3, size), np.nan)
@@ -77,25 +73,17 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
     ``beside`` (names of what was drawn too and is no parameter), ``seed``, ``version`` of the program,
     ``study_sha256`` of study.toml.
 
-    Parameters
-    ----------
-    folder : str or Path
-    found : Posterior
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     folder = file_path(folder, "folder")
     instance(found, Posterior, "posterior")
-    own = found.estimate.likelihood
+    likelihood = found.estimate.likelihood
     study = folder / "study.toml"
     arrays = {
-        "points": own.space.from_unit(found.unit),
+        "points": likelihood.space.from_unit(found.unit),
         "log_density": found.log_density,
-        "names": np.array(own.names),
-        "units": np.array(own.units),
+        "names": np.array(likelihood.names),
+        "units": np.array(likelihood.units),
         "r_hat": found.r_hat,
         "effective": found.effective,
         "refused": np.array(found.refusal),
@@ -112,18 +100,9 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
 def read_posterior(folder: str | Path, names: Sequence[str]) -> Floats:
     """Draws (n, d) [SI] of a run folder, for parameters of these names.
 
-    Parameters
-    ----------
-    folder : str or Path
-    names : sequence of str
-
-    Raises
-    ------
-    InputError
-        If there are none, or they are of other parameters.
-    RefusedDrawsError
-        If their chains did not agree, or other quantities were drawn beside them, such as friction that the study
-        states as uncertain: the model that predicts has the stated value, for which the draws are too low or too high.
+    Raises `InputError` if there are none, or they are of other parameters. Raises `RefusedDrawsError` if their chains
+    did not agree, or other quantities were drawn beside them, such as friction that the study states as uncertain: the
+    model that predicts has the stated value, for which the draws are too low or too high.
     """
     path = file_path(folder, "folder") / POSTERIOR
     if not path.is_file():

@@ -33,11 +33,7 @@ _STEPS = 30  # of a walk for each parameter: chosen; the starts need no more tha
 class Surrogate:
     """Multivariate t distribution of positions.
 
-    Parameters
-    ----------
-    centre : (d,)
-    covariance : (d, d)
-        Of the normal distribution with the same scale.
+    `centre` (d,); `covariance` (d, d): of the normal distribution with the same scale.
     """
 
     def __init__(self, centre: Floats, covariance: Floats) -> None:
@@ -46,19 +42,11 @@ class Surrogate:
         scale = np.sqrt(np.maximum(values, _LEAST * max(float(values.max(initial=0.0)), 1e-300)))
         self._root, self._inverse = vectors * scale, vectors / scale
 
-    def draw(self, many: int, random: Any, wider: float = 1.0) -> Floats:
-        """Positions (many, d).
-
-        Parameters
-        ----------
-        many : int
-        random : numpy.random.RandomState
-        wider : float
-            Factor of all distances from the centre.
-        """
-        normal = random.standard_normal((many, len(self.centre)))
-        stretched = normal / np.sqrt(random.chisquare(FREEDOM, many) / FREEDOM)[:, None]
-        return np.asarray(self.centre + wider * stretched @ self._root.T)
+    def draw(self, n: int, random: Any) -> Floats:
+        """Positions (n, d) by a `RandomState`."""
+        normal = random.standard_normal((n, len(self.centre)))
+        stretched = normal / np.sqrt(random.chisquare(FREEDOM, n) / FREEDOM)[:, None]
+        return np.asarray(self.centre + stretched @ self._root.T)
 
     def spread(self, feasible: FeasibleSet, many: int, random: Any, wider: float = 1.0) -> Floats:
         """Positions (many, d) spread evenly over the part of an ellipsoid that bounds and linear constraints leave.
@@ -67,13 +55,7 @@ class Surrogate:
         parameters nearly all draws of the distribution itself break it. The whole ellipsoid, uniformly filled, has the
         covariance of the distribution times the square of `wider`.
 
-        Parameters
-        ----------
-        feasible : FeasibleSet
-        many : int
-        random : numpy.random.RandomState
-        wider : float
-            Factor of all distances from the centre.
+        `wider`: factor of all distances from the centre.
         """
         d = len(self.centre)
         radius = wider * np.sqrt(d + 2.0)  # a ball's variance along an axis is radius²/(d + 2)

@@ -17,78 +17,14 @@ import numpy as np
 from scipy import special
 
 from commonrail.base.arrays import Floats, IndexArray
-from commonrail.base.errors import SimulationError
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.study import Study
 from commonrail.plugins.certainty.ascent import Ascent, climb
 from commonrail.plugins.certainty.covariance import Covariance, moved_by
 from commonrail.plugins.certainty.estimate import Estimate, estimate
-from commonrail.plugins.certainty.lack_of_fit import LackOfFit, MissingDelay, beyond_stated, lack_of_fit, level_of
+from commonrail.plugins.certainty.lack_of_fit import level_of
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import unequal
-from commonrail.plugins.certainty.nuisance import Nuisance, one_sided, with_uncertain_free
-
-# Tests for lack of fit once more, with what a study states as uncertain free within its standard deviation.
-#
-# A delay of two microseconds bends the path that the parameters imitate it along: what is left of it at the fitted
-# values is neither its derivative nor its second one, and a test that knows these two takes it for a fault of the
-# model. Where such a test finds something, the uncertain quantities are fitted too, with their standard deviations as
-# priors, and the test is made there, and one of each quantity: is it where the study states it?
-
-BEGINS = np.array([0.0, -1.5, 1.5])  # standard deviations of all uncertain quantities that the search begins at
-
-
-def judged_residuals(
-    study: Study,
-    found: Estimate,
-    delay: MissingDelay | None,
-    threads: int | None = None,
-    *,
-    priors_from: int | None = None,
-) -> tuple[list[LackOfFit], int]:
-    """Tests for lack of fit of an estimate, and the points simulated for them.
-
-    Parameters
-    ----------
-    study : Study
-    found : Estimate
-        Of the study.
-    delay : MissingDelay or None
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-    priors_from : int, optional
-        As for `lack_of_fit`.
-    """
-    first = len(found.unit) if priors_from is None else priors_from
-    level = level_of(found, delay is not None, len(found.unit) - first)
-    tests = lack_of_fit(found, delay, priors_from=first, level=level)
-    stated = beyond_stated(found, first, level)
-    free = with_uncertain_free(study) if found.likelihood.nuisances and any(test.found for test in tests) else None
-    if free is None:
-        return [*tests, *stated], 0
-    wide = Likelihood.of(free, threads)
-    try:
-        freed = estimate(wide, _starts(wide, found))
-    except SimulationError:
-        return [*tests, *stated], wide.simulated
-    again = lack_of_fit(freed, delay, priors_from=first, level=level)
-    merged = [min(pair, key=lambda test: test.found) for pair in zip(tests, again, strict=True)]
-    return [*merged, *beyond_stated(freed, first, level)], freed.simulated
-
-
-def _starts(wide: Likelihood, found: Estimate) -> Floats:
-    """Positions (k, d + m): the fitted values, and those that imitate other uncertain quantities in a linear model."""
-    d = len(found.unit)
-    priors = [parameter.prior for parameter in wide.space.parameters[d:]]
-    middle = np.array([prior.value for prior in priors if prior is not None])
-    widths = np.array([prior.sigma for prior in priors if prior is not None])
-    move = found.covariance.nuisances.sum(axis=0)
-    starts = FeasibleSet.of(found.likelihood.space).within(
-        np.tile(found.unit, (len(BEGINS), 1)), found.unit + BEGINS[:, None] * move
-    )
-    points = np.column_stack([found.likelihood.space.from_unit(starts), middle + BEGINS[:, None] * widths])
-    return np.clip(wide.space.to_unit(points), 0.0, 1.0)
-
+from commonrail.plugins.certainty.nuisance import one_sided, with_uncertain_free
 
 DRAWS = 32  # of each of two rounds
 TURNS, TOLERANCE = 4, 0.05  # of the fit with each draw
@@ -100,21 +36,11 @@ _FIRM = 1e-12
 
 
 class Mixture(NamedTuple):
-    """Fits with drawn quantities.
+    """Fits with drawn quantities."""
 
-    Attributes
-    ----------
-    moment : (d, d)
-        Second moment about the most likely values, in positions.
-    effective : float
-        Number of draws that the weights are worth.
-    simulated : int
-        Points simulated.
-    """
-
-    moment: Floats
-    effective: float
-    simulated: int
+    moment: Floats  # (d, d), second moment about the most likely values, in positions
+    effective: float  # number of draws that the weights are worth
+    simulated: int  # points simulated
 
     @property
     def believed(self) -> bool:
@@ -134,13 +60,9 @@ class _Round(NamedTuple):
 def mixture_of(whole: Estimate, d: int) -> Mixture:
     """Second moment of the first d parameters, the last ones integrated out within their bounds and priors.
 
-    Parameters
-    ----------
-    whole : Estimate
-        Of all parameters.
-    d : int
+    `whole`: of all parameters.
     """
-    own = whole.likelihood.with_noises(whole.likelihood.noises)
+    likelihood = whole.likelihood.with_noises(whole.likelihood.noises)
     random = np.random.default_rng(SEED)
     local = whole.covariance.inverse[d:, d:] + _FIRM * np.eye(len(whole.unit) - d)
     centre, spread = whole.unit[d:], WIDER**2 * local
@@ -149,17 +71,17 @@ def mixture_of(whole: Estimate, d: int) -> Mixture:
     for _ in range(2):
         proposals.append((centre, spread))
         drawn = _reflected(centre + _even(random, len(centre)) @ np.linalg.cholesky(spread).T)
-        rounds.append(_fitted(own, whole, drawn, rounds))
+        rounds.append(_fitted(likelihood, whole, drawn, rounds))
         every = _Round(*(np.concatenate(parts) for parts in zip(*rounds, strict=True)))
         weights = _weights(every, proposals)
         if not weights.any():
-            return Mixture(np.zeros((d, d)), 0.0, own.simulated)
+            return Mixture(np.zeros((d, d)), 0.0, likelihood.simulated)
         centre = weights @ every.drawn
         off = every.drawn - centre
         spread = ADAPTED * (weights * off.T) @ off + KEPT * local
     away = every.fitted - whole.unit[:d]
     moment = (weights * away.T) @ away + np.einsum("k,kij->ij", weights, every.covariances)
-    return Mixture(moment, float(1.0 / np.sum(weights**2)), own.simulated)
+    return Mixture(moment, float(1.0 / np.sum(weights**2)), likelihood.simulated)
 
 
 def _even(random: np.random.Generator, dimension: int) -> Floats:
@@ -192,12 +114,7 @@ def _weights(every: _Round, proposals: list[tuple[Floats, Floats]]) -> Floats:
 def _density(drawn: Floats, centre: Floats, spread: Floats) -> Floats:
     """Density (k,) of reflected normal draws, without its constant of dimension.
 
-    Parameters
-    ----------
-    drawn : (k, m)
-    centre : (m,)
-    spread : (m, m)
-        Covariance of the normal distribution.
+    `drawn` (k, m); `centre` (m,); `spread` (m, m): covariance of the normal distribution.
     """
     inverse, root = np.linalg.inv(spread), np.sqrt(np.linalg.det(spread))
     total = np.zeros(len(drawn))
@@ -208,78 +125,61 @@ def _density(drawn: Floats, centre: Floats, spread: Floats) -> Floats:
     return total
 
 
-def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round]) -> _Round:
+def _fitted(likelihood: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round]) -> _Round:
     """Fits with draws (k, m), each begun along the tangent from the nearest fit that there is.
 
-    Parameters
-    ----------
-    own : Likelihood
-    whole : Estimate
-    drawn : (k, m)
-    rounds : list of _Round
-        Former ones.
+    `drawn` (k, m); `rounds`: former ones.
     """
     m = drawn.shape[1]
     d = len(whole.unit) - m
     near_drawn = np.vstack([whole.unit[None, d:], *(one.drawn for one in rounds)])
     near_fitted = np.vstack([whole.unit[None, :d], *(one.fitted for one in rounds)])
-    variance = np.diag(whole.covariance.inverse)[d:] + _FIRM
+    inverse = whole.covariance.inverse
+    variance = np.diag(inverse)[d:] + _FIRM
     which = np.argmin(np.sum((drawn[:, None] - near_drawn) ** 2 / variance, axis=2), axis=1)
-    wanted = near_fitted[which] + (drawn - near_drawn[which]) @ _following(whole, d)
+    wanted = near_fitted[which] + (drawn - near_drawn[which]) @ _follow(
+        whole.covariance.inverse, slice(d, None), slice(d)
+    )
     anchors = np.column_stack([near_fitted[which], drawn])
-    starts = FeasibleSet.of(own.space).within(anchors, np.column_stack([np.clip(wanted, 0.0, 1.0), drawn]))
+    starts = FeasibleSet.of(likelihood.space).within(anchors, np.column_stack([np.clip(wanted, 0.0, 1.0), drawn]))
     starts[:, d:] = drawn
     held = np.tile(np.arange(d, d + m), (len(drawn), 1))
-    ends = climb(own, starts, held, turns=TURNS, tolerance=TOLERANCE)
-    metric = _metric(own, whole, ends, held)
+    ends = climb(likelihood, starts, held, turns=TURNS, tolerance=TOLERANCE)
+    metric = _metric(likelihood, whole, ends, held)
     blind = ~(np.einsum("kii->ki", metric) > 0.0).all(axis=1)  # derivatives that cannot be simulated are zero
     metric[blind] = np.eye(d)
     beyond = whole.covariance.beyond[:d]
     covariances = np.linalg.inv(metric) * np.outer(beyond, beyond)
-    return _Round(drawn, ends.unit[:, :d], np.where(blind, np.inf, _costs(own, whole, ends)), covariances)
+    return _Round(drawn, ends.unit[:, :d], np.where(blind, np.inf, _costs(likelihood, whole, ends)), covariances)
 
 
-def _following(whole: Estimate, d: int) -> Floats:
-    """Moves (m, d) of the first d parameters with the last ones."""
-    inverse = whole.covariance.inverse
-    return np.asarray(np.linalg.lstsq(inverse[d:, d:], inverse[d:, :d], rcond=None)[0])
+def _follow(inverse: Floats, moved: slice, others: slice) -> Floats:
+    """Moves of other parameters, columns, with each that is moved, rows, by the inverse of the information (d, d)."""
+    return np.asarray(np.linalg.lstsq(inverse[moved, moved], inverse[moved, others], rcond=None)[0])
 
 
-def _costs(own: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
-    """−2 ln L (k,) with each block's cost scaled as its law asks; +inf where a simulation failed.
-
-    Parameters
-    ----------
-    own : Likelihood
-    whole : Estimate
-    ends : Ascent
-    """
-    costs = own.block_costs(own.whiten(ends.errors)) @ whole.covariance.ratios
-    costs = costs + own.priors.costs(own.space.from_unit(ends.unit))
+def _costs(likelihood: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
+    """−2 ln L (k,) with each block's cost scaled as its law asks; +inf where a simulation failed."""
+    costs = likelihood.block_costs(likelihood.whiten(ends.errors)) @ whole.covariance.ratios
+    costs = costs + likelihood.priors.costs(likelihood.space.from_unit(ends.unit))
     return np.where(np.isfinite(costs) & np.isfinite(ends.cost), costs, np.inf)
 
 
-def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) -> Floats:
+def _metric(likelihood: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) -> Floats:
     """Information (k, d, d) on the parameters by data and priors, with the held ones known.
 
-    Parameters
-    ----------
-    own : Likelihood
-    whole : Estimate
-    ends : Ascent
-    held : (k, m)
+    `held` (k, m).
     """
     d = len(whole.unit) - held.shape[1]
     free = np.arange(len(whole.unit)) < d
-    slopes = own.slopes(ends.unit, ends.errors, np.tile(free, (len(held), 1)))[:, :d]
-    tangents, innovations = own.whiten(slopes), own.whiten(whole.errors)
+    slopes = likelihood.slopes(ends.unit, ends.errors, np.tile(free, (len(held), 1)))[:, :d]
+    tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(whole.errors)
     metric = np.zeros((len(slopes), d, d))
-    for block, noise, ratio in zip(own.blocks, own.noises, whole.covariance.ratios, strict=True):
-        slope = ratio * max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
+    for block, noise, ratio in zip(likelihood.blocks, likelihood.noises, whole.covariance.ratios, strict=True):
         part = tangents[:, :, block.rows]
-        metric += slope * part @ part.transpose(0, 2, 1)
-    pulls = own.prior_slopes(whole.unit)[:, :d]
-    metric += pulls.T @ pulls + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
+        metric += ratio * noise.mean_slope(innovations[block.rows]) * part @ part.transpose(0, 2, 1)
+    prior_slopes = likelihood.prior_slopes(whole.unit)[:, :d]
+    metric += prior_slopes.T @ prior_slopes + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
     return metric
 
 
@@ -294,27 +194,14 @@ STARTS_WITHIN = (0.1, 0.8)  # standard deviations of the fitted quantities that 
 
 
 class Within(NamedTuple):
-    """Estimate of a study's parameters, and that with its one-sided uncertain quantities among the parameters.
+    """Estimate of a study's parameters, and that with its one-sided uncertain quantities among the parameters."""
 
-    Attributes
-    ----------
-    study : Study
-        Whose last parameters are these quantities; the study itself where there are none.
-    whole : Estimate
-        Of that study.
-    found : Estimate
-        Of the parameters alone, the other quantities at their most likely values.
-    fitted : mapping of str to float
-        Most likely values [SI] of these quantities.
-    integrated : bool
-        The quantities were integrated out; False where too few draws agree with the data, and the wider of these and
-        the curvature at the most likely values was taken.
-    """
-
-    study: Study
-    whole: Estimate
-    found: Estimate
-    fitted: Mapping[str, float]
+    study: Study  # whose last parameters are these quantities; the study itself where there are none
+    whole: Estimate  # of that study
+    found: Estimate  # of the parameters alone, the other quantities at their most likely values
+    fitted: Mapping[str, float]  # most likely values [SI] of these quantities
+    # the quantities were integrated out; False where too few draws agree with the data, and the wider of these and the
+    # curvature at the most likely values was taken
     integrated: bool = True
 
     @property
@@ -323,37 +210,25 @@ class Within(NamedTuple):
         return level_of(self.whole, True, len(self.whole.unit) - len(self.found.unit))
 
 
-def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int | None = None) -> Within:
+def estimate_within(study: Study, likelihood: Likelihood, starts: Floats, threads: int | None = None) -> Within:
     """Most likely values from several starts, with all that is uncertain about an end of what it can be fitted too.
 
-    Parameters
-    ----------
-    study : Study
-    own : Likelihood
-        Of the study.
-    starts : (k, d) or (k, d + m)
-        Positions between the bounds; of the parameters, or of the fitted quantities too.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Raises
-    ------
-    SimulationError
-        If the first start cannot be simulated.
+    `likelihood`: of the study; `starts` (k, d) or (k, d + m): positions between the bounds; of the parameters, or of
+    the fitted quantities too. Raises `SimulationError` if the first start cannot be simulated.
     """
     keys = one_sided(study)
     free = with_uncertain_free(study, keys) if keys else None
     if free is None:
-        found = estimate(own, starts)
+        found = estimate(likelihood, starts)
         return Within(study, found, found, {})
-    wide, d = Likelihood.of(free, threads), own.space.dimension
+    wide, d = Likelihood.of(free, threads), likelihood.space.dimension
     if starts.shape[1] == d:
         starts = np.column_stack([starts, _begins(wide, d, len(starts))])
     whole = estimate(wide, starts)
     fitted = dict(zip(wide.names[d:], _rounded(wide, whole.point)[d:].tolist(), strict=True))
     over = mixture_of(whole, d)
     whole = replace(whole, simulated=whole.simulated + over.simulated)
-    return Within(free, whole, _alone(own, whole, over), fitted, over.believed)
+    return Within(free, whole, _alone(likelihood, whole, over), fitted, over.believed)
 
 
 def _rounded(wide: Likelihood, point: Floats) -> Floats:
@@ -365,12 +240,7 @@ def _rounded(wide: Likelihood, point: Floats) -> Floats:
 def _begins(wide: Likelihood, d: int, many: int) -> Floats:
     """Positions (many, m) of the last parameters, by turns near the stated value and away from it.
 
-    Parameters
-    ----------
-    wide : Likelihood
-    d : int
-        Number of the parameters before them.
-    many : int
+    `d`: number of the parameters before them.
     """
     priors = [parameter.prior for parameter in wide.space.parameters[d:]]
     places = [
@@ -381,46 +251,26 @@ def _begins(wide: Likelihood, d: int, many: int) -> Floats:
     return np.asarray(unit[np.arange(many) % len(places)])
 
 
-def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
+def _alone(likelihood: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
     """Estimate of the first parameters; the last ones are held, and follow in the derivatives and the covariance.
 
-    Parameters
-    ----------
-    own : Likelihood
-        Of the first parameters.
-    whole : Estimate
-        Of all.
-    over : Mixture
+    `likelihood`: of the first parameters; `whole`: of all.
     """
-    d, last = own.space.dimension, whole.point[own.space.dimension :]
+    d, last = likelihood.space.dimension, whole.point[likelihood.space.dimension :]
     wide = whole.likelihood
 
     def residuals(points: Floats) -> Floats:
         return wide.residuals(np.column_stack([points, np.tile(last, (len(points), 1))]))
 
-    alone = wide.with_space(own.space, residuals, [_held(nuisance, last) for nuisance in wide.nuisances])
+    alone = wide.with_space(likelihood.space, residuals, [nuisance.at(last) for nuisance in wide.nuisances])
     return replace(
         whole,
         likelihood=alone.with_noises(wide.noises),
         unit=whole.unit[:d],
         point=whole.point[:d],
-        slopes=whole.slopes[:d] + _followed_within(whole.covariance.inverse, d) @ whole.slopes[d:],
+        slopes=whole.slopes[:d] + _follow(whole.covariance.inverse, slice(d), slice(d, None)) @ whole.slopes[d:],
         covariance=_of_first(whole, over, d),
     )
-
-
-def _held(nuisance: Nuisance, last: Floats) -> Nuisance:
-    """Uncertain quantity as a function of the first parameters, the last ones held."""
-    return nuisance._replace(
-        shift=lambda point: nuisance.shift(np.append(point, last)),
-        bend=lambda point, move: nuisance.bend(np.append(point, last), np.append(move, 0.0 * last)),
-        sides=(),
-    )
-
-
-def _followed_within(inverse: Floats, d: int) -> Floats:
-    """Moves (d, m) of the last parameters with each of the first d, by the inverse of the information."""
-    return np.asarray(np.linalg.lstsq(inverse[:d, :d], inverse[:d, d:], rcond=None)[0])
 
 
 def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
@@ -428,18 +278,12 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
 
     What else is uncertain moves them farther where the last ones are held than where these follow, or the other way
     about; a fit cannot tell which, and the larger move counts.
-
-    Parameters
-    ----------
-    whole : Estimate
-    over : Mixture
-    d : int
     """
     known = whole.covariance
-    own = whole.likelihood
+    likelihood = whole.likelihood
     inverse = np.asarray(np.linalg.pinv(np.linalg.pinv(known.inverse, hermitian=True)[:d, :d], hermitian=True))
-    tangents, innovations = own.whiten(whole.slopes[:d]), own.whiten(whole.errors)
-    held = moved_by(own, inverse, tangents, innovations, own.whiten(whole.shifts))
+    tangents, innovations = likelihood.whiten(whole.slopes[:d]), likelihood.whiten(whole.errors)
+    held = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(whole.shifts))
     follow = known.nuisances[:, :d]
     noise = known.noise[:d, :d]
     seen = np.isfinite(np.diag(noise))  # a parameter without effect has an infinite variance
