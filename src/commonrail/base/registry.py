@@ -6,17 +6,20 @@ A package registers a part by an entry point, for example a verb in its ``pyproj
     histogram = "my_package.verb:histogram"
 
 What ships with commonrail is registered alike, in the table of `commonrail.plugins`, so that a start does not search
-the disk. A shipped part wins over one of the same name.
+the disk. Of several parts of one name the shipped one is used, else that of the first package in alphabetical order;
+`unused` has a sentence on each of the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple, TypeVar
 
-from commonrail.base.errors import PluginError
+from commonrail.base.errors import CommonrailError, PluginError
+from commonrail.base.hooks import note
 
 _Kind = TypeVar("_Kind")
 PACKAGE = "commonrail"
@@ -28,6 +31,7 @@ GROUPS = (
     "injectors",
     "fuels",
     "meters",
+    "features",
     "results",
     "studies",
     "after_fit",
@@ -50,11 +54,11 @@ class Entry(NamedTuple):
     group : str
         One of `GROUPS`.
     name : str
-        Of the verb, method, kind of data, injector, fuel or meter; of "readers" and "inspectors" the ending of a file
-        without its point; of "results" the record file by which a folder tells its kind, such as "comparison.json"; of
-        "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it as "NAME.toml"; of
-        "pages" the file in a run folder; of "after_fit" any, and they are called in alphabetical order of it after
-        those that ship.
+        Of the verb, method, kind of data, injector, fuel, meter or feature; of "readers" and "inspectors" the ending of
+        a file without its point; of "results" the record file by which a folder tells its kind, such as
+        "comparison.json"; of "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it
+        as "NAME.toml"; of "pages" the file in a run folder that `report --page` writes; of "after_fit" any, and they
+        are called in alphabetical order of it after those that ship.
     target : str
         ``module:object``.
     distribution : str
@@ -89,6 +93,26 @@ class Entry(NamedTuple):
             f"uninstall {self.distribution}."
         )
 
+    @contextmanager
+    def blamed(self, predicate: str) -> Iterator[None]:
+        """Name the part in what the code of an installed package raises inside, with a `predicate` as "fails on FILE".
+
+        Errors of the project pass, and those of what ships.
+
+        Raises
+        ------
+        PluginError
+            In place of any other exception.
+        """
+        try:
+            yield
+        except CommonrailError:
+            raise
+        except Exception as error:
+            if self.distribution == PACKAGE:
+                raise
+            raise self.refused(f"{predicate} ({type(error).__name__}: {error})") from error
+
     def load(self) -> Any:
         """Import and return the object.
 
@@ -97,12 +121,14 @@ class Entry(NamedTuple):
         PluginError
             If the import of an installed plug-in fails, whatever its reason.
         """
-        if self.distribution == PACKAGE:
+        with self.blamed(f"cannot be loaded from {self.target}"):
             return load(self.target)
-        try:
-            return load(self.target)
-        except Exception as error:
-            raise self.refused(f"cannot be loaded from {self.target} ({type(error).__name__}: {error})") from error
+
+    def call(self, *args: Any) -> Any:
+        """Load the function and call it; `PluginError` for what one of an installed plug-in raises."""
+        function = self.load()
+        with self.blamed("fails"):
+            return function(*args)
 
 
 @cache
@@ -114,15 +140,33 @@ def shipped(group: str) -> Mapping[str, Entry]:
 
 @cache
 def installed(group: str) -> Mapping[str, Entry]:
-    """Parts that other installed packages register, by name in alphabetical order."""
+    """Parts that other installed packages register, by name in alphabetical order; a note tells of those unused."""
+    for sentence in unused(group).values():
+        note(sentence)
+    return {name: entries[0] for name, entries in _registered(group).items() if name not in shipped(group)}
+
+
+def unused(group: str) -> Mapping[Entry, str]:
+    """Parts of installed packages that another one of the same name displaces, with a sentence on each."""
+    found = {}
+    for name, entries in _registered(group).items():
+        used, *others = [*([shipped(group)[name]] if name in shipped(group) else []), *entries]
+        for entry in others:
+            found[entry] = str(entry.refused(f"is not used, because {used.distribution} has a part of the same name"))
+    return found
+
+
+def _registered(group: str) -> Mapping[str, list[Entry]]:
+    """All parts of installed packages by name, both in alphabetical order."""
     from importlib.metadata import entry_points  # slow to import
 
-    found = sorted(entry_points(group=f"{PACKAGE}.{group}"), key=lambda point: point.name)
-    return {
-        point.name: Entry(group, point.name, point.value, point.dist.name, point.dist.version)
-        for point in found
-        if point.dist is not None and point.name not in shipped(group)
-    }
+    found: dict[str, list[Entry]] = {}
+    points = [point for point in entry_points(group=f"{PACKAGE}.{group}") if point.dist is not None]
+    for point in sorted(points, key=lambda point: (point.name, point.dist.name)):
+        found.setdefault(point.name, []).append(
+            Entry(group, point.name, point.value, point.dist.name, point.dist.version)
+        )
+    return found
 
 
 def entries(group: str) -> Mapping[str, Entry]:

@@ -347,12 +347,14 @@ _TRIALS: dict[str, Callable[[str], object]] = {
 
 def installed_plugins() -> list[Plugin]:
     """Installed packages by name, each part of them tried."""
-    parts = [entry for group in registry.GROUPS for entry in registry.installed(group).values()]
+    unused = {entry: why for group in registry.GROUPS for entry, why in registry.unused(group).items()}
+    parts = [*(entry for group in registry.GROUPS for entry in registry.installed(group).values()), *unused]
     found = []
     for name in sorted({entry.distribution for entry in parts}):
         own = [entry for entry in parts if entry.distribution == name]
         texts = [f"{entry.group} {entry.name}" for entry in own]
-        found.append(Plugin(name, own[0].version, _citation(own[0]), texts, [why for e in own if (why := _fault(e))]))
+        broken = [why for entry in own if (why := unused.get(entry) or _fault(entry))]
+        found.append(Plugin(name, own[0].version, _citation(own[0]), texts, broken))
     return found
 
 

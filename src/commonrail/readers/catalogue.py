@@ -68,8 +68,6 @@ def installed_text(group: str, name: str) -> str | None:
     if (part := registry.find(group, name)) is None:
         return None
     found = part.load()
-    try:
+    with part.blamed("gives no file that can be read"):
         path = found() if callable(found) else found
-        return (Path(path) if isinstance(path, str) else path).read_text(encoding="utf-8")
-    except Exception as error:  # of a function of somebody else
-        raise part.refused(f"gives no file that can be read ({type(error).__name__}: {error})") from error
+        return str((Path(path) if isinstance(path, str) else path).read_text(encoding="utf-8"))

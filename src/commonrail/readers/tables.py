@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from commonrail.base import registry
-from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.errors import InputError
 from commonrail.base.units import NAMES, compatible, convert
 from commonrail.physics.parameters import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
@@ -98,27 +99,18 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
     """
     suffix = path.suffix.lower()
     if part := installed_sheet(path):
-        return _opened(part, path, form)
+        opener = part.load()
+        with part.blamed(f"fails on {path}"):
+            return cast(Sheet, opener(path, form))
     if suffix in _UNREAD:
         raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
-    opener: Callable[[Path, FileForm], Sheet] = _SHEETS.get(suffix, CsvFile)
-    return opener(path, form)
+    return _SHEETS.get(suffix, CsvFile)(path, form)
 
 
 def installed_sheet(path: Path) -> registry.Entry | None:
     """Format of an installed package that the file's ending tells; none where one that ships has it."""
     suffix = path.suffix.lower()
     return None if suffix in _OWN else registry.find("readers", suffix.removeprefix("."))
-
-
-def _opened(part: registry.Entry, path: Path, form: FileForm) -> Sheet:
-    opener: Callable[[Path, FileForm], Sheet] = part.load()
-    try:
-        return opener(path, form)
-    except CommonrailError:
-        raise
-    except Exception as error:  # of a class of somebody else
-        raise part.refused(f"fails on {path} ({type(error).__name__}: {error})") from error
 
 
 def _example(column: Column) -> str:
