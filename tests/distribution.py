@@ -16,9 +16,7 @@ from commonrail.base import registry
 
 
 @contextmanager
-def distribution(
-    folder: Path, modules: Mapping[str, str], parts: str, name: str = "example-plugin"
-) -> Iterator[None]:
+def distribution(folder: Path, modules: Mapping[str, str], parts: str, name: str = "example-plugin") -> Iterator[None]:
     """Install a package of version 1.2 in the block.
 
     Parameters

@@ -65,11 +65,11 @@ def test_a_part_that_another_one_displaces_is_named(tmp_path: Path) -> None:
     parts = "[commonrail.readers]\ntdms = {0}:OPEN\n[commonrail.verbs]\nsimulate = {0}:OPEN\n"
     said = r'plug-in {0} 1\.2: "{1}" of commonrail.{2} is not used, because {3} has a part of the same name; [^.]*\.$'
     with (
-        pytest.warns(RuntimeWarning, match=said.format("one-two", "tdms", "readers", "one-one")),
         distribution(tmp_path / "b", {"two": "OPEN = 2\n"}, parts.format("two"), "one-two"),
         distribution(tmp_path / "a", {"one": "OPEN = 1\n"}, parts.format("one"), "one-one"),
     ):
-        found = registry.find("readers", "tdms")
+        with pytest.warns(RuntimeWarning, match=said.format("one-two", "tdms", "readers", "one-one")):
+            found = registry.find("readers", "tdms")
         assert found is not None
         assert (found.distribution, found.load()) == ("one-one", 1)
         assert registry.find("verbs", "simulate") == registry.shipped("verbs")["simulate"]

@@ -9,10 +9,11 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.features.features import features
-from commonrail.data.features.measures import FEATURES, FeatureStatus
+from commonrail.data.features.measures import FeatureStatus
 from commonrail.data.features.rate_trace import RateTrace
 from commonrail.data.features.result import Features
 from commonrail.data.features.settings import FeatureSettings
+from commonrail.data.features.table import features_of_traces
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from tests.data.analytic import PEAK, SAMPLE, noisy, straight, trapezoid
 
@@ -53,7 +54,7 @@ def test_features_of_a_trapezoid_are_within_a_tenth_of_a_sample() -> None:
     assert found.status is FeatureStatus.OK
     assert len(found.injections) == 1
     assert found.injections[0].statuses == ()
-    assert set(worst(found)) == set(FEATURES) - {"separation"}
+    assert set(worst(found)) == set(features_of_traces()) - {"separation"}
     errors = worst(found)
     assert errors.pop("dribble") < 0.01  # closing divides a sample, within which the rate is taken as constant
     # straight pieces and sums of whole samples: rounding alone
@@ -131,7 +132,7 @@ def test_a_trace_of_nothing_gives_a_status_and_no_number() -> None:
     for trace in (nothing, noisy(nothing, 0.002, 1), noisy(nothing, 0.5, 2)):
         found = features(trace)
         assert (found.status, found.injections, found.silent) == (FeatureStatus.NO_INJECTION, (), (1,))
-        assert all(math.isnan(found.value(name)) for name in FEATURES)
+        assert all(math.isnan(found.value(name)) for name in features_of_traces())
         assert found.status.sentence.endswith(".")
 
 

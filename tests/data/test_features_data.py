@@ -15,8 +15,8 @@ from commonrail.calibration.run import calibrate
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.feature_targets import data as module
 from commonrail.data.feature_targets.data import FeatureData
-from commonrail.data.feature_targets.reading import unit_of_target
 from commonrail.data.features.features import features
+from commonrail.data.features.table import find_feature
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.data.study_block import Context
@@ -159,7 +159,7 @@ def test_each_error_counts_in_its_tolerance(regulated: Injector, tmp_path: Path)
     data = replace(read(regulated, tmp_path, ALL, simulated_rates(regulated, tmp_path)), weight=4.0)
     # 2 us of a time, 1 mm³/ms of a rate, 0.1 mm³ of a quantity
     scale = {"s": 2e-6, "m3/s": 1e-6, "m3": 0.1e-9}
-    off = np.array([scale[unit_of_target(target.feature)] for target in data.targets])
+    off = np.array([scale[find_feature(target.feature).unit] for target in data.targets])
     assert data.residuals(data.measured + 2.0 * off) == pytest.approx(np.full(15, 4.0))
     assert data.misfit(data.measured + 2.0 * off) == pytest.approx(15 * 2.0 * (np.sqrt(5.0) - 1.0))
 

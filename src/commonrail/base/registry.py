@@ -12,7 +12,7 @@ the disk. Of several parts of one name the shipped one is used, else that of the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
@@ -141,19 +141,30 @@ def shipped(group: str) -> Mapping[str, Entry]:
 @cache
 def installed(group: str) -> Mapping[str, Entry]:
     """Parts that other installed packages register, by name in alphabetical order; a note tells of those unused."""
-    for sentence in unused(group).values():
+    displaced = unused(group)
+    for sentence in displaced.values():
         note(sentence)
-    return {name: entries[0] for name, entries in _registered(group).items() if name not in shipped(group)}
+    return {name: entries[0] for name, entries in _registered(group).items() if entries[0] not in displaced}
 
 
 def unused(group: str) -> Mapping[Entry, str]:
     """Parts of installed packages that another one of the same name displaces, with a sentence on each."""
     found = {}
-    for name, entries in _registered(group).items():
-        used, *others = [*([shipped(group)[name]] if name in shipped(group) else []), *entries]
-        for entry in others:
-            found[entry] = str(entry.refused(f"is not used, because {used.distribution} has a part of the same name"))
+    registered = _registered(group)
+    ships = _shipped_names(group) if registered else ()
+    for name, entries in registered.items():
+        used = PACKAGE if name in ships else entries[0].distribution
+        for entry in entries[used != PACKAGE :]:
+            found[entry] = str(entry.refused(f"is not used, because {used} has a part of the same name"))
     return found
+
+
+def _shipped_names(group: str) -> Collection[str]:
+    """Names of the parts that ship, also of a group that has them in a list of the core."""
+    elsewhere: Mapping[str, str] = import_module(f"{PACKAGE}.plugins").ELSEWHERE
+    found = load(elsewhere[group]) if group in elsewhere else shipped(group)
+    names: Collection[str] = found() if callable(found) else found
+    return names
 
 
 def _registered(group: str) -> Mapping[str, list[Entry]]:
@@ -161,11 +172,10 @@ def _registered(group: str) -> Mapping[str, list[Entry]]:
     from importlib.metadata import entry_points  # slow to import
 
     found: dict[str, list[Entry]] = {}
-    points = [point for point in entry_points(group=f"{PACKAGE}.{group}") if point.dist is not None]
-    for point in sorted(points, key=lambda point: (point.name, point.dist.name)):
-        found.setdefault(point.name, []).append(
-            Entry(group, point.name, point.value, point.dist.name, point.dist.version)
-        )
+    points = [(point, point.dist) for point in entry_points(group=f"{PACKAGE}.{group}") if point.dist is not None]
+    for point, package in sorted(points, key=lambda pair: (pair[0].name, pair[1].name)):
+        entry = Entry(group, point.name, point.value, package.name, package.version)
+        found.setdefault(point.name, []).append(entry)
     return found
 
 

@@ -53,8 +53,8 @@ def raise_interrupts() -> None:
 def guarded() -> Iterator[None]:
     """Turn what a verb raises into a sentence and an exit status.
 
-    A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130; whatever else is raised is a fault
-    of the program (1) or of the plug-in whose verb it is (2), and its traceback is shown on demand.
+    A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130. Whatever else is raised is a
+    fault of the program (1), or of the plug-in whose verb it is (2); its traceback is shown on demand.
     """
     before = signal.getsignal(signal.SIGINT)
     try:
@@ -170,7 +170,7 @@ def _state() -> tuple[str, bool]:
 
 
 def _fault(error: Exception) -> tuple[str, int]:
-    """Sentence and exit status for an unexpected exception: a fault of the plug-in whose verb is run, or of this one."""
+    """Sentence and exit status for an unexpected exception: a fault of the plug-in of the verb, or of the program."""
     from commonrail.base import registry
 
     what, shows = f"{type(error).__name__}: {_short(error)}", "`commonrail --traceback ...` shows where it happened."

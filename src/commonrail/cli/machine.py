@@ -20,6 +20,7 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.optimisers.registry import named
 from commonrail.compiler import cache, target
+from commonrail.data.features.table import find_feature
 from commonrail.data.kinds import find_kind
 from commonrail.engine.lanes import VECTORS, compiled
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
@@ -27,7 +28,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, usable_threads
 from commonrail.readers.fuel import load_fuel
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.meters import installed_meters
+from commonrail.readers.injector.meters import installed_meter
 
 # A module in a fresh process of the same Python.
 
@@ -341,7 +342,8 @@ _TRIALS: dict[str, Callable[[str], object]] = {
     "data": find_kind,
     "injectors": load_injector,
     "fuels": load_fuel,
-    "meters": lambda name: installed_meters([name], ()),
+    "meters": installed_meter,
+    "features": find_feature,
 }
 
 

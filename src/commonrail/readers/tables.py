@@ -27,17 +27,17 @@ from commonrail.readers.workbook import WorkbookSheet
 LEAST_SAMPLES = 4
 
 # Format of a file by the end of its name; all else is CSV.
-_SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
-    ".xlsx": WorkbookSheet,
-    ".mf4": MdfFile,
-    ".mdf": MdfFile,
-    ".lvm": LvmFile,
-    ".mat": MatFile,
-    ".parquet": ParquetFile,
-    ".pq": ParquetFile,
+SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
+    "xlsx": WorkbookSheet,
+    "mf4": MdfFile,
+    "mdf": MdfFile,
+    "lvm": LvmFile,
+    "mat": MatFile,
+    "parquet": ParquetFile,
+    "pq": ParquetFile,
 }
-_OWN = ("", ".csv", ".txt", ".tsv", *_SHEETS)  # installed packages are not searched for their endings
-_UNREAD = {".nc": "NetCDF", ".xls": "old Excel", ".tdms": "TDMS"}
+ENDINGS = ("", "csv", "txt", "tsv", *SHEETS)  # installed packages are not searched for these
+_UNREAD = {"nc": "NetCDF", "xls": "old Excel", "tdms": "TDMS"}
 
 
 def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
@@ -97,20 +97,25 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
     InputError
         If it cannot be read, or its format is not.
     """
-    suffix = path.suffix.lower()
+    ending = _ending(path)
     if part := installed_sheet(path):
         opener = part.load()
         with part.blamed(f"fails on {path}"):
             return cast(Sheet, opener(path, form))
-    if suffix in _UNREAD:
-        raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
-    return _SHEETS.get(suffix, CsvFile)(path, form)
+    if ending in _UNREAD:
+        raise InputError(f"{path}: {_UNREAD[ending]} files are not read; export the columns to a CSV file.")
+    return SHEETS.get(ending, CsvFile)(path, form)
 
 
 def installed_sheet(path: Path) -> registry.Entry | None:
     """Format of an installed package that the file's ending tells; none where one that ships has it."""
-    suffix = path.suffix.lower()
-    return None if suffix in _OWN else registry.find("readers", suffix.removeprefix("."))
+    ending = _ending(path)
+    return None if ending in ENDINGS else registry.find("readers", ending)
+
+
+def _ending(path: Path) -> str:
+    """Ending of a file's name in small letters, without its point."""
+    return path.suffix.lower().removeprefix(".")
 
 
 def _example(column: Column) -> str:

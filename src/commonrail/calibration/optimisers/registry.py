@@ -67,9 +67,14 @@ def _of(part: registry.Entry) -> Registered:
     return found
 
 
+def shipped_methods() -> list[str]:
+    """Names of the optimisers that ship."""
+    return [entry.name for entry in REGISTERED]
+
+
 def methods() -> list[str]:
     """Names of all optimisers, those that ship first."""
-    return [*(entry.name for entry in REGISTERED), *registry.installed("optimisers")]
+    return [*shipped_methods(), *registry.installed("optimisers")]
 
 
 def registered(settings: object) -> Registered | None:

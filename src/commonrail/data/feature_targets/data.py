@@ -24,13 +24,12 @@ from commonrail.data.feature_targets.reading import (
     read_curve_of,
     read_targets,
     settings_of,
-    unit_of_target,
 )
 from commonrail.data.features.features import features
-from commonrail.data.features.measures import FEATURES
 from commonrail.data.features.rate_trace import RateTrace, rate_trace
 from commonrail.data.features.result import Features
 from commonrail.data.features.settings import FeatureSettings, Levels
+from commonrail.data.features.table import find_feature
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.data import soft_l1
 from commonrail.data.quantities.returned import ReturnData
@@ -189,7 +188,7 @@ class FeatureData(DataSet):
     @property
     def judged(self) -> Bools:
         """Rates and quantities, which a gain multiplies; times are not."""
-        return np.array([unit_of_target(target.feature) != "s" for target in self.targets])
+        return np.array([find_feature(target.feature).unit in ("m3", "m3/s") for target in self.targets])
 
     @property
     def samples(self) -> int:
@@ -294,8 +293,8 @@ class FeatureData(DataSet):
             {
                 "feature": target.feature,
                 "injection": target.injection,
-                "unit": unit_of_target(target.feature),
-                "meaning": FEATURES[target.feature].meaning if target.feature in FEATURES else "return quantity",
+                "unit": find_feature(target.feature).unit,
+                "meaning": find_feature(target.feature).meaning,
                 "tolerance": target.tolerance,
                 MEASURED: target.value,
                 **{label: number(float(score.values[i])) for label, score in scores.items()},

@@ -9,7 +9,7 @@ from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import field_unit, fixed, listed, megapascal, number, pressure, signed
 from commonrail.data.base import View
-from commonrail.data.features.result import DECIMALS
+from commonrail.data.features.result import decimals_of
 from commonrail.data.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present
 
 _STEPS = (1.0, 2.0)  # [tolerances]
@@ -63,7 +63,7 @@ def _name(row: Record) -> str:
 
 
 def _shown(row: Record, key: str) -> str:
-    return fixed(row.get(key), DECIMALS[row["unit"]], field_unit(row["unit"]).factor)
+    return fixed(row.get(key), decimals_of(row["unit"]), field_unit(row["unit"]).factor)
 
 
 def _error(row: Record, label: str) -> float | None:
@@ -75,7 +75,7 @@ def _error(row: Record, label: str) -> float | None:
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     def errors(row: Record) -> Iterator[str | Cell]:
         factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
-        yield signed(None if value is None else (value - row[MEASURED]) * factor, DECIMALS[row["unit"]])
+        yield signed(None if value is None else (value - row[MEASURED]) * factor, decimals_of(row["unit"]))
         error = _error(row, JUDGED)
         yield Cell(signed(error, 2), size_of(error, _STEPS))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -15,8 +16,8 @@ from commonrail.base.units import parse
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
 from commonrail.data.curves.samples import RateModel
-from commonrail.data.features.measures import FEATURES
 from commonrail.data.features.settings import FeatureSettings, Threshold
+from commonrail.data.features.table import features_of_traces, find_feature
 from commonrail.data.study_block import Context, drive_unit, mass_density
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import check_point
@@ -29,14 +30,14 @@ SAMPLE = 2e-6  # of a simulated trace that no measured one gives samples for [s]
 AFTER = 3e-3  # simulated after the last energising [s]
 MOST_TARGETS = 1000
 
-_UNITS = {"time": ("s",), "rate": ("m3/s", "kg/s"), "quantity": ("m3", "kg")}
+_BY_MASS = {"m3/s": "kg/s", "m3": "kg"}
 
 Number = tuple[float, str]  # value and its SI unit
 
 
 def _known(item: str) -> str:
-    if item not in FEATURES and item != RETURNED:
-        raise fault(f'there is no feature "{item}"{nearest(item, [*FEATURES, RETURNED])}')
+    if item not in (known := [*features_of_traces(), RETURNED]):
+        raise fault(f'there is no feature "{item}"{nearest(item, known)}')
     return item
 
 
@@ -45,13 +46,11 @@ def _in_its_unit(item: Any, info: ValidationInfo) -> Number | None:
     name = info.data.get("feature")
     if item is None or name is None:
         return None
-    units = _UNITS["quantity" if name == RETURNED else FEATURES[name].of]
-    for unit in units[1:]:
-        try:
-            return parse(item, unit), unit
-        except InputError:
-            continue
-    return Unit(units[0]).read(item), units[0]
+    unit = find_feature(name).unit
+    if by_mass := _BY_MASS.get(unit):
+        with suppress(InputError):
+            return parse(item, by_mass), by_mass
+    return Unit(unit).read(item), unit
 
 
 _InItsUnit = PlainValidator(_in_its_unit)
@@ -96,11 +95,6 @@ class FeatureTarget(NamedTuple):
     def text(self) -> str:
         """Name with the number of the injection."""
         return self.feature if self.feature == RETURNED else f"{self.feature} {self.injection}"
-
-
-def unit_of_target(feature: str) -> str:
-    """SI unit of a target."""
-    return "m3" if feature == RETURNED else _UNITS[FEATURES[feature].of][0]
 
 
 def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:

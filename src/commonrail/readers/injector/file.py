@@ -161,6 +161,11 @@ def injector_catalogue() -> list[str]:
     return _CATALOGUE.names()
 
 
+def shipped_injectors() -> list[str]:
+    """Names of the injectors that ship, sorted."""
+    return _CATALOGUE.shipped()
+
+
 def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     """Read an injector.
 

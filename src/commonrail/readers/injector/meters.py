@@ -136,6 +136,11 @@ def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dic
     return found
 
 
+def installed_meter(name: str) -> Meter:
+    """Meter of an installed package, with its start values; `PluginError` or `InputError` as `installed_meters`."""
+    return meters_of_tables(installed_meters([name], ()), Place(f"{name}.toml"))[name]
+
+
 def free_names(tables: Mapping[str, MeterHead]) -> list[str]:
     """Names of the parameters of a search that the tables give bounds, such as meter.bench.delay."""
     return [
