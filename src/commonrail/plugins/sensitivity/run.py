@@ -16,7 +16,6 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
-from commonrail.data.feature_targets.injection import DEFAULT, Codes, read_features, reason
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
@@ -31,6 +30,8 @@ from commonrail.plugins.sensitivity.estimates import (
 )
 from commonrail.plugins.sensitivity.file import Failed, OutputSensitivity, Sensitivity, Tornado
 from commonrail.plugins.sensitivity.study import (
+    DEFAULT_FEATURES,
+    Codes,
     Computing,
     Design,
     Evaluated,
@@ -41,6 +42,8 @@ from commonrail.plugins.sensitivity.study import (
     OnFailure,
     Output,
     SensitivitySettings,
+    read_features,
+    reason,
 )
 
 AT_A_TIME = 16_384  # candidates that are evaluated together
@@ -65,7 +68,7 @@ def sensitivity(
     of: Injector | Study,
     parameters: Sequence[Parameter] | None = None,
     points: Sequence[OperatingPoint] = (),
-    features: Sequence[str] = DEFAULT,
+    features: Sequence[str] = DEFAULT_FEATURES,
     *,
     settings: SensitivitySettings | None = None,
     threads: int | None = None,
@@ -83,8 +86,7 @@ def sensitivity(
     points : sequence of OperatingPoint
         Operating points of the features; at least one for an injector.
     features : sequence of str
-        "quantity", "return_quantity", "opening", "opening_delay", "closing", "closing_delay", "duration", "lift",
-        "mean_rate" and "steady_rate".
+        Names, such as "quantity" and "opening_delay"; `commonrail catalogue features` lists them.
     settings : SensitivitySettings, optional
     threads : int, optional
         All usable processors by default; the result does not depend on it.
