@@ -38,7 +38,7 @@ def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
 def with_meters(data: Sequence[DataSet], meters: Iterable[Meter]) -> tuple[DataSet, ...]:
     """Data sets with other meters in place of those with the same names."""
     known = {meter.name: meter for meter in meters}
-    return tuple(d if d.meter is None else d.with_meter(known.get(d.meter.name, d.meter)) for d in data)
+    return tuple(d if d.meter is None else d.changed(meter=known.get(d.meter.name, d.meter)) for d in data)
 
 
 def check_meters(injector: Injector, data: Sequence[DataSet], space: Bounds) -> None:

@@ -129,10 +129,13 @@ def read_curve_of(model: FeaturesModel, context: Context) -> RateData:
     Raises
     ------
     InputError, ConfigurationError
-        As `DataSet.read`; also if there is no file, and something needs one.
+        As `DataSet.read_all`; also if there is no file, and something needs one.
     """
     if model.file:
-        return RateData.read(model, context)
+        curves = RateData.read_all(model, context)
+        if len(curves) != 1:
+            raise context.at.error(f"{model.file} holds {len(curves)} curves, and one is expected")
+        return curves[0]
     if drive_unit(context.injector):
         raise context.at.error("an injector that is driven by a trace needs a file with the measured drive")
     point = _point(model, context)

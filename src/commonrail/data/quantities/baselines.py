@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import fixed, listed, number, significant
 from commonrail.data.records import MM3
 from commonrail.data.study_block import Context
-from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.parameters import Domain
 from commonrail.readers.columns import Column, FormModel
 from commonrail.readers.fields import Unit
@@ -246,65 +245,30 @@ _DECISIVE = (
 )
 
 
-class Map(Protocol):
-    """Quantity map as a baseline reads it."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def points(self) -> tuple[OperatingPoint, ...]: ...
-
-    @property
-    def quantity(self) -> Floats: ...
-
-    @property
-    def absolute(self) -> float: ...
-
-    @property
-    def relative(self) -> float: ...
-
-    @property
-    def dead_time(self) -> Bools: ...
-
-    @property
-    def sister(self) -> Sister | None: ...
-    @property
-    def judged(self) -> Bools: ...
-
-    def scored(self, quantity: Floats, dead_time: Floats) -> Any: ...
-
-    def figures_of(self, score: Any) -> dict[str, float | None]: ...
+Map = Any  # `QuantityData`, which is made with this module
 
 
 class Interpolated(NamedTuple):
-    """An interpolation: number of known points, its rule in words, extrapolated values, and its score."""
+    """Interpolation: number of known points, rule in words, extrapolated values, quantities [m³] and dead times [s]."""
 
     known: int
     rule: str
     extrapolated: int
-    score: Any
+    values: Floats
+    dead_time: Floats
 
 
-def interpolated_baseline(data: Map, fitted: Sequence[Map], model: Any) -> dict[str, Any] | None:
-    """Record of the interpolation of fitted maps at the points of another; None where that is not possible.
+def interpolated_baseline(model: Any, fitted: Sequence[Any]) -> dict[str, Any] | None:
+    """Record of the interpolation of the maps that a model was fitted to; None where that is not possible.
 
-    Parameters
-    ----------
-    data : QuantityData
-        Validation map.
-    fitted : sequence of QuantityData
-        Maps that the model was fitted to.
-    model : QuantityScore
-        Of the calibrated model.
+    `model` is its `QuantityScore` on other data, `fitted` holds `QuantityData`.
     """
-    found = interpolated(data, fitted)
+    found = interpolated(model.data, fitted)
     if found is None:
         return None
     return baseline_record(
-        data,
         model,
-        found.score,
+        replace(model, values=found.values, dead_time=found.dead_time),
         name="interpolation",
         text=f"interpolating the {found.known} fitted points",
         rule=found.rule,
@@ -312,26 +276,20 @@ def interpolated_baseline(data: Map, fitted: Sequence[Map], model: Any) -> dict[
     )
 
 
-def sister_baseline(data: Map, model: Any) -> dict[str, Any] | None:
+def sister_baseline(model: Any) -> dict[str, Any] | None:
     """Record of the map of a sister part, interpolated and scaled by the catalogue flow; None where none is named.
 
-    Parameters
-    ----------
-    data : QuantityData
-        Validation map.
-    model : QuantityScore
-        Of the calibrated model.
+    `model` is the `QuantityScore` of the calibrated one.
     """
+    data: Map = model.data
     if data.sister is None or not _is_plain(data) or not data.judged.any():
         return None
     ratio, places = data.sister.flow_ratio, places_of(data)
     by_rules = {rules: interpolate(data.sister.places, places, rules=rules) for rules in _BOTH}
     (in_time, in_pressure), found = min(by_rules.items(), key=lambda one: _closeness(data, ratio * one[1].values))
-    score = data.scored(ratio * found.values, np.full(int(data.dead_time.sum()), np.nan))
     return baseline_record(
-        data,
         model,
-        score,
+        replace(model, values=ratio * found.values, dead_time=np.full(int(data.dead_time.sum()), np.nan)),
         name="sister",
         text=f"the sister part's map times {ratio:.4g}",
         rule=f"{in_time.value} in energising time, then {in_pressure.value} in p, between its points (of linear and "
@@ -341,13 +299,7 @@ def sister_baseline(data: Map, model: Any) -> dict[str, Any] | None:
 
 
 def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
-    """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible.
-
-    Parameters
-    ----------
-    data : QuantityData
-    fitted : sequence of QuantityData
-    """
+    """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible."""
     if not all(_is_plain(d) for d in (data, *fitted)):
         return None
     known = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
@@ -359,24 +311,18 @@ def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
         values, beyond = interpolate(known, places_of(data), exponent, rules)
         count = int(np.count_nonzero(beyond & data.judged))
         text = RULE.format(in_time=rules[0].value, in_pressure=rules[1].value, scale=scale)
-        found.append(Interpolated(len(known), text, count, data.scored(values, dead_time)))
-    return min(found, key=lambda one: _closeness(data, one.score.quantity))
+        found.append(Interpolated(len(known), text, count, values, dead_time))
+    return min(found, key=lambda one: _closeness(data, one.values))
 
 
-def baseline_record(data: Map, model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
+def baseline_record(model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
     """Record of a baseline: its figures, whether the model beats it, and a sentence on both.
 
-    Parameters
-    ----------
-    data : QuantityData
-    model, baseline : QuantityScore
-        Of the calibrated model and of the baseline.
-    text : str
-        The baseline as the subject of a sentence, such as "interpolating the 21 fitted points".
-    more : mapping
-        Further keys of the record: "name", "rule", "extrapolated".
+    Both are `QuantityScore` of one data set. `text` is the baseline as the subject of a sentence, such as
+    "interpolating the 21 fitted points", `more` has further keys of the record: "name", "rule", "extrapolated".
     """
-    own, other = data.figures_of(model), data.figures_of(baseline)
+    data: Map = model.data
+    own, other = model.figures, baseline.figures
     limit = significant(own["limit_quantity"], 3, MM3)
     keys = [item for item in _DECISIVE if number(other[item[0]]) is not None]
     worse = [item for item in keys if not _is_less(own[item[0]], other[item[0]])]

@@ -227,8 +227,8 @@ def _as_stated(both: _Both, unit: Floats) -> Floats:
 
 def _behind_a_meter(data: DataSet) -> DataSet:
     """A data set without uncertain quantities; a curve without a meter has a neutral one."""
-    plain = data.with_noise(replace(data.noise, uncertain={}))
-    return plain if data.bounds is None or data.meter is not None else plain.with_meter(Meter(UNNAMED))
+    plain = data.changed(noise=replace(data.noise, uncertain={}))
+    return plain if data.bounds is None or data.meter is not None else plain.changed(meter=Meter(UNNAMED))
 
 
 def _delay(name: str, present: float) -> Parameter:

@@ -206,7 +206,7 @@ def _with_change(data: DataSet, key: str, change: float) -> DataSet | None:
     value = meter.values.get(key, 0.0 if default is None else default) + change
     if not _admits(QUANTITIES[key], value):
         return None
-    return data.with_meter(replace(meter, values={**meter.values, key: value}))
+    return data.changed(meter=replace(meter, values={**meter.values, key: value}))
 
 
 # Study whose uncertain quantities are fitted too, with their stated deviations as priors.
@@ -247,8 +247,8 @@ def with_uncertain_free(study: Study, keys: Collection[str] | None = None) -> St
         meter = data.meter or Meter(f"unnamed_{i + 1}")
         own = {k: p for k, (p, _) in _parameters(study, data, meter).items() if keys is None or k in keys}
         left = {key: value for key, value in data.noise.uncertain.items() if key not in own}
-        plain = data.with_noise(replace(data.noise, uncertain=left))
-        fitted.append(plain if not set(OF_METER) & set(own) else plain.with_meter(meter))
+        plain = data.changed(noise=replace(data.noise, uncertain=left))
+        fitted.append(plain if not set(OF_METER) & set(own) else plain.changed(meter=meter))
         added.update({parameter.name: parameter for parameter in own.values()})
     if not all(parameter.lower < parameter.upper for parameter in added.values()):
         return None
