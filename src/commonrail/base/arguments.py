@@ -194,18 +194,8 @@ def _element(item: object, unit: str, what: str) -> float:
 def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
     """Read a whole number.
 
-    Parameters
-    ----------
-    value : object
-    what : str
-        Name of the argument in words.
-    low, high : int
-        Limits, both included.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no number, has a fraction, or lies beyond the limits.
+    `low` and `high`: limits, both included. Raises `ConfigurationError` if it is no number, has a fraction, or lies
+    beyond the limits.
     """
     found = _real(value)
     if found is not None and math.isfinite(found) and found == math.floor(found):
@@ -218,14 +208,7 @@ def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> 
 
 
 def not_whole(name: str, value: float) -> str:
-    """Words on a value of a count that is no whole number, and on any value of nothing else: empty.
-
-    Parameters
-    ----------
-    name : str
-        Dotted name of a parameter.
-    value : float
-    """
+    """Words on a value of a count that is no whole number, and on any value of nothing else: empty."""
     if name not in COUNTS or value % 1.0 == 0.0:
         return ""
     return f"{name} counts pieces and must be a whole number, not {value:g}"
@@ -246,18 +229,7 @@ def flag(value: object, what: str) -> bool:
 def chosen(value: object, kind: type[_Choice], what: str) -> _Choice:
     """Read a member of an enum, or its value.
 
-    Parameters
-    ----------
-    value : object
-    kind : type
-        The enum.
-    what : str
-        Name of the argument in words.
-
-    Raises
-    ------
-    ConfigurationError
-        With all values, and the nearest to a text that is none of them.
+    Raises `ConfigurationError` with all values, and the nearest to a text that is none of them.
     """
     if isinstance(value, kind):
         return value
@@ -286,10 +258,7 @@ def function(value: _Kind | None, what: str) -> _Kind | None:
 def file_path(value: object, what: str) -> Path:
     """Read the path of a file or folder.
 
-    Raises
-    ------
-    ConfigurationError
-        If it is neither a text nor a path, is empty, or no system can have it.
+    Raises `ConfigurationError` if it is neither a text nor a path, is empty, or no system can have it.
     """
     if not isinstance(value, str | os.PathLike) or isinstance(path := os.fspath(value), bytes):
         raise _refused(what, "a path as text or as pathlib.Path", value)
@@ -310,17 +279,8 @@ def instance(value: object, kind: UnionType, what: str) -> Any: ...
 def instance(value: object, kind: Any, what: str) -> Any:
     """Refuse what is not of a kind, or of one of several, with the way to get one.
 
-    Parameters
-    ----------
-    value : object
-    kind : type or union of types
-    what : str
-        Name of the argument in words.
-
-    Raises
-    ------
-    ConfigurationError
-        With the cure, such as ``commonrail.load_study("study.toml")`` where a path was given for a study.
+    Raises `ConfigurationError` with the cure, such as ``commonrail.load_study("study.toml")`` where a path was given
+    for a study.
     """
     if isinstance(value, kind):
         return value
@@ -335,13 +295,7 @@ def instance(value: object, kind: Any, what: str) -> Any:
 def sequence(value: object, what: str, of: str) -> Sequence[Any]:
     """Refuse what is no list, tuple or array; a text is none.
 
-    Parameters
-    ----------
-    value : object
-    what : str
-        Name of the argument in words.
-    of : str
-        What the list holds, as it is written: ``"[point]"``.
+    `of`: what the list holds, as it is written: ``"[point]"``.
     """
     if isinstance(value, np.ndarray) and value.ndim:
         return list(value)
@@ -357,33 +311,14 @@ def instances(value: object, kind: UnionType, what: str) -> tuple[Any, ...]: ...
 def instances(value: object, kind: Any, what: str) -> tuple[Any, ...]:
     """Read a list whose items are all of a kind.
 
-    Parameters
-    ----------
-    value : object
-    kind : type
-    what : str
-        Name of the argument in words, in the plural.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no list, or with the first item that is of another kind.
+    Raises `ConfigurationError` if it is no list, or with the first item that is of another kind.
     """
     items = sequence(value, what, f"[{(get_args(kind) or (kind,))[0].__name__}(…), …]")
     return tuple(instance(item, kind, f"item {i} of the {what}") for i, item in enumerate(items, start=1))
 
 
 def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
-    """Refuse what is no mapping with texts as keys.
-
-    Parameters
-    ----------
-    value : object
-    what : str
-        Name of the argument in words.
-    example : str
-        One as it is written.
-    """
+    """Refuse what is no mapping with texts as keys."""
     if not isinstance(value, Mapping):
         raise _refused(what, f"a mapping, such as {example}", value)
     for key in value:
@@ -397,19 +332,7 @@ def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
 def known_names(value: object, known: Collection[str], what: str, example: str) -> tuple[str, ...]:
     """Read a list of names, each one known and listed once.
 
-    Parameters
-    ----------
-    value : object
-    known : collection of str
-    what : str
-        Name of the argument in words, in the plural.
-    example : str
-        A name.
-
-    Raises
-    ------
-    ConfigurationError
-        With the first name that is unknown, and the nearest that is known, or that is repeated.
+    Raises `ConfigurationError` with the first name that is unknown, and the nearest that is known, or that is repeated.
     """
     names = sequence(value, what, f'["{example}"]')
     for i, name in enumerate(names):

@@ -34,11 +34,7 @@ class Live:
     def show(self, text: str, done: int = 0, total: int = 0) -> None:
         """Replace the line.
 
-        Parameters
-        ----------
-        text : str
-        done, total : int
-            Steps; without a total there is no bar.
+        `done` and `total`: steps; without a total there is no bar.
         """
         bar = f'<progress value="{done}" max="{total}"></progress> {done}/{total} ' if total else ""
         if self._shown is not None:
@@ -108,30 +104,21 @@ class Shown:
     def plot(self) -> Any:
         """Figures of the report; a notebook shows them, `save` writes them as a page.
 
-        Raises
-        ------
-        ConfigurationError
-            If there is nothing to draw.
+        Raises `ConfigurationError` if there is nothing to draw.
         """
         return _faces().plot_of(self)
 
     def to_pandas(self) -> Any:
         """Values as a pandas.DataFrame, with the unit behind each name; needs pandas.
 
-        Raises
-        ------
-        ConfigurationError
-            If pandas is missing, or the result has no table of values.
+        Raises `ConfigurationError` if pandas is missing, or the result has no table of values.
         """
         return _faces().frame_of(self)
 
     def to_xarray(self) -> Any:
         """Values as an xarray.Dataset with named axes and the attribute `units`; needs xarray.
 
-        Raises
-        ------
-        ConfigurationError
-            If xarray is missing, or the result has no arrays.
+        Raises `ConfigurationError` if xarray is missing, or the result has no arrays.
         """
         return _faces().dataset_of(self)
 

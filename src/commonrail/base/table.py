@@ -53,15 +53,7 @@ class Part(NamedTuple):
 def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str = "", texts: int = 1) -> Table:
     """Table of any rows.
 
-    Parameters
-    ----------
-    title : str
-    rows : iterable
-        What the parts make cells of.
-    parts : sequence of Part
-    note : str
-    texts : int
-        Number of columns that are words.
+    `rows`: what the parts make cells of. `texts`: number of columns that are words.
     """
     heads = tuple(head for part in parts for head in part.heads)
     found = ((cell for part in parts for cell in part.cells(row)) for row in rows)
@@ -72,16 +64,8 @@ def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str =
 def tabulated(title: str, rows: Iterable[Any], columns: Sequence[Column], note: str = "", texts: int = 1) -> Table:
     """Table of any rows, column by column.
 
-    Parameters
-    ----------
-    title : str
-    rows : iterable
-        What the columns read, such as parts of a record.
-    columns : sequence of (str, str or function)
-        Head, and the key of a row or what makes its text or cell.
-    note : str
-    texts : int
-        Number of columns that are words.
+    `rows`: what the columns read, such as parts of a record. `columns`: head, and the key of a row or what makes its
+    text or cell. `texts`: number of columns that are words.
     """
 
     def cell(row: Any, text: str | Callable[[Any], str | Cell]) -> str | Cell:

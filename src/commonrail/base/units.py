@@ -183,18 +183,7 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
 def parse_difference(text: str | float, unit: str, where: str = "") -> float:
     """Read a difference of two values with its unit, such as a tolerance: 3 degC and 3 K are the same.
 
-    Parameters
-    ----------
-    text : str or float
-    unit : str
-        Unit of the result.
-    where : str
-        As in `parse`.
-
-    Raises
-    ------
-    InputError
-        As in `parse`.
+    `unit`: unit of the result. Raises `InputError` as in `parse`.
 
     Examples
     --------

@@ -42,27 +42,10 @@ def run_study(
 ) -> Outcome:
     """Calibrate a study into a new folder, with progress and warnings on stderr.
 
-    Parameters
-    ----------
-    study : Study
-    folder : Path
-        New or empty.
-    threads : int or None
-        None: all processors.
-    workers : Workers or None
-        Who simulates; None: this process.
-    strict : bool
-        Treat warnings as errors.
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty.
-    OutputError
-        If it cannot be written.
-    StudyError
-        If the study cannot be run, or is `strict` and gives a warning; the folder is removed if nothing was
-        simulated.
+    `folder`: new or empty. Without `threads` all processors are used, without `workers` this process simulates.
+    Raises `InputError` if the folder is not empty. Raises `OutputError` if it cannot be
+    written. Raises `StudyError` if the study cannot be run, or is `strict` and gives a warning; the folder is removed
+    if nothing was simulated.
     """
     from commonrail.runs.fit import calibrate_into
 
@@ -80,23 +63,9 @@ def resume_study(
 ) -> Outcome:
     """Resume a run, with its progress on stderr.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    generations : int
-        Number to be added.
-    as_begun : bool
-        Accept files outside the folder that have changed.
-    threads : int or None
-        None: all processors.
-    workers : Workers or None
-        Who simulates; None: this process.
-
-    Raises
-    ------
-    StudyError, OutputError
-        As `commonrail.resume`.
+    `generations`: number to be added. `as_begun`: accept files outside the folder that have changed. `threads`: None:
+    all processors. `workers`: who simulates; None: this process. Raises `StudyError` and `OutputError` as
+    `commonrail.resume`.
     """
     from commonrail.runs.fit import resume
 
@@ -120,15 +89,7 @@ def reported(
 ) -> tuple[Path, _Result]:
     """Report of a run folder and the result of the search that fills it, with its progress on stderr.
 
-    Parameters
-    ----------
-    title : str
-        Of the bar.
-    folder : Path
-    work : function of Listener
-        The search.
-    stage : function of Progress, optional
-        Stage for the bar; by default `stage_of`.
+    `stage`: stage for the bar; by default `stage_of`.
     """
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener
@@ -144,18 +105,8 @@ def reported(
 def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
     """Print the figures of a run; exit status 130 if it was stopped.
 
-    Parameters
-    ----------
-    outcome : Outcome
-    json : bool
-        Print the record instead of tables.
-    strict : bool
-        Treat warnings as errors.
-
-    Raises
-    ------
-    StudyError
-        If `strict` and the run has given a warning; its files are written.
+    `json`: print the record instead of tables. `strict`: treat warnings as errors. Raises `StudyError` if `strict` and
+    the run has given a warning; its files are written.
     """
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.fit.tables import parameter_table, tables_of
@@ -194,15 +145,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
 
 
 def end_if_stopped(status: str, folder: Path) -> None:
-    """End the command with exit status 130 and a sentence if a search was stopped by a signal.
-
-    Parameters
-    ----------
-    status : str
-        Of the search.
-    folder : Path
-        Of the run.
-    """
+    """End the command with exit status 130 and a sentence if a search was stopped by a signal."""
     if status == "interrupted":
         say(
             f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "

@@ -102,15 +102,7 @@ def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
 def check_paths(options: Mapping[str, Any]) -> None:
     """Refuse "-" as a file, and an output that would take the place of an input.
 
-    Parameters
-    ----------
-    options : mapping
-        Options and arguments of a verb by name.
-
-    Raises
-    ------
-    InputError
-        If there is one.
+    `options` are those of a verb by name. Raises `InputError` if there is one.
     """
     _refuse_dash(options)
     _refuse_inputs_as_outputs(options)

@@ -38,13 +38,8 @@ Runner = Callable[[str, list[str], float], subprocess.CompletedProcess[str]]
 def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
     """Run ``python -m module arguments``.
 
-    Parameters
-    ----------
-    module : str
-        Found where this process finds its own, also what is not installed.
-    arguments : list of str
-    seconds : float
-        After these `subprocess.TimeoutExpired` is raised.
+    `module`: found where this process finds its own, also what is not installed. `seconds`: after these
+    `subprocess.TimeoutExpired` is raised.
     """
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     command = [sys.executable, "-m", module, *arguments]
@@ -52,15 +47,7 @@ def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.C
 
 
 def ask_child(module: str, arguments: list[str], seconds: float, run: Runner = run_child) -> dict[str, Any]:
-    """Return the JSON object that a module prints, or {"failed": sentence}.
-
-    Parameters
-    ----------
-    module, arguments, seconds
-        As for `run_child`.
-    run : function
-        Runs it.
-    """
+    """Return the JSON object that a module prints, or {"failed": sentence}."""
     try:
         done = run(module, arguments, seconds)
     except subprocess.TimeoutExpired:
@@ -228,10 +215,7 @@ def machine_facts() -> Iterator[Fact]:
 def package_facts(has_libraries: bool) -> Iterator[Fact]:
     """Versions of the packages that simulate.
 
-    Parameters
-    ----------
-    has_libraries : bool
-        Libraries of compiled simulations are used: what is in them needs NumPy alone.
+    With `has_libraries` libraries of compiled simulations are used: what is in them needs NumPy alone.
     """
     for package in ("numpy", *WITHOUT_LIBRARIES):
         found = version(package)

@@ -399,12 +399,7 @@ def past_stops(simulator: Simulator, point: OperatingPoint, values: Floats) -> P
     The stops touch at `plunger_needle.stop_lift` and `valve.lift` of each candidate; they give way as springs, so that
     a part that rests on its stop lies beyond it.
 
-    Parameters
-    ----------
-    simulator : Simulator
-    point : OperatingPoint
-    values : (candidates, names)
-        [SI].
+    `values` (candidates, names) in [SI].
     """
     names, own = simulator.of_injector(values)
     prepared = plan.prepare(simulator.injector, [point], simulator.time_step)

@@ -44,17 +44,8 @@ def with_meters(data: Sequence[DataSet], meters: Iterable[Meter]) -> tuple[DataS
 def check_meters(injector: Injector, data: Sequence[DataSet], space: Bounds) -> None:
     """Refuse meters that contradict each other, the fuel, or the free parameters.
 
-    Parameters
-    ----------
-    injector : Injector
-    data : sequence of DataSet
-    space : Bounds
-
-    Raises
-    ------
-    ConfigurationError
-        If two meters have one name, a temperature leaves the fuel's range, a bound leaves the domain of its quantity,
-        or no data set sees a free quantity.
+    Raises `ConfigurationError` if two meters have one name, a temperature leaves the fuel's range, a bound leaves the
+    domain of its quantity, or no data set sees a free quantity.
     """
     meters = {meter.name: meter for meter in meters_of(data)}
     for d in data:

@@ -60,10 +60,7 @@ class Catalogue(NamedTuple):
 def installed_text(group: str, name: str) -> str | None:
     """Text of a file of an installed package; None if there is none of that name.
 
-    Raises
-    ------
-    PluginError
-        If it cannot be read.
+    Raises `PluginError` if it cannot be read.
     """
     if (part := registry.find(group, name)) is None:
         return None

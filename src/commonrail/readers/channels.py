@@ -32,11 +32,7 @@ class Channel(NamedTuple):
 class ChannelSheet:
     """Channels as a `Sheet` whose columns are apart.
 
-    Parameters
-    ----------
-    path : Path
-    channels : sequence of Channel
-        A channel whose name occurs several times is named with its group.
+    A channel whose name occurs several times is named with its group.
     """
 
     apart = True

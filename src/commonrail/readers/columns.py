@@ -22,14 +22,8 @@ from commonrail.readers.location import Place
 class FileForm(NamedTuple):
     """Form of a file, as stated by whoever reads it.
 
-    Attributes
-    ----------
-    encoding : str
-        Of a text; empty for UTF-8.
-    decimal : str
-        Decimal sign of the numbers of a text, "." or ",".
-    sheet : str
-        Of a workbook; empty for the first that is not empty.
+    `encoding`: of a text; empty for UTF-8. `decimal`: decimal sign of the numbers of a text, "." or ",". `sheet`: of a
+    workbook; empty for the first that is not empty.
     """
 
     encoding: str = ""
@@ -46,10 +40,7 @@ _NOT_OF_FILES = ("idna", "punycode", "raw-unicode-escape", "undefined", "unicode
 def check_encoding(name: str, at: str) -> str:
     """Return the name of an encoding of texts.
 
-    Raises
-    ------
-    InputError
-        If there is none of that name; `at` is the place where it was stated.
+    Raises `InputError` if there is none of that name; `at` is the place where it was stated.
     """
     if reason := _refusal(name):
         raise InputError(f"{at}: {reason}.")

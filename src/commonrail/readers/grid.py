@@ -60,18 +60,8 @@ class Grid:
 def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None) -> Grid:
     """Cells of a text table or of a sheet of a workbook (.xlsx).
 
-    Parameters
-    ----------
-    path : Path
-    encoding : str, optional
-        Of a text: "utf-8", "utf-16", "cp1252" …; by default it is detected.
-    sheet : str, optional
-        Of a workbook; by default the first that is not empty.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is too large or holds nothing.
+    `encoding`: of a text: "utf-8", "utf-16", "cp1252" …; by default it is detected. `sheet`: of a workbook; by default
+    the first that is not empty. Raises `InputError` if the file cannot be read, is too large or holds nothing.
     """
     if path.suffix.lower() == ".xlsx":
         return read_sheet(path, sheet)
@@ -82,16 +72,8 @@ def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None)
 def read_sheet(path: Path, sheet: str | None = None) -> Grid:
     """Cells of a sheet of a workbook (.xlsx), read by openpyxl in a child process.
 
-    Parameters
-    ----------
-    path : Path
-    sheet : str, optional
-        By default the first that is not empty.
-
-    Raises
-    ------
-    InputError
-        If it is no workbook, too large, has no such sheet or nothing in it, or openpyxl is not installed.
+    `sheet`: by default the first that is not empty. Raises `InputError` if it is no workbook, too large, has no such
+    sheet or nothing in it, or openpyxl is not installed.
     """
     if find_spec("openpyxl") is None:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
@@ -233,14 +215,7 @@ MOST_ABOVE = 30  # rows in which the header of a table is looked for
 class GridSheet:
     """Columns of a grid, a `Sheet`.
 
-    Parameters
-    ----------
-    grid : Grid
-
-    Raises
-    ------
-    InputError
-        If it has no header.
+    Raises `InputError` if it has no header.
     """
 
     apart = True

@@ -29,16 +29,8 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 class MatFile:
     """MAT file, a `Sheet`.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Without meaning here.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is beyond a limit, or h5py is needed and not installed.
+    The `form` has no meaning here. Raises `InputError` if it cannot be read, is beyond a limit, or h5py is needed and not
+    installed.
     """
 
     apart = True
@@ -102,16 +94,8 @@ _NAMES = {
 def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of the variables of a MAT file, by their units and names.
 
-    Parameters
-    ----------
-    file : MatFile
-    given : GivenUnits
-        They count before those of the file.
-
-    Raises
-    ------
-    InputError
-        If none is found, several are, or a unit is missing.
+    Units that are `given` count before those of the file. Raises `InputError` if none is found, several are, or a unit is
+    missing.
     """
     stated = given.by_kind()
     names = {kind: _variable(file, kind, 2 if kind == "quantity" else 1) for kind in KINDS}

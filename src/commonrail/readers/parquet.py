@@ -50,18 +50,8 @@ class _Column(NamedTuple):
 class ParquetFile:
     """Parquet file, a `Sheet` and a table of a fleet.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Without meaning here.
-    largest : int
-        Bytes that the file may have.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is beyond a limit, or pyarrow is not installed.
+    The `form` has no meaning here. `largest`: bytes that the file may have. Raises `InputError` if it cannot be read, is
+    beyond a limit, or pyarrow is not installed.
     """
 
     apart = True

@@ -79,16 +79,7 @@ class FoundMap:
 def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of a table.
 
-    Parameters
-    ----------
-    grid : Grid
-    given : GivenUnits
-        They count before those of the file.
-
-    Raises
-    ------
-    InputError
-        If none is found, or a unit is missing.
+    Units that are `given` count before those of the file. Raises `InputError` if none is found, or a unit is missing.
     """
     for i, header in enumerate(grid.rows[:MOST_HEADER]):
         columns = _columns(header, given)
@@ -254,16 +245,8 @@ FORM = "a table with a row for each point"
 def find_column_map(file: ParquetFile, given: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of a file whose columns state their units.
 
-    Parameters
-    ----------
-    file : ParquetFile
-    given : GivenUnits
-        They count before those of the file.
-
-    Raises
-    ------
-    InputError
-        If not exactly one column has a unit of each kind, or a cell of them holds no number.
+    Units that are `given` count before those of the file. Raises `InputError` if not exactly one column has a unit of each kind,
+    or a cell of them holds no number.
     """
     names = {kind: _column(file, kind) for kind in KINDS}
     stated = given.by_kind()

@@ -155,12 +155,7 @@ def _times(channel: Channel) -> tuple[float, float]:
 def zero_of(times: tuple[float, float], size: int) -> dict[str, str]:
     """Key of a block with the time of the file at which energising starts: 0, where the file's times hold it.
 
-    Parameters
-    ----------
-    times : (float, float)
-        First and last one [s].
-    size : int
-        Number of samples; the first one may end, rather than begin, at its time.
+    `times` are the first and the last one [s]. `size`: number of samples; the first one may end, rather than begin, at its time.
     """
     first, last = times
     interval = (last - first) / max(size - 1, 1)
@@ -217,18 +212,8 @@ class Survey:
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
     """Find out the content of a data file.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Encoding and sheet, where they are stated; the decimal sign is detected.
-    given : GivenUnits
-        Units of a map that its file does not give.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
+    `form`: encoding and sheet, where they are stated; the decimal sign is detected. `given`: units of a map that its
+    file does not give. Raises `InputError` if the file cannot be read.
     """
     if path.suffix.lower() in OF_CHANNELS or installed_sheet(path):
         form = _detected(path, form)

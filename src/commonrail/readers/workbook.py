@@ -11,16 +11,8 @@ from commonrail.readers.grid import GridSheet, read_sheet
 class WorkbookSheet(GridSheet):
     """Columns of a sheet of a workbook.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Its `sheet`; encoding and decimal sign have no meaning here.
-
-    Raises
-    ------
-    InputError
-        As `read_sheet`, or if the sheet has no header.
+    `form`: its `sheet`; encoding and decimal sign have no meaning here. Raises `InputError` as `read_sheet`, or if the
+    sheet has no header.
     """
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:

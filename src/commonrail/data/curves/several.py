@@ -59,17 +59,8 @@ def label_of(curve: FoundCurve) -> str:
 def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of the columns whose names fit the key `columns` of a block.
 
-    Parameters
-    ----------
-    model : RateModel
-    context : Context
-
-    Raises
-    ------
-    InputError
-        If no name fits, or a column cannot be read.
-    ConfigurationError
-        If the window does not fit.
+    Raises `InputError` if no name fits, or a column cannot be read. Raises `ConfigurationError` if the window does not
+    fit.
     """
     at = context.at
     stated = {"Pa": model.rail_pressure_unit or "", "s": model.energising_time_unit or ""}
@@ -114,11 +105,7 @@ def _gathered(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Plac
 def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising_time: float | None) -> FoundCurve:
     """Mean of repeated shots, on the raster of the first and as long as the shortest.
 
-    Parameters
-    ----------
-    shots : sequence of Samples
-    rail_pressure, energising_time : float or None
-        [Pa], [s].
+    `rail_pressure` and `energising_time` in [Pa], [s].
     """
     if len(shots) == 1:
         return FoundCurve(shots[0], rail_pressure, energising_time)
@@ -134,17 +121,7 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
 def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of a table that has their operating points in rows above them.
 
-    Parameters
-    ----------
-    model : RateModel
-    context : Context
-
-    Raises
-    ------
-    InputError
-        If it is no such table.
-    ConfigurationError
-        If the window does not fit.
+    Raises `InputError` if it is no such table. Raises `ConfigurationError` if the window does not fit.
     """
     at = context.at
     path = context.path(model.file, at)

@@ -100,13 +100,7 @@ class FeatureTarget(NamedTuple):
 def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:
     """Settings of a block, with a threshold by mass as one by volume.
 
-    Parameters
-    ----------
-    model : FeaturesModel
-    injector : Injector
-    point : OperatingPoint
-    at : Place
-        Of the block; an error names it.
+    `at`: of the block; an error names it.
     """
     with located(at):
         settings = FeatureSettings(
@@ -126,10 +120,8 @@ def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint,
 def read_curve_of(model: FeaturesModel, context: Context) -> RateData:
     """Measured curve of a block; without a file a curve of zeros at the block's operating point.
 
-    Raises
-    ------
-    InputError, ConfigurationError
-        As `DataSet.read_all`; also if there is no file, and something needs one.
+    Raises `InputError` and `ConfigurationError` as `DataSet.read_all`; also if there is no file, and something needs
+    one.
     """
     if model.file:
         curves = RateData.read_all(model, context)
@@ -182,21 +174,8 @@ def read_targets(
 ) -> tuple[FeatureTarget, ...]:
     """Targets of a block, with the values of the measured trace where none is stated.
 
-    Parameters
-    ----------
-    model : FeaturesModel
-    injector : Injector
-        Its fuel turns masses into volumes.
-    point : OperatingPoint
-    measured : Features or None
-        Of the measured trace.
-    at : Place
-        Of the block.
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        If a value is neither stated nor in the trace, an injection has no energising, or a target is repeated.
+    The fuel of the `injector` turns masses into volumes. Raises `InputError` and `ConfigurationError` if a value is neither
+    stated nor in the trace, an injection has no energising, or a target is repeated.
     """
     found = []
     for i, item in enumerate(model.features):

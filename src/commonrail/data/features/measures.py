@@ -66,12 +66,7 @@ def averaged(trace: RateTrace, width: float) -> Course:
 def parts_of(course: Course, levels: Levels, split: float) -> list[Part]:
     """Injections in the order of time.
 
-    Parameters
-    ----------
-    course : Course
-    levels : Levels
-    split : float
-        Share of the smaller neighbouring peak below which the rate must fall between two injections.
+    `split`: share of the smaller neighbouring peak below which the rate must fall between two injections.
     """
     above = np.concatenate(([False], course.rate > levels.release, [False]))
     edges = np.flatnonzero(np.diff(above.astype(np.int8)))
@@ -164,16 +159,7 @@ class Instants(NamedTuple):
 
 
 def instants_of(trace: RateTrace, course: Course, part: Part, levels: Levels) -> Instants:
-    """Last rise above the threshold before the trigger, and first fall below it after the trigger.
-
-    Parameters
-    ----------
-    trace : RateTrace
-    course : Course
-        Of the trace.
-    part : Part
-    levels : Levels
-    """
+    """Last rise above the threshold before the trigger, and first fall below it after the trigger."""
     rate = course.rate[part.first : part.last + 1]
     high = part.first + np.flatnonzero(rate > levels.trigger)
     rises = course.rises(levels.threshold, part.first, int(high[0]))
@@ -195,16 +181,8 @@ def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Le
     A mean over more than twice the distance to the foot of the ramp, or to its top, would move the passing. The slope
     between the passing and a mean within the injection gives that distance.
 
-    Parameters
-    ----------
-    trace : RateTrace
-    time : float
-        Passing of the rate averaged over `levels.width` [s].
-    sign : int
-        1 for a rise, -1 for a fall.
-    margin : float
-        From the threshold to zero or to the largest rate, whichever is nearer [m³/s or kg/s].
-    levels : Levels
+    `time`: passing of the rate averaged over `levels.width` [s]. `sign`: 1 for a rise, -1 for a fall. `margin`: from
+    the threshold to zero or to the largest rate, whichever is nearer [m³/s or kg/s].
     """
     first, level, narrowest = time, levels.threshold, max(levels.narrowest, trace.interval)
     width = max(levels.width, trace.interval)

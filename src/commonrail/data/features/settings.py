@@ -124,15 +124,7 @@ class FeatureSettings:
 def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
     """Rates and averaging as they apply to a trace; the threshold is NaN where nothing is injected.
 
-    Parameters
-    ----------
-    trace : RateTrace
-    settings : FeatureSettings
-
-    Raises
-    ------
-    ConfigurationError
-        If the threshold is a rate by mass and the trace one by volume, or the other way round.
+    Raises `ConfigurationError` if the threshold is a rate by mass and the trace one by volume, or the other way round.
     """
     noise, wide = trace.noise, max(float(settings.peak_averaging), trace.interval)
     largest = float(trace.means(trace.bounds, wide).max())

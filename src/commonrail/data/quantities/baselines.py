@@ -77,14 +77,7 @@ def interpolate(
 def interpolate_line(x: Floats, y: Floats, at: float) -> tuple[float, bool]:
     """Value between the two nearest points, and True if it is extrapolated; one point alone is taken as constant.
 
-    Parameters
-    ----------
-    x : (m,)
-        Places, rising.
-    y : (m,)
-        Values there.
-    at : float
-        Place that is asked for.
+    `x` (m,): places, rising. `y` (m,): values there. `at`: place that is asked for.
     """
     outside = not x[0] * (1.0 - SAME) <= at <= x[-1] * (1.0 + SAME)
     if len(x) == 1:
@@ -208,18 +201,8 @@ class Sister:
 def read_sister(model: SisterModel, context: Context) -> Sister:
     """Read the map of a sister part.
 
-    Parameters
-    ----------
-    model : SisterModel
-    context : Context
-        `at` is the place of the data set that names it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    ConfigurationError
-        If the ratio of the flows is not greater than zero.
+    The context is `at` the data set that names it. Raises `InputError` if the file cannot be read. Raises
+    `ConfigurationError` if the ratio of the flows is not greater than zero.
     """
     units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
     wanted = [Column(name, unit, None, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]

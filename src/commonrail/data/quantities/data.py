@@ -375,18 +375,8 @@ def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
     Held out are the quantities at one of the rail pressures or at one of the energising times, and the dead times at
     one of the rail pressures.
 
-    Parameters
-    ----------
-    data : QuantityData
-        The whole map.
-    model : HoldOutModel
-    at : Place
-        Of the key `hold_out`.
-
-    Raises
-    ------
-    ConfigurationError
-        If the map is no data of the fit, no row is at a pressure or time that is named, or none remains on one side.
+    Raises `ConfigurationError` if the map is no data of the fit, no row is at a pressure or time that is named, or none
+    remains on one side.
     """
     if data.role is not Role.FIT:
         raise at.error('only data with role = "fit" can hold rows out; remove hold_out')
@@ -400,28 +390,14 @@ def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
 
 
 def rows_of(data: QuantityData, column: int, value: float) -> Bools:
-    """Rows (n,) at a rail pressure [Pa] (column 0) or an energising time [s] (column 1).
-
-    Parameters
-    ----------
-    data : QuantityData
-    column : int
-    value : float
-    """
+    """Rows (n,) at a rail pressure [Pa] (column 0) or an energising time [s] (column 1)."""
     return np.isclose(places_of(data)[:, column], value, rtol=SAME, atol=0.0)
 
 
 def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = None) -> _Map:
     """Some rows of a map.
 
-    Parameters
-    ----------
-    data : QuantityData
-    rows : (n,) bool
-    name : str
-        Its own if empty.
-    role : Role, optional
-        Its own by default.
+    `rows` is (n,) bool. `name`: its own if empty. `role`: its own by default.
     """
     density = np.asarray(data.mass_density)
     return replace(

@@ -32,13 +32,8 @@ def levels(data: QuantityData, by: str) -> list[float]:
 def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, QuantityData, Bools] | None:
     """Map without the rows at a value, those rows as data of validation, and their mask; None where it is all or none.
 
-    Parameters
-    ----------
-    data : QuantityData
-    by : str
-        "rail_pressure" or "energising_time"; dead times are left out by their rail pressure alone.
-    value : float
-        [Pa] or [s].
+    Dead times are left out `by` their rail pressure alone, not by "energising_time". `value`: [Pa] or
+    [s].
     """
     rows = rows_of(data, _COLUMNS[by], value)
     if by == "energising_time":
@@ -49,14 +44,7 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
 
 
 def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
-    """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it.
-
-    Parameters
-    ----------
-    data : QuantityData
-        The whole map.
-    folds : sequence of Fold
-    """
+    """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it."""
     rows = np.any([fold.rows for fold in folds], axis=0)
     part = chosen_rows(data, rows)
     model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])

@@ -49,12 +49,8 @@ Measure = Callable[[float, float], float]  # of an error and the measured quanti
 class MapView(View):
     """Tables, figures and sentences of maps of a quantity per stroke.
 
-    Attributes
-    ----------
-    of : str
-        Word before "quantity" and "quantities", with a space behind it; none for the injected one.
-    caption : str
-        The quantity, as a figure's caption begins.
+    `of`: word before "quantity" and "quantities", with a space behind it; none for the injected one. `caption`: the
+    quantity, as a figure's caption begins.
     """
 
     of: str = ""

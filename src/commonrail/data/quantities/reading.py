@@ -39,22 +39,9 @@ _COLUMNS = (".parquet", ".pq")
 def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
     """Columns rail_pressure, energising_time and quantity in SI units, a row for each point.
 
-    Parameters
-    ----------
-    path : Path
-        CSV or text table, workbook, MAT or Parquet file.
-    form : FileForm
-    given : GivenUnits
-        They count before those of the file.
-    quantity : str
-        Name of the column of the quantities.
-    matrix : bool
-        Whether only a matrix is taken.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, no map is found in it, or a number makes no sense.
+    `path`: CSV or text table, workbook, MAT or Parquet file. Units that are `given` count before those of the file. `quantity`:
+    name of the column of the quantities. `matrix`: whether only a matrix is taken. Raises `InputError` if it cannot be
+    read, no map is found in it, or a number makes no sense.
     """
     suffix = path.suffix.lower()
     if suffix in _NO_MAP or (matrix and suffix in _COLUMNS):

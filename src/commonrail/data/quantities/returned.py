@@ -104,13 +104,7 @@ def _at_the_end(point: OperatingPoint) -> OperatingPoint:
 
 
 def leak_at_rest(candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
-    """Leakage of the guides while all volumes are at rail pressure, Eq. (5), (candidates, points) [kg/s].
-
-    Parameters
-    ----------
-    candidates : Candidates
-    points : sequence of OperatingPoint
-    """
+    """Leakage of the guides while all volumes are at rail pressure, Eq. (5), (candidates, points) [kg/s]."""
     injector = candidates.simulator.injector
     names, values = candidates.simulator.of_injector(candidates.values)
     columns = {name: values[:, i] for i, name in enumerate(names)}

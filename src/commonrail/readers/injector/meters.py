@@ -120,10 +120,7 @@ class _MeterFile(FileModel):
 def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dict[str, MeterHead]:
     """Tables of the meters of installed packages among `names`, but for those that are described already, `known`.
 
-    Raises
-    ------
-    PluginError, InputError
-        If the file of one cannot be read, or has no meter of that name.
+    Raises `PluginError` and `InputError` if the file of one cannot be read, or has no meter of that name.
     """
     found: dict[str, MeterHead] = {}
     for name in sorted({name for name in names if name and name not in known}):
@@ -151,16 +148,7 @@ def free_names(tables: Mapping[str, MeterHead]) -> list[str]:
 def meters_of_tables(tables: Mapping[str, MeterHead], at: Place) -> dict[str, Meter]:
     """Meters of a file by name, with their start values.
 
-    Parameters
-    ----------
-    tables : mapping of str to MeterModel
-    at : Place
-        Of the table "meters".
-
-    Raises
-    ------
-    ConfigurationError
-        If a name or the quantities together make no meter.
+    Raises `ConfigurationError` if a name or the quantities together make no meter.
     """
     found = {}
     for name, table in tables.items():

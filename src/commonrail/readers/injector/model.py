@@ -129,17 +129,7 @@ _InjectorModel = create_model("_InjectorModel", __base__=_Head, **_rooms)
 def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
     """Meters of a parsed file.
 
-    Parameters
-    ----------
-    document : mapping
-        Its tables.
-    at : Place
-        The file.
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        As `load_meters`.
+    Raises `InputError` and `ConfigurationError` as `load_meters`.
     """
     tables: Mapping[str, MeterHead] = read_model(_InjectorModel, document, at).meters
     for name, table in tables.items():
@@ -152,21 +142,8 @@ def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
 def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
     """Injector of a parsed file.
 
-    Parameters
-    ----------
-    document : mapping
-        Its tables.
-    at : Place
-        The file.
-    stem : str
-        Name of an injector whose file gives none.
-    reach : Reach or None
-        Where the file of its fuel may lie.
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        As `load_injector`.
+    `stem`: name of an injector whose file gives none. `reach`: where the file of its fuel may lie. Raises `InputError`
+    and `ConfigurationError` as `load_injector`.
     """
     model = read_model(_InjectorModel, document, at)
     given: dict[str, Given] = {}
@@ -237,14 +214,8 @@ def _room(room: str, values: Values, at: Place) -> Values:
 def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
     """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
 
-    Parameters
-    ----------
-    given : mapping of str to Given
-        All values by dotted name.
-    stated : mapping of str to Any
-        Those that the file states for the nozzle, by key.
-    at : Place
-        Of the table of the nozzle.
+    `given`: all values by dotted name. `stated`: those that the file states for the nozzle, by key. `at`: of the table
+    of the nozzle.
     """
     names = [f"knot_{i}" for i in range(1, 9)]
     lifts = {name: given[f"nozzle.{name}"].value for name in names}
