@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
-from commonrail.calibration.optimisers.registry import Registered
+from commonrail.calibration.optimisers.base import Best, Optimiser, Registered, Trials
 from commonrail.calibration.space import Space, sample_feasible
 
 __all__ = ["GUESSING", "Guessing", "GuessingSettings"]

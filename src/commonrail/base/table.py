@@ -80,11 +80,17 @@ def size_of(error: float | None, steps: Sequence[float]) -> str:
     return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
 
 
-def marked(errors: Sequence[float | None], text: Callable[[float | None], str]) -> list[Cell]:
-    """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do."""
+def marked(
+    errors: Sequence[float | None], text: Callable[[float | None], str], steps: Sequence[float] = ()
+) -> list[Cell]:
+    """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do.
+
+    With `steps` each cell has the size of its error.
+    """
     sizes = [None if error is None else text(abs(error)) for error in errors]
     numbers = [abs(error) for error in errors if error is not None]
     least = text(min(numbers)) if len({size for size in sizes if size is not None}) > 1 else None
     return [
-        Cell(text(error), best=size is not None and size == least) for error, size in zip(errors, sizes, strict=True)
+        Cell(text(error), size_of(error, steps) if steps else "", size is not None and size == least)
+        for error, size in zip(errors, sizes, strict=True)
     ]

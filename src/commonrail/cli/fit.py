@@ -15,7 +15,6 @@ from commonrail.cli.console import Bar, Stage, print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
-    from commonrail.calibration.run import Calibration
     from commonrail.calibration.search import Progress
     from commonrail.calibration.study import Study
     from commonrail.runs.fit import Listener
@@ -42,46 +41,23 @@ def run_study(
 ) -> Outcome:
     """Calibrate a study into a new folder, with progress and warnings on stderr.
 
-    `folder`: new or empty. Without `threads` all processors are used, without `workers` this process simulates.
-    Raises `InputError` if the folder is not empty. Raises `OutputError` if it cannot be
-    written. Raises `StudyError` if the study cannot be run, or is `strict` and gives a warning; the folder is removed
-    if nothing was simulated.
+    Without `threads` all processors are used, without `workers` this process simulates. Raises `InputError` if the
+    folder is not empty, `OutputError` if it cannot be written, and `StudyError` if the study cannot be run, or is
+    `strict` and gives a warning; the folder is removed if nothing was simulated.
     """
     from commonrail.runs.fit import calibrate_into
 
-    return _told(
-        f"{study.title}: steps of {to_text(study.time_step, 's')}",
-        folder,
-        lambda listener: calibrate_into(
-            folder, study, threads=threads, workers=workers, listener=listener, strict=strict
-        ),
-    )
+    def work(listener: Listener) -> object:
+        return calibrate_into(folder, study, threads=threads, workers=workers, listener=listener, strict=strict)
+
+    return outcome_of(f"{study.title}: steps of {to_text(study.time_step, 's')}", folder, work)
 
 
-def resume_study(
-    folder: Path, *, generations: int, as_begun: bool, threads: int | None, workers: Workers | None
-) -> Outcome:
-    """Resume a run, with its progress on stderr.
-
-    `generations`: number to be added. `as_begun`: accept files outside the folder that have changed. `threads`: None:
-    all processors. `workers`: who simulates; None: this process. Raises `StudyError` and `OutputError` as
-    `commonrail.resume`.
-    """
-    from commonrail.runs.fit import resume
-
-    def resumed(listener: Listener) -> Calibration:
-        return resume(
-            folder, generations=generations, as_begun=as_begun, threads=threads, workers=workers, listener=listener
-        )
-
-    return _told(f"resuming {folder}", folder, resumed)
-
-
-def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> Outcome:
+def outcome_of(title: str, folder: Path, work: Callable[[Listener], object]) -> Outcome:
+    """Outcome of work that fills a run folder, with its progress on stderr."""
     from commonrail.runs.folder import read_result
 
-    report, _ = reported(title, folder, work)
-    return Outcome(folder, report, read_result(folder))
+    return Outcome(folder, reported(title, folder, work)[0], read_result(folder))
 
 
 def reported(
@@ -89,7 +65,7 @@ def reported(
 ) -> tuple[Path, _Result]:
     """Report of a run folder and the result of the search that fills it, with its progress on stderr.
 
-    `stage`: stage for the bar; by default `stage_of`.
+    `stage` makes the stage for the bar, by default `stage_of`.
     """
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Protocol
 
+import numpy as np
 from pydantic import AfterValidator, Field
 
 from commonrail.base.arrays import Floats, IndexArray
@@ -172,9 +173,26 @@ class Sheet(Protocol):
         """Content of columns in the units of the file; once only, unless `apart`."""
 
 
+def unit_of(sheet: Sheet, name: str) -> str:
+    """Unit of a column as the file states it; empty if it does not, or the format has no `unit`."""
+    unit = getattr(sheet, "unit", None)
+    return "" if unit is None else str(unit(name))
+
+
 def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:
     """Place of a cell."""
     return Place(str(path), f'{word} {row}, column "{column}"')
+
+
+def finite(table: Table, wanted: Sequence[Column], sentence: str) -> Table:
+    """The table, refused with a sentence at the first number that is not finite; NaN is one where none is required."""
+    for column in wanted:
+        if column.unit:
+            values = table.columns[column.name]
+            wrong = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
+            if len(wrong):
+                raise table.place(column.name, int(wrong[0])).error(sentence)
+    return table
 
 
 def name_and_unit(cell: str) -> tuple[str, str]:

@@ -65,6 +65,10 @@ class CsvFile:
         named = [(cell, "") if plain else name_and_unit(cell) for cell in self.header]
         self.names, self._units = (list(parts) for parts in zip(*named, strict=True))
 
+    def unit(self, name: str) -> str:
+        """Unit of a column in the header, empty if there is none."""
+        return str(self._units[self.names.index(name)])
+
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of columns; the other cells are let go at once."""
         places = [find_column(self.path, self.names, column.name) for column in columns]

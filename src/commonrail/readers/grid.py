@@ -20,7 +20,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import fits
 from commonrail.readers.child.parent import read_apart
-from commonrail.readers.columns import Column, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
 from commonrail.readers.limits import LONGEST_LINE, Shape
 
 LONGEST_NUMBER = 100  # [characters]
@@ -258,6 +258,13 @@ class GridSheet:
             return math.nan
         found = f'"{cell[:40]}" is a text' if cell else "the cell is empty"
         raise cell_place(self.path, line, column.name, "row").error(f"{found}, and a number is expected")
+
+
+class WorkbookSheet(GridSheet):
+    """Columns of a sheet of a workbook (.xlsx); of the form only the sheet counts."""
+
+    def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
+        super().__init__(read_sheet(path, form.sheet or None))
 
 
 def _header(grid: Grid) -> tuple[int, int]:

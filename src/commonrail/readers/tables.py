@@ -17,12 +17,12 @@ from commonrail.base.units import NAMES, compatible, convert
 from commonrail.physics.parameters import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
 from commonrail.readers.csv import CsvFile
+from commonrail.readers.grid import WorkbookSheet
 from commonrail.readers.location import Place, located
 from commonrail.readers.lvm import LvmFile
 from commonrail.readers.mat import MatFile
 from commonrail.readers.mdf import MdfFile
 from commonrail.readers.parquet import ParquetFile
-from commonrail.readers.workbook import WorkbookSheet
 
 LEAST_SAMPLES = 4
 
@@ -111,6 +111,11 @@ def installed_sheet(path: Path) -> registry.Entry | None:
     """Format of an installed package that the file's ending tells; none where one that ships has it."""
     ending = _ending(path)
     return None if ending in ENDINGS else registry.find("readers", ending)
+
+
+def is_grid(path: Path) -> bool:
+    """True if a file holds cells, in which a table may stand anywhere: a text or a workbook, not named columns."""
+    return SHEETS.get(_ending(path), WorkbookSheet) is WorkbookSheet and not installed_sheet(path)
 
 
 def _ending(path: Path) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -373,3 +374,27 @@ def farthest(points: Floats, n: int) -> IndexArray:
         chosen.append(row)
         distance = np.minimum(distance, np.linalg.norm(points - points[row], axis=1))
     return np.array(chosen, dtype=np.intp)
+
+
+class Registered(NamedTuple):
+    """An optimiser that a study can name.
+
+    Attributes
+    ----------
+    begin : type
+        The `Optimiser`, made of a space, a random generator and settings.
+    settings : type
+        Its `Settings`. The fields are keys of a study file's table [optimiser]; their metadata may limit them ("most").
+        Its `size`, if it has one, is the template of `size_in_words`.
+    checks : mapping of str to callable
+        By the key to blame, what raises a ConfigurationError if settings do not suit a space.
+    """
+
+    begin: type[Any]
+    settings: type[Any]
+    checks: Mapping[str, Callable[[Any, Space], None]] = MappingProxyType({})
+
+    @property
+    def name(self) -> str:
+        """Key `method` of that table."""
+        return str(self.begin.method)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from commonrail.base.arguments import array, chosen, number, settle, whole
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Registered, Trials
 from commonrail.calibration.space import Space, reference_start, sample_feasible, sample_uniform
 
 # The operators of DE/rand/1/bin, Eq. (18) and (19): draws first, then pure functions of them.
@@ -511,3 +511,6 @@ def _check_start(space: Space, start: ArrayLike | None, members: int) -> Floats:
     if len(refused):
         raise ConfigurationError(f"start: row {refused[0] + 1} breaks the bounds or a constraint, correct or remove it")
     return points.astype(float)
+
+
+REGISTERED = Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial})

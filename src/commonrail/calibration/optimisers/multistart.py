@@ -19,6 +19,7 @@ from commonrail.calibration.optimisers.base import (
     SMALL_GAIN,
     Best,
     Convergence,
+    Registered,
     Wanted,
     diverse_members,
     noise_of,
@@ -242,3 +243,6 @@ class MultiStartLeastSquares(Stepwise):
         self._loss, self._waves = DescentLoss(state["loss"]), int(state["waves"])
         self._stopped, self._work = bool(state["stopped"]), None
         self._best = Best(best, float(state["cost"]))
+
+
+REGISTERED = Registered(MultiStartLeastSquares, MultiStartSettings)

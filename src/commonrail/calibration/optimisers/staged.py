@@ -11,7 +11,7 @@ import numpy as np
 from commonrail.base.arguments import settle, whole
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted, diverse_members
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Registered, Wanted, diverse_members
 from commonrail.calibration.optimisers.evolution import Treatment, crossover, draw, mutate, treat, wins
 from commonrail.calibration.optimisers.least_squares import (
     DescentLoss,
@@ -277,3 +277,6 @@ def capped(cap: float, residuals: Floats) -> Floats:
     finite = np.isfinite(residuals)
     size = np.minimum(np.abs(np.where(finite, residuals, 0.0)), cap)
     return np.where(np.all(finite, axis=1), np.sum(size**2, axis=1), np.inf)
+
+
+REGISTERED = Registered(StagedLeastSquares, StagedSettings)

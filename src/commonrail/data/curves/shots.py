@@ -70,8 +70,8 @@ class _Channel(NamedTuple):
 def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of the operating points of a record, each the mean of its shots.
 
-    The `window` of the model counts from the start of energising. Raises `InputError` if a channel is missing, or no shot
-    is found or whole. Raises `ConfigurationError` if the window is missing.
+    The `window` of the model counts from the start of energising. Raises `InputError` if a channel is missing, or no
+    shot is found or whole. Raises `ConfigurationError` if the window is missing.
     """
     at, shots = context.at, model.shots
     assert shots is not None

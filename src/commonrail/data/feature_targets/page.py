@@ -91,9 +91,7 @@ def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
 
 def _errors_table(data: Record, labels: Sequence[str]) -> Table:
     def errors(row: Record) -> list[Cell]:
-        found = [_error(row, label) for label in labels]
-        cells = zip(marked(found, lambda error: signed(error, 2)), found, strict=True)
-        return [Cell(cell.text, size_of(error, _STEPS), cell.best) for cell, error in cells]
+        return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
 
     parts = (_HEAD, Part((origin_of(data),), lambda row: (_shown(row, MEASURED),)), Part(labels, errors))
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"

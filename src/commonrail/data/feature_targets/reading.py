@@ -15,11 +15,12 @@ from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.units import parse
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
+from commonrail.data.curves.reading import pulses_of
 from commonrail.data.curves.samples import RateModel
 from commonrail.data.features.settings import FeatureSettings, Threshold
 from commonrail.data.features.table import features_of_traces, find_feature
 from commonrail.data.study_block import Context, drive_unit, mass_density
-from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.injector import Injector
 from commonrail.readers.fields import FileModel, Unit, fault
@@ -152,14 +153,8 @@ def _point(model: FeaturesModel, context: Context) -> OperatingPoint:
     for key, value in pressures.items():
         if not isinstance(value, float):
             raise (at / key).error("without a file this must be one pressure")
-    if (model.energising_time is None) == (model.energisings is None):
-        raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
+    pulses = pulses_of(model, at)
     with located(at):
-        pulses = (
-            (Energising(0.0, model.energising_time),)
-            if model.energising_time is not None
-            else tuple(Energising(pulse.start, pulse.duration) for pulse in model.energisings or ())
-        )
         start = min(0.0, pulses[0].start)
         last = max(pulse.start + pulse.duration for pulse in pulses)
         steps = math.ceil((last + AFTER - start) / context.time_step - 1e-6)
@@ -174,8 +169,8 @@ def read_targets(
 ) -> tuple[FeatureTarget, ...]:
     """Targets of a block, with the values of the measured trace where none is stated.
 
-    The fuel of the `injector` turns masses into volumes. Raises `InputError` and `ConfigurationError` if a value is neither
-    stated nor in the trace, an injection has no energising, or a target is repeated.
+    The fuel of the `injector` turns masses into volumes. Raises `InputError` and `ConfigurationError` if a value is
+    neither stated nor in the trace, an injection has no energising, or a target is repeated.
     """
     found = []
     for i, item in enumerate(model.features):

@@ -104,9 +104,7 @@ def compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
     """Errors of the dead times of one map, by model."""
 
     def errors(row: Record) -> list[Cell]:
-        found = _errors(row, labels)
-        cells = zip(marked(found, lambda error: signed(error, 1)), found, strict=True)
-        return [Cell(cell.text, size_of(error, _STEPS), cell.best) for cell, error in cells]
+        return marked(_errors(row, labels), lambda error: signed(error, 1), _STEPS)
 
     note = (
         "The dead time is the energising time at which the quantity is reached; errors are simulated − "
