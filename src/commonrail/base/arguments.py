@@ -68,19 +68,8 @@ class Limits(NamedTuple):
 def number(value: object, unit: str, what: str) -> float:
     """Read one finite number.
 
-    Parameters
-    ----------
-    value : object
-        SI number of Python or NumPy, or text with its unit.
-    unit : str
-        SI unit of the result.
-    what : str
-        Name of the argument in words, for messages.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no number, not finite, or of another kind of quantity.
+    `value` is an SI number of Python or NumPy, or text with its unit; `unit` is the SI unit of the result, `what` the
+    name of the argument in words. Raises `ConfigurationError` if it is no number, not finite, or of another kind.
 
     Examples
     --------
@@ -111,17 +100,8 @@ def fraction(value: object, what: str) -> float:
 def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     """Read one number between two limits, both included.
 
-    Parameters
-    ----------
-    value, unit, what
-        As for `number`.
-    limits : Limits
-        [unit].
-
-    Raises
-    ------
-    ConfigurationError
-        As `number`, and beyond the limits, with what was read and in which unit it was probably meant.
+    `value`, `unit` and `what`: as for `number`. `limits` in [unit]. Raises `ConfigurationError` as `number`, and beyond
+    the limits, with what was read and in which unit it was probably meant.
     """
     found = number(value, unit, what)
     if limits.low <= found <= limits.high:
@@ -144,21 +124,10 @@ def _meant(found: float, limits: Limits) -> str:
 def array(value: object, unit: str, what: str, dimensions: int | None = None, finite: bool = True) -> Floats:
     """Read numbers of any shape.
 
-    Parameters
-    ----------
-    value : array_like
-        SI numbers or texts with their units, mixed as they come.
-    unit, what : str
-        As for `number`.
-    dimensions : int, optional
-        Number of dimensions that the array must have.
-    finite : bool
-        Refuse not-a-number and infinity.
-
-    Raises
-    ------
-    ConfigurationError
-        If an element is no number, rows are of different lengths, or the number of dimensions is another.
+    `value`: SI numbers or texts with their units, mixed as they come. `unit` and `what`: as for `number`. `dimensions`:
+    number of dimensions that the array must have. `finite`: refuse not-a-number and infinity. Raises
+    `ConfigurationError` if an element is no number, rows are of different lengths, or the number of dimensions is
+    another.
     """
     found = _numeric(value, unit, what)
     if dimensions is not None and found.ndim != dimensions:

@@ -76,10 +76,7 @@ class Entry(NamedTuple):
     def part(self, kind: type[_Kind], what: str) -> _Kind:
         """Import and return the object, which is to be of a kind; `what` names that kind in words.
 
-        Raises
-        ------
-        PluginError
-            As `load`; also if it is of another kind.
+        Raises `PluginError` as `load`; also if it is of another kind.
         """
         found = self.load()
         if not isinstance(found, kind):
@@ -99,10 +96,7 @@ class Entry(NamedTuple):
 
         Errors of the project pass, and those of what ships.
 
-        Raises
-        ------
-        PluginError
-            In place of any other exception.
+        Raises `PluginError` in place of any other exception.
         """
         try:
             yield
@@ -116,10 +110,7 @@ class Entry(NamedTuple):
     def load(self) -> Any:
         """Import and return the object.
 
-        Raises
-        ------
-        PluginError
-            If the import of an installed plug-in fails, whatever its reason.
+        Raises `PluginError` if the import of an installed plug-in fails, whatever its reason.
         """
         with self.blamed(f"cannot be loaded from {self.target}"):
             return load(self.target)

@@ -206,19 +206,8 @@ def name_and_unit(cell: str) -> tuple[str, str]:
 def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -> int:
     """Index of a column among the names of a file.
 
-    Parameters
-    ----------
-    path : Path
-    names : sequence of str
-        Names of the columns, without their units.
-    column : str
-    what : str
-        What the column is for, said where it is missing.
-
-    Raises
-    ------
-    InputError
-        If it is not there, or there twice.
+    `names`: names of the columns, without their units. `what`: what the column is for, said where it is missing. Raises
+    `InputError` if it is not there, or there twice.
     """
     count = names.count(column)
     if count == 1:

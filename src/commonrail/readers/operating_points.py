@@ -138,21 +138,11 @@ _SI = {"rail pressure": "Pa", "energising time": "s"}
 
 
 class WideTable(NamedTuple):
-    """Traces of a table.
+    """Traces of a table."""
 
-    Attributes
-    ----------
-    table : Table
-        In SI units: the time and the traces, which are named "trace 1" and so on.
-    names : tuple of str
-        Of the traces.
-    points : dict of str to (traces,)
-        "rail pressure" [Pa] and "energising time" [s], where the table states them.
-    """
-
-    table: Table
-    names: tuple[str, ...]
-    points: dict[str, Floats]
+    table: Table  # in SI units: the time and the traces, which are named "trace 1" and so on
+    names: tuple[str, ...]  # of the traces
+    points: dict[str, Floats]  # "rail pressure" [Pa] and "energising time" [s], where the table states them
 
 
 def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:

@@ -62,15 +62,7 @@ def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLE
 
 
 def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
-    """Named columns of an open file in SI units; see `read_columns`.
-
-    Parameters
-    ----------
-    sheet : Sheet
-    wanted : sequence of Column
-    least : int
-        Rows that the file must have.
-    """
+    """Named columns of an open file in SI units; see `read_columns`."""
     path, table = sheet.path, sheet.take(wanted)
     if len(table.rows) < least:
         raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
@@ -92,10 +84,7 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
 def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
     """File with named columns, of the format that its ending tells, also of an installed package; all else is CSV.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, or its format is not.
+    Raises `InputError` if it cannot be read, or its format is not.
     """
     ending = _ending(path)
     if part := installed_sheet(path):

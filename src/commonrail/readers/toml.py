@@ -199,23 +199,12 @@ _FileContent = TypeVar("_FileContent", bound=FileModel)
 
 
 class ModelFile(NamedTuple, Generic[_FileContent]):
-    """Content of a file.
-
-    Attributes
-    ----------
-    model : FileModel
-    at : Place
-        The file, for messages.
-    reach : Reach
-        Where the files that it names may lie.
-    text : str
-        The file as given.
-    """
+    """Content of a file."""
 
     model: _FileContent
-    at: Place
-    reach: Reach
-    text: str
+    at: Place  # the file, for messages
+    reach: Reach  # where the files that it names may lie
+    text: str  # the file as given
 
 
 def read_model_file(kind: type[_FileContent], file: Path) -> ModelFile[_FileContent]:

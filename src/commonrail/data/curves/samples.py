@@ -75,26 +75,13 @@ _TIME_UNITS = ("us", "ms", "s", "ns")
 
 
 class Samples(NamedTuple):
-    """Samples of a rate.
+    """Samples of a rate."""
 
-    Attributes
-    ----------
-    bounds : (n + 1,)
-        [s].
-    rate : (n,)
-        In `unit`, m3/s or kg/s.
-    unit : str
-    time_unit : str
-        Unit of the time as the file gives it.
-    time : str
-        Where it is given.
-    """
-
-    bounds: Floats
-    rate: Floats
+    bounds: Floats  # (n + 1,): [s]
+    rate: Floats  # (n,): in `unit`, m3/s or kg/s
     unit: str
-    time_unit: str
-    time: str
+    time_unit: str  # unit of the time as the file gives it
+    time: str  # where it is given
 
     def range(self) -> str:
         """Sentence part that says what times the samples have."""

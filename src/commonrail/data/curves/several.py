@@ -26,28 +26,14 @@ RATES = ("m3/s", "kg/s")
 
 
 class FoundCurve(NamedTuple):
-    """A curve among several of a file.
+    """A curve among several of a file."""
 
-    Attributes
-    ----------
-    samples : Samples
-        Those that count.
-    rail_pressure, energising_time : float or None
-        [Pa], [s]; None where the block of the study states it.
-    shots : int
-        Repeated shots of which it is the mean.
-    sigma : float or None
-        Standard error of the mean, in the unit of the samples.
-    freedom : float
-        Its degrees of freedom.
-    """
-
-    samples: Samples
-    rail_pressure: float | None
-    energising_time: float | None
-    shots: int = 1
-    sigma: float | None = None
-    freedom: float = 0.0
+    samples: Samples  # those that count
+    rail_pressure: float | None  # [Pa]
+    energising_time: float | None  # [s]; None where the block of the study states it
+    shots: int = 1  # repeated shots of which it is the mean
+    sigma: float | None = None  # standard error of the mean, in the unit of the samples
+    freedom: float = 0.0  # its degrees of freedom
 
 
 def label_of(curve: FoundCurve) -> str:

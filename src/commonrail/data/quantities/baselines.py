@@ -51,17 +51,9 @@ def interpolate(
     For a map that is bilinear in energising time and in the power of the rail pressure all rules are exact. Beyond the
     known points the nearest two are continued as a line, and no quantity is less than zero.
 
-    Parameters
-    ----------
-    known : (m, 3)
-        Rail pressure [Pa], energising time [s] and quantity [m³]; one or more rows. Values at the same place are
-        averaged.
-    at : (n, 2)
-        Rail pressures [Pa] and energising times [s] that are asked for.
-    exponent : float
-        Power of the rail pressure, see `SCALES`.
-    rules : (Rule, Rule)
-        In energising time and in pressure.
+    `known` (m, 3): rail pressure [Pa], energising time [s] and quantity [m³]; one or more rows. Values at the same
+    place are averaged. `at` (n, 2): rail pressures [Pa] and energising times [s] that are asked for. `exponent`: power
+    of the rail pressure, see `SCALES`. `rules` (Rule, Rule): in energising time and in pressure.
     """
     in_time, in_pressure = (_RULES[rule] for rule in rules)
     lines = {rail: _line(known[_near(known[:, 0], rail), 1:]) for rail in _distinct(known[:, 0])}
@@ -323,7 +315,7 @@ def _dead_times(data: Map, fitted: Sequence[Map]) -> Floats:
 
 
 def _closeness(data: Map, values: Floats) -> float:
-    """Sum of squared errors in units of the tolerances, in nine digits: of rules equal but for rounding the first wins."""
+    """Sum of squared errors in tolerances, to nine digits: of rules that differ by rounding the first wins."""
     error = (values - data.quantity) / (data.absolute + data.relative * data.quantity)
     return float(f"{max(np.sum(error[data.judged] ** 2), ROUNDING):.9g}")
 
