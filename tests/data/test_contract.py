@@ -46,8 +46,8 @@ class Unweighted(RateData):
 class Forgiving(QuantityData):
     """A failed simulation is as good as the data."""
 
-    def shown(self, batch: Any, *more: Any) -> Any:
-        found = super().shown(batch, *more)
+    def volumes(self, batch: Any, *more: Any) -> Any:
+        found = super().volumes(batch, *more)
         return np.where(np.isnan(found), self.quantity, found)
 
 

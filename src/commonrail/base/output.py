@@ -101,7 +101,7 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
             with suppress(OSError):
                 part.unlink()
             raise
-        _settle(path.parent)
+        _sync_folder(path.parent)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -146,7 +146,7 @@ def _create(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_EXCL, 0o666)
 
 
-def _settle(folder: Path) -> None:
+def _sync_folder(folder: Path) -> None:
     """See that the move is on disk too, where the system can tell."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)

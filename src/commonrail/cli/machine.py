@@ -153,8 +153,8 @@ def _memory() -> int | None:
 
 OK = "ok"
 PATIENCE = 600.0  # for the first simulation, which may compile [s]
-# The paper's injector at 160 MPa, 700 us [m³]. The physics may be refined by less than the room; miscompiled it is not.
-VOLUME, ROOM = 53.8e-9, 0.05
+# The paper's injector at 160 MPa, 700 us [m³]. Refined physics may move it by less than the tolerance, miscompiled not.
+VOLUME, TOLERANCE = 53.8e-9, 0.05
 BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 # Packages that a simulation needs where no library holds it, and what needs them in any case.
 WITHOUT_LIBRARIES = {
@@ -281,7 +281,7 @@ def self_check(found: dict[str, Any]) -> Fact:
         value, sound = found["status"], False
     else:
         value = f"{volume * 1e9:.1f} mm3 injected, mass kept to {abs(balance):.0e}"
-        sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < ROOM
+        sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < TOLERANCE
     cure = f"It should be {VOLUME * 1e9:.1f} mm3 and 1e-14: empty the kernel cache; if it stays, report it."
     return Fact("self-check", value, OK if sound else cure, True)
 

@@ -203,7 +203,7 @@ class DataSet(ABC):
         Of the kind: keys of its block in a study file.
     view : View
         Of the kind: what reports show of it.
-    seen : set of str
+    meter_inputs : set of str
         Of the kind: quantities of a meter that its values depend on.
     sigma_unit, residual_unit : str
         Of the kind: SI unit in which a standard deviation of its noise is stated, and unit of its residuals in words.
@@ -237,7 +237,7 @@ class DataSet(ABC):
     error_head: ClassVar[tuple[str, str]]
     model: ClassVar[type[DataModel]]
     view: ClassVar[View]
-    seen: ClassVar[frozenset[str]]
+    meter_inputs: ClassVar[frozenset[str]]
     sigma_unit: ClassVar[str] = "1"
     residual_unit: ClassVar[str] = "tolerances"
     residual_scale: ClassVar[float] = 1.0

@@ -52,7 +52,7 @@ def _check_free(name: str, bounds: Sequence[float], data: Sequence[DataSet]) -> 
             f"The bounds of {name} are {bounds[0]:g} and {bounds[1]:g} {q.unit.removesuffix('1')}".rstrip()
             + f", and the {q.meaning} must be {q.domain.value}; narrow them."
         )
-    meters = [d.meter for d in data if d.meter is not None and d.meter.name == own and quantity in d.seen]
+    meters = [d.meter for d in data if d.meter is not None and d.meter.name == own and quantity in d.meter_inputs]
     if not meters:
         raise ConfigurationError(
             f"{name} is free, and no data set with the meter {own} depends on its {quantity}; fix it or remove it."

@@ -19,7 +19,7 @@ class Catalogue(NamedTuple):
 
     Attributes
     ----------
-    room, folder : str
+    package, folder : str
         Package that has the folder, and the folder's name.
     unknown : str
         Beginning of the message for a name that is not there, such as ``There is no fuel "{}"``.
@@ -29,7 +29,7 @@ class Catalogue(NamedTuple):
         Of the files of installed packages; empty if there are none.
     """
 
-    room: str
+    package: str
     folder: str
     unknown: str
     cure: str = ", or give the path of a .toml file"
@@ -42,13 +42,13 @@ class Catalogue(NamedTuple):
 
     def shipped(self) -> list[str]:
         """Names of the files that ship without ``.toml``, sorted."""
-        files = (entry.name for entry in (resources.files(self.room) / self.folder).iterdir())
+        files = (entry.name for entry in (resources.files(self.package) / self.folder).iterdir())
         return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
 
     def text(self, name: str, hint: str = "") -> str:
         """Text of a file; an unknown name raises `InputError` with `hint`, by default the nearest name."""
         if name in self.shipped():
-            return (resources.files(self.room) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
+            return (resources.files(self.package) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
         if found := installed_text(self.group, name):
             return found
         known = self.names()

@@ -61,8 +61,8 @@ class MatFile:
 
     def unit(self, name: str) -> str:
         """Unit of a variable, empty if the file has none."""
-        room, _, last = name.partition("(")[0].rpartition(".")
-        inside = f"{room}." if room else ""
+        structure, _, last = name.partition("(")[0].rpartition(".")
+        inside = f"{structure}." if structure else ""
         beside = [f"{inside}{last}_unit", f"{inside}units.{last}", f"units.{last}"]
         beside += [f"{inside}unit"] if last in ("value", "values") else []
         return next((self._texts[text].strip(" []") for text in beside if text in self._texts), "")

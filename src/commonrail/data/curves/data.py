@@ -80,7 +80,7 @@ class RateData(DataSet):
     error_head: ClassVar[tuple[str, str]] = ("J", "mm3/ms")
     model: ClassVar[type[RateModel]] = RateModel
     view: ClassVar[CurveView] = CurveView()
-    seen: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
+    meter_inputs: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
     sigma_unit: ClassVar[str] = "m3/s"
     residual_unit: ClassVar[str] = "mm3/ms"
     residual_scale: ClassVar[float] = MM3_PER_MS

@@ -83,7 +83,7 @@ class FeatureData(ToleratedData):
     error_head: ClassVar[tuple[str, str]] = ("rms", "tolerances")
     model: ClassVar[type[FeaturesModel]] = FeaturesModel
     view: ClassVar[FeatureView] = FeatureView()
-    seen: ClassVar[frozenset[str]] = RateData.seen
+    meter_inputs: ClassVar[frozenset[str]] = RateData.meter_inputs
 
     name: str
     role: Role

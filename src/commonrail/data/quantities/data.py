@@ -102,7 +102,7 @@ class QuantityData(ToleratedData):
     error_head: ClassVar[tuple[str, str]] = ("rms", "%")
     model: ClassVar[type[MapModel]] = QuantitiesModel
     view: ClassVar[MapView] = MapView()
-    seen: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
+    meter_inputs: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
     whole: ClassVar[bool] = False
     own_keys: ClassVar[tuple[str, ...]] = ()
 
@@ -218,7 +218,7 @@ class QuantityData(ToleratedData):
         batch = simulator.batch(self.simulated_points, values, whole=self.whole)
         return values_of(self, batch, Candidates(simulator, values))
 
-    def shown(
+    def volumes(
         self, batch: Batch, mass_density: ArrayLike, candidates: Candidates, points: Sequence[OperatingPoint]
     ) -> Floats:
         """Volumes (candidates, points) of a batch [m³], as the meter shows them if there is one.
@@ -233,13 +233,13 @@ class QuantityData(ToleratedData):
         points : sequence of OperatingPoint
             Those of the batch.
         """
-        seen = self.meter is not None and is_metered(self, candidates.simulator)
-        given = candidates.given(self.meter) if self.meter is not None and seen else {}
+        metered = self.meter is not None and is_metered(self, candidates.simulator)
+        given = candidates.given(self.meter) if self.meter is not None and metered else {}
         density = np.asarray(mass_density, float)
         if np.isnan(density).any():
             density = np.where(np.isnan(density), self.densities(batch, candidates, points, given), density)
         volumes = np.where(batch.status == OK, self.masses(batch, candidates, points) / density, np.nan)
-        return shown_quantities(given, volumes) if seen else volumes
+        return shown_quantities(given, volumes) if metered else volumes
 
     def discrepancy(self, values: Floats) -> Floats:
         """Tolerance of predicted quantities [m³]; NaN for dead times."""
@@ -354,7 +354,7 @@ def values_of(data: QuantityData, batch: Batch, candidates: Candidates) -> Float
     timed, count = data._timed, len(data.points)
     rows = np.concatenate([np.arange(count), np.repeat(timed, 2)])
     density = np.broadcast_to(data.mass_density, data.quantity.shape)[rows]
-    found = data.shown(batch, density, candidates, data.simulated_points)
+    found = data.volumes(batch, density, candidates, data.simulated_points)
     values = found[:, :count]
     if not len(timed):
         return values
@@ -434,7 +434,7 @@ def _find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
         part = slice(i * len(SEARCHED), (i + 1) * len(SEARCHED))
         assert batch is not None
         own = batch.at_points(part)
-        quantity = data.shown(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
+        quantity = data.volumes(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
         above = np.flatnonzero(quantity > data.quantity[row])
         if len(above) and above[0] > 0:
             k = int(above[0])

@@ -197,7 +197,7 @@ def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Both 
         study, own = stated, Likelihood.of(stated, threads).with_noises(own.noises)
         unit = np.append(unit, own.space.to_unit(own.space.reference)[len(unit) :])
     fitted = [_behind_a_meter(data) for data in of_role(study.data, Role.FIT)]
-    meters = {data.meter.name: data.meter for data in fitted if data.meter is not None and DELAY in data.seen}
+    meters = {data.meter.name: data.meter for data in fitted if data.meter is not None and DELAY in data.meter_inputs}
     names = {meter.parameter(DELAY): meter.values.get(DELAY, 0.0) for meter in meters.values()}
     new = {name: present for name, present in names.items() if name not in own.names}
     space = wider(own.space, [_delay(name, present) for name, present in new.items()])

@@ -120,7 +120,7 @@ def _check(objective: Objective, data: DataSet, own: _Owner) -> None:
             f"{data.name}: the cutoff is uncertain, and no meter has one that it could deviate from; describe the "
             "meter in a table [meters.NAME]."
         )
-    if own.key in OF_METER and own.key not in data.seen:
+    if own.key in OF_METER and own.key not in data.meter_inputs:
         raise ConfigurationError(
             f"{data.name}: the {own.key} of a meter has no effect on data of this kind; remove it."
         )

@@ -19,7 +19,18 @@ from commonrail.physics.meters.meter import Meter
 from commonrail.physics.parameters import Q
 from commonrail.physics.reads import reader_of, unread_parameters
 from commonrail.physics.variants import MODELS, Variant
-from commonrail.readers.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice, fault
+from commonrail.readers.fields import (
+    FileModel,
+    Given,
+    Number,
+    ParameterTable,
+    Quantities,
+    Sourced,
+    Stated,
+    Values,
+    choice,
+    fault,
+)
 from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
 from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
 from commonrail.readers.limits import Reach
@@ -72,8 +83,8 @@ class Drawing(Sourced):
         return found
 
 
-class DrawnRoom(Room):
-    """Room of plunger and needle: a number of its own goes before that of the drawing."""
+class DrawnTable(ParameterTable):
+    """Table of plunger and needle: a number of its own goes before that of the drawing."""
 
     drawing: Drawing | None = None
 
@@ -82,14 +93,16 @@ class DrawnRoom(Room):
         return (self.drawing.values() if self.drawing else {}) | super().values()
 
 
-ROOMS = tuple(dict.fromkeys(room for model in MODELS.values() for room in get_type_hints(model.Parameters)))
+COMPONENTS = tuple(
+    dict.fromkeys(component for model in MODELS.values() for component in get_type_hints(model.Parameters))
+)
 
 _DEFAULT = Source("E", "default of commonrail")
 
 
-def room_quantities(room: str) -> dict[str, Q]:
+def component_quantities(component: str) -> dict[str, Q]:
     """Unit, meaning and domain of the parameters of a component, by the last part of their names."""
-    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{room}.")}
+    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{component}.")}
 
 
 class _Definition(FuelModel):
@@ -121,9 +134,12 @@ class _Head(FileModel):
     meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
 
 
-_kinds = dict.fromkeys(ROOMS, Room) | {"plunger_needle": DrawnRoom}
-_rooms: Any = {room: (Annotated[kind, Quantities(room_quantities(room))], kind()) for room, kind in _kinds.items()}
-_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_rooms)
+_kinds = dict.fromkeys(COMPONENTS, ParameterTable) | {"plunger_needle": DrawnTable}
+_components: Any = {
+    component: (Annotated[kind, Quantities(component_quantities(component))], kind())
+    for component, kind in _kinds.items()
+}
+_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_components)
 
 
 def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
@@ -148,11 +164,11 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
     model = read_model(_InjectorModel, document, at)
     given: dict[str, Given] = {}
     own = tuple(get_type_hints(MODELS[model.actuation].Parameters))
-    for room in ROOMS:
-        if room in own:
-            given |= _room(room, getattr(model, room).values(), at / room)
-        elif room in model.model_fields_set:
-            raise (at / room).error(
+    for component in COMPONENTS:
+        if component in own:
+            given |= _values_of(component, getattr(model, component).values(), at / component)
+        elif component in model.model_fields_set:
+            raise (at / component).error(
                 f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
                 f"{', '.join(own)}"
             )
@@ -179,18 +195,18 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
 _DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
 
 
-def _refuse_unread(model: Any, rooms: tuple[str, ...], at: Place) -> None:
+def _refuse_unread(model: Any, components: tuple[str, ...], at: Place) -> None:
     """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
     stated = model.model_fields_set
     if model.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
         raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key")
     unread = unread_parameters(_variant(model))
-    for room, key in _DECIDING.items():
-        if room in rooms and key not in stated:
-            for name in getattr(model, room).values():
-                if f"{room}.{name}" in unread:
-                    reader = reader_of(f"{room}.{name}")
-                    raise (at / room / name).error(
+    for component, key in _DECIDING.items():
+        if component in components and key not in stated:
+            for name in getattr(model, component).values():
+                if f"{component}.{name}" in unread:
+                    reader = reader_of(f"{component}.{name}")
+                    raise (at / component / name).error(
                         f"this is read with {reader} only, and the file does not state {key}; add it"
                     )
 
@@ -199,16 +215,16 @@ def _variant(model: Any) -> Variant:
     return Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation)
 
 
-def _room(room: str, values: Values, at: Place) -> Values:
+def _values_of(component: str, values: Values, at: Place) -> Values:
     """Values of a component by dotted name: as given, else the default."""
-    quantities = room_quantities(room)
+    quantities = component_quantities(component)
     missing = [name for name, q in quantities.items() if name not in values and q.default is None]
     if missing:
         first, *others = missing
         more = f", nor for {', '.join(others)}" if others else ""
         raise at.error(f"there is no value for {first}, the {quantities[first].meaning}{more}; add it")
     defaults = {name: Given(q.default, _DEFAULT) for name, q in quantities.items() if q.default is not None}
-    return {f"{room}.{name}": values.get(name) or defaults[name] for name in quantities}
+    return {f"{component}.{name}": values.get(name) or defaults[name] for name in quantities}
 
 
 def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
