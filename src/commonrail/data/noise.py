@@ -191,18 +191,7 @@ class NoiseModel(FileModel):
         sigma, relative = (None, 0.0) if self.sigma is None else _stated_deviation(self.sigma, unit, at / "sigma")
         discrepancy = _read(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
         with located(at):
-            return Noise(
-                self.law,
-                self.correlation,
-                sigma,
-                self.shots,
-                discrepancy,
-                self.length,
-                self.pressure_length,
-                self.uncertain,
-                self.freedom,
-                relative,
-            )
+            return Noise(**dict(self) | {"sigma": sigma, "relative": relative, "discrepancy": discrepancy})
 
 
 def _stated_deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:
