@@ -301,23 +301,13 @@ def extra_facts(find: Callable[[str], object | None] = find_spec) -> Iterator[Fa
 
 
 class Plugin(NamedTuple):
-    """Installed package.
-
-    Attributes
-    ----------
-    distribution, version, citation : str
-        Of the package; the citation is `__citation__` of its top-level module, by default its summary.
-    parts : list of str
-        Group and name of each, such as "verbs spread".
-    broken : list of str
-        A sentence on each that cannot be used.
-    """
+    """Installed package."""
 
     distribution: str
     version: str
-    citation: str
-    parts: list[str]
-    broken: list[str]
+    citation: str  # `__citation__` of its top-level module, by default its summary
+    parts: list[str]  # group and name of each, such as "verbs spread"
+    broken: list[str]  # a sentence on each that cannot be used
 
 
 # How a part is tried; those of all other groups are loaded.

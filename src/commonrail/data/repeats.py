@@ -12,22 +12,12 @@ SEEN = 9.0  # squared standard errors of an autocorrelation, below which it coun
 
 
 class Averaged(NamedTuple):
-    """Means of repeated values.
+    """Means of repeated values."""
 
-    Attributes
-    ----------
-    mean : (points, …)
-    counts : (points,)
-        Values behind each mean.
-    sigma : float or None
-        Standard error of a mean, root mean square over all; None where nothing is repeated.
-    freedom : float
-        Degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one.
-    """
-
-    mean: Floats
-    counts: IndexArray
-    sigma: float | None
+    mean: Floats  # (points, …)
+    counts: IndexArray  # (points,): values behind each mean
+    sigma: float | None  # standard error of a mean, root mean square over all; None where nothing is repeated
+    # degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one
     freedom: float = 0.0
 
 

@@ -15,25 +15,13 @@ from commonrail.base.errors import InputError, nearest
 
 
 class Catalogue(NamedTuple):
-    """Folder of TOML files in the package.
-
-    Attributes
-    ----------
-    package, folder : str
-        Package that has the folder, and the folder's name.
-    unknown : str
-        Beginning of the message for a name that is not there, such as ``There is no fuel "{}"``.
-    cure : str
-        End of that message.
-    group : str
-        Of the files of installed packages; empty if there are none.
-    """
+    """Folder of TOML files in a package."""
 
     package: str
     folder: str
-    unknown: str
-    cure: str = ", or give the path of a .toml file"
-    group: str = ""
+    unknown: str  # beginning of the message for a name that is not there, such as ``There is no fuel "{}"``
+    cure: str = ", or give the path of a .toml file"  # end of that message
+    group: str = ""  # of the files of installed packages; empty if there are none
 
     def names(self) -> list[str]:
         """All names, those of installed packages behind those that ship."""

@@ -36,24 +36,12 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of a table.
-
-    Attributes
-    ----------
-    path : Path
-    rows : tuple of tuple of str or float
-        Rows of a file without comment lines and empty ones; texts are stripped, numbers are floats.
-    lines : tuple of int
-        Line in the file, or row of the sheet, of each row.
-    said : tuple of str
-        What was taken for encoding, separator, decimal sign and sheet.
-    comments : tuple of str
-    """
+    """Cells of a table without comment lines and empty ones; texts are stripped, numbers are floats."""
 
     path: Path
     rows: tuple[tuple[str | float, ...], ...]
-    lines: tuple[int, ...]
-    said: tuple[str, ...]
+    lines: tuple[int, ...]  # line in the file, or row of the sheet, of each row
+    said: tuple[str, ...]  # what was taken for encoding, separator, decimal sign and sheet
     comments: tuple[str, ...] = ()
 
 

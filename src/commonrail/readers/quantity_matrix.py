@@ -47,29 +47,15 @@ class GivenUnits:
 
 @dataclass(frozen=True)
 class FoundMap:
-    """Map found in a table, in the units of the file.
+    """Map found in a table, in the units of the file."""
 
-    Attributes
-    ----------
-    form : str
-        What the table was taken for.
-    rail_pressure, energising_time, quantity : (n,)
-        In `units`.
-    units : dict of str to str
-        By the names of `KINDS`.
-    said : tuple of str
-        What else was taken or omitted.
-    lines : (n,)
-        Line of the file, or row of the sheet, of each point.
-    """
-
-    form: str
-    rail_pressure: Floats
+    form: str  # what the table was taken for
+    rail_pressure: Floats  # (n,) in `units`, as the next two
     energising_time: Floats
     quantity: Floats
-    units: dict[str, str]
-    said: tuple[str, ...]
-    lines: IndexArray
+    units: dict[str, str]  # by the names of `KINDS`
+    said: tuple[str, ...]  # what else was taken or omitted
+    lines: IndexArray  # (n,): line of the file, or row of the sheet, of each point
 
     @property
     def by_mass(self) -> bool:

@@ -50,28 +50,15 @@ _SET = re.compile(r"set|soll|cmd|nominal", re.I)
 
 
 class Channel(NamedTuple):
-    """A column or channel of a file.
-
-    Attributes
-    ----------
-    name, unit : str
-        Unit of the file.
-    size : int
-    low, high : float
-        Smallest and largest value, in that unit.
-    step : float, optional
-        Median time between samples [s], of a channel with times of its own.
-    times : (float, float), optional
-        Its first and last time [s].
-    """
+    """A column or channel of a file."""
 
     name: str
-    unit: str
+    unit: str  # of the file
     size: int
-    low: float
+    low: float  # smallest value, in that unit
     high: float
-    step: float | None = None
-    times: tuple[float, float] | None = None
+    step: float | None = None  # median time between samples [s], of a channel with times of its own
+    times: tuple[float, float] | None = None  # its first and last time [s]
 
     @property
     def kind(self) -> str:
@@ -181,29 +168,15 @@ def _names(channels: Sequence[Channel]) -> str:
 
 @dataclass(frozen=True)
 class Survey:
-    """Content of a data file.
-
-    Attributes
-    ----------
-    path : Path
-    taken_for : str
-    facts : dict of str to str
-        Channels, axes and ranges.
-    said : str
-        What was detected of the file's form.
-    block : dict of str to object
-        Keys of a block of a study that reads the file; empty if it is no data of a study. `UNKNOWN` stands for what
-        must be stated.
-    found : FoundMap or None
-        Quantity map of the file.
-    """
+    """Content of a data file."""
 
     path: Path
     taken_for: str
-    facts: dict[str, str]
-    said: str = ""
+    facts: dict[str, str]  # channels, axes and ranges
+    said: str = ""  # what was detected of the file's form
+    # keys of a block that reads the file, none if it is no data of a study; `UNKNOWN` stands for what must be stated
     block: dict[str, Any] = field(default_factory=dict)
-    found: FoundMap | None = None
+    found: FoundMap | None = None  # quantity map of the file
 
 
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:

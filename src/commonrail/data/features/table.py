@@ -276,8 +276,7 @@ FEATURES: Mapping[str, Feature] = {
         Feature(
             "steady_rate",
             "m3/s",
-            "steady rate: in a trace, mean of the middle half of the plateau; else mean over the last fifth of the "
-            "longest energising",
+            "mean of the middle half of the plateau; in a simulation, of the last fifth of the longest energising",
             _steady_rate,
             lambda b, p: b.absolute_error[:, 0] - SHIFT,
             final=False,
