@@ -185,27 +185,13 @@ class QuantityData(ToleratedData):
         return [term_of(d, partial(values_of, d), failed, whole=d.whole) for d in group]
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
-        """Mass per stroke that the map holds volumes of, (candidates, points) [kg].
-
-        Parameters
-        ----------
-        batch : Batch
-        candidates : Candidates
-            Those of the batch.
-        points : sequence of OperatingPoint
-            Those of the batch.
-        """
+        """Mass per stroke that the map holds volumes of, (candidates, points) [kg]."""
         return batch.injected_mass
 
     def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
         """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
 
-        Parameters
-        ----------
-        batch, candidates, points
-            As of `masses`.
-        given : mapping of str to (candidates,)
-            Quantities of the meter; of them `density` and `temperature` count.
+        Of the quantities of the meter, which are `given` (candidates,), `density` and `temperature` count.
         """
         own = {"density", "temperature"} & given.keys()
         return candidates.densities(points, given) if own else batch.reference_density
@@ -223,15 +209,8 @@ class QuantityData(ToleratedData):
     ) -> Floats:
         """Volumes (candidates, points) of a batch [m³], as the meter shows them if there is one.
 
-        Parameters
-        ----------
-        batch : Batch
-        mass_density : float or (points,)
-            As in the data; the candidates' own where it is NaN.
-        candidates : Candidates
-            Those of the batch.
-        points : sequence of OperatingPoint
-            Those of the batch.
+        Candidates and points are those of the batch; where `mass_density`, as in the data, is NaN, that of the
+        candidates counts.
         """
         metered = self.meter is not None and is_metered(self, candidates.simulator)
         given = candidates.given(self.meter) if self.meter is not None and metered else {}
