@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from commonrail import plugins
 from commonrail.base import registry
 from commonrail.base.errors import InputError, PluginError
 from commonrail.cli.machine import installed_plugins
@@ -87,3 +88,19 @@ def test_a_verb_of_a_package_that_fails_is_named_with_its_package(tmp_path: Path
     assert done.status == 2
     assert "the verb fail of the plug-in example-plugin 1.2 failed (ZeroDivisionError: of mine)" in done.sentence
     assert "internal fault" not in done.err
+
+
+def test_a_plug_in_folder_needs_no_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its verb has the name of the folder, its record as well."""
+    folder = tmp_path / "two_words"
+    folder.mkdir()
+    text = "import click\n@click.command()\ndef two_words():\n    click.echo('said')\n"
+    (folder / "verb.py").write_text(text, encoding="utf-8")
+    (folder / "page.py").write_text("RESULT = 'kind'\n", encoding="utf-8")
+    monkeypatch.setattr(plugins, "__path__", [str(tmp_path), *plugins.__path__])
+    registry.shipped.cache_clear()
+    try:
+        assert run_command("two-words").out == "said\n"
+        assert registry.shipped("results")["two-words.json"].load() == "kind"
+    finally:
+        registry.shipped.cache_clear()

@@ -12,16 +12,20 @@ the disk. Of several parts of one name the shipped one is used, else that of the
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
+from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
 from commonrail.base.errors import CommonrailError, PluginError
 from commonrail.base.hooks import note
 
 _Kind = TypeVar("_Kind")
+# File of a plug-in folder that has a part, the part's name and the attribute that it is.
+_IN_FOLDERS = {"verbs": ("verb.py", "{}", "{}"), "results": ("page.py", "{}.json", "RESULT")}
 PACKAGE = "commonrail"
 GROUPS = (
     "verbs",
@@ -124,9 +128,28 @@ class Entry(NamedTuple):
 
 @cache
 def shipped(group: str) -> Mapping[str, Entry]:
-    """Parts that ship with the package, by name in the order of its table."""
-    table: Mapping[str, Mapping[str, str]] = import_module(f"{PACKAGE}.plugins").SHIPPED
-    return {name: Entry(group, name, target) for name, target in table.get(group, {}).items()}
+    """Parts that ship with the package, by name in the order of its table, then those of folders that it lacks."""
+    plugins = import_module(f"{PACKAGE}.plugins")
+    targets: dict[str, str] = {**plugins.SHIPPED.get(group, {}), **_of_folders(group, plugins)}
+    return {name: Entry(group, name, target) for name, target in targets.items()}
+
+
+def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:
+    """Verbs and results of plug-in folders that no entry of the table names.
+
+    The verb NAME is the function ``name`` of ``name/verb.py``, the result NAME.json ``RESULT`` of ``name/page.py``.
+    """
+    if group not in _IN_FOLDERS:
+        return {}
+    file, part, attribute = _IN_FOLDERS[group]
+    targets = [target.split(".") for table in plugins.SHIPPED.values() for target in table.values()]
+    listed = {folder for _, package, folder, *_ in targets if package == "plugins"}
+    root = plugins.__path__[0]
+    own = [name for name in sorted(os.listdir(root)) if name not in listed and os.path.isfile(f"{root}/{name}/{file}")]
+    return {
+        part.format(folder.replace("_", "-")): f"{plugins.__name__}.{folder}.{file[:-3]}:{attribute.format(folder)}"
+        for folder in own
+    }
 
 
 @cache
