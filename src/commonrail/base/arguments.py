@@ -100,8 +100,8 @@ def fraction(value: object, what: str) -> float:
 def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     """Read one number between two limits, both included.
 
-    `value`, `unit` and `what`: as for `number`. `limits` in [unit]. Raises `ConfigurationError` as `number`, and beyond
-    the limits, with what was read and in which unit it was probably meant.
+    Raises `ConfigurationError` as `number`, and beyond the limits, which are in `unit`, with what was read and in
+    which unit it was probably meant.
     """
     found = number(value, unit, what)
     if limits.low <= found <= limits.high:
@@ -124,10 +124,9 @@ def _meant(found: float, limits: Limits) -> str:
 def array(value: object, unit: str, what: str, dimensions: int | None = None, finite: bool = True) -> Floats:
     """Read numbers of any shape.
 
-    `value`: SI numbers or texts with their units, mixed as they come. `unit` and `what`: as for `number`. `dimensions`:
-    number of dimensions that the array must have. `finite`: refuse not-a-number and infinity. Raises
-    `ConfigurationError` if an element is no number, rows are of different lengths, or the number of dimensions is
-    another.
+    The value holds SI numbers or texts with their units, mixed as they come; `dimensions` is the number that it
+    must have, and `finite` refuses not-a-number and infinity. Raises `ConfigurationError` if an element is no
+    number, rows are of different lengths, or the number of dimensions is another.
     """
     found = _numeric(value, unit, what)
     if dimensions is not None and found.ndim != dimensions:

@@ -30,8 +30,8 @@ _NARROW = re.compile(
 def plain_rows(rows: Sequence[Sequence[str]], title: str, texts: int, width: int) -> list[str] | None:
     """Lines of a table as rich draws it with `box.SIMPLE_HEAD`; None if a line has to be folded.
 
-    `rows`: the heads, and the rows below them. `title`: line above the heads, if any. `texts`: number of leading
-    columns with text; those after them are numbers, at the right. `width`: columns of a line.
+    The first of the rows are the heads; the first `texts` columns are text, those after them numbers, at the right.
+    A line has `width` columns.
     """
     sizes = _sizes(rows)
     within = sum(size + 3 for size in sizes or []) - 1

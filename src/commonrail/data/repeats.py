@@ -72,8 +72,8 @@ def _independent(deviations: Floats, spare: int) -> float:
     All lags with an autocorrelation r_l that is more than chance count: that of a ringing meter passes through zero
     and returns.
 
-    `deviations` (rows, …): of each course from its mean; numbers count as courses of one sample. `spare`: independent
-    courses among them.
+    The deviations (rows, …) are those of each course from its mean, numbers courses of one sample; `spare` of the
+    courses are independent.
     """
     courses = deviations.reshape(len(deviations), -1)
     n, energy = courses.shape[1], float(np.sum(courses**2))

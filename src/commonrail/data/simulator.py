@@ -123,8 +123,8 @@ class Simulator:
     ) -> Batch:
         """Figures of candidates at operating points.
 
-        What `points` share with other candidates is prepared once for the same sequence. `values` (candidates,
-        names) in [SI]. `misfit`: samples to compare with. `whole`: as in `Term`.
+        What the points share with other candidates is prepared once for the same sequence. The values are
+        (candidates, names) [SI]; samples of `misfit` are compared with, and `whole` is that of `Term`.
         """
         return simulate_batch(
             self.injector,

@@ -23,8 +23,8 @@ from commonrail.readers.location import Place
 class FileForm(NamedTuple):
     """Form of a file, as stated by whoever reads it.
 
-    `encoding`: of a text; empty for UTF-8. `decimal`: decimal sign of the numbers of a text, "." or ",". `sheet`: of a
-    workbook; empty for the first that is not empty.
+    The encoding and the decimal sign, "." or ",", are those of a text, the sheet that of a workbook; empty ones
+    stand for UTF-8 and for the first sheet that is not empty.
     """
 
     encoding: str = ""

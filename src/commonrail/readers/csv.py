@@ -40,10 +40,10 @@ _QUOTED = re.compile(r'"[^"]*"')
 class CsvFile:
     """CSV file, a `Sheet`; its `rows` can be gone through once, and its `comments` are complete then.
 
-    `path`: text; cells separated by commas, semicolons or tabs. `form`: encoding and decimal sign. `most`: rows that
-    are read at most. `plain`: whether the program has written it: commas, comments only above the header, names and
-    texts as they stand. Raises `InputError` if the file cannot be read, has no row or too many columns. A row that
-    cannot be read, has more or fewer cells than the header or is one too many is found when its turn comes.
+    The cells of the text are separated by commas, semicolons or tabs; at most `most` rows are read. A `plain` file
+    is one that the program has written: commas, comments only above the header, names and texts as they stand.
+    Raises `InputError` if the file cannot be read, has no row or too many columns. A row that cannot be read, has
+    more or fewer cells than the header or is one too many is found when its turn comes.
     """
 
     def __init__(self, path: Path, form: FileForm = PLAIN, *, most: int = MOST_ROWS, plain: bool = False) -> None:

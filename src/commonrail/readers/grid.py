@@ -48,8 +48,8 @@ class Grid:
 def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None) -> Grid:
     """Cells of a text table or of a sheet of a workbook (.xlsx).
 
-    `encoding`: of a text: "utf-8", "utf-16", "cp1252" …; by default it is detected. `sheet`: of a workbook; by default
-    the first that is not empty. Raises `InputError` if the file cannot be read, is too large or holds nothing.
+    The encoding of a text, "utf-8", "utf-16", "cp1252" …, is detected by default; of a workbook the first sheet
+    that is not empty is taken. Raises `InputError` if the file cannot be read, is too large or holds nothing.
     """
     if path.suffix.lower() == ".xlsx":
         return read_sheet(path, sheet)
@@ -60,8 +60,8 @@ def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None)
 def read_sheet(path: Path, sheet: str | None = None) -> Grid:
     """Cells of a sheet of a workbook (.xlsx), read by openpyxl in a child process.
 
-    `sheet`: by default the first that is not empty. Raises `InputError` if it is no workbook, too large, has no such
-    sheet or nothing in it, or openpyxl is not installed.
+    By default the first that is not empty. Raises `InputError` if it is no workbook, too large, has no such sheet
+    or nothing in it, or openpyxl is not installed.
     """
     if find_spec("openpyxl") is None:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")

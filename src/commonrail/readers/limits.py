@@ -21,8 +21,7 @@ ALLOW = "allow_outside"
 class Reach(NamedTuple):
     """Folder that no name may lead out of, unless the file that sets it says so.
 
-    `file`: file that the user named; what it names lies in its folder or below. `outside`: whether that file allows
-    other places.
+    What the `file` names, which the user named, lies in its folder or below, unless it allows places `outside`.
     """
 
     file: Path
@@ -75,7 +74,7 @@ def check_columns(where: str, columns: int) -> None:
 class Shape:
     """Rows and cells of a grid, counted while it is read.
 
-    `word`: for a row, in messages.
+    Messages call a row by the `word`.
     """
 
     def __init__(self, path: Path, word: str = "line") -> None:

@@ -101,7 +101,7 @@ class FeatureTarget(NamedTuple):
 def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:
     """Settings of a block, with a threshold by mass as one by volume.
 
-    `at`: of the block; an error names it.
+    An error names the place `at` which the block stands.
     """
     with located(at):
         settings = FeatureSettings(

@@ -376,7 +376,7 @@ def rows_of(data: QuantityData, column: int, value: float) -> Bools:
 def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = None) -> _Map:
     """Some rows of a map.
 
-    `rows` is (n,) bool. `name`: its own if empty. `role`: its own by default.
+    The mask `rows` is (n,); name and role are those of the map by default.
     """
     density = np.asarray(data.mass_density)
     return replace(

@@ -37,9 +37,9 @@ _SI = {"rail pressure": "Pa", "energising time": "s"}
 def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
     """Columns rail_pressure, energising_time and quantity in SI units, a row for each point.
 
-    Units that are `given` count before those of the file.
-    `quantity`: name of the column of the quantities. `matrix`: whether only a matrix is taken. Raises `InputError` if
-    it cannot be read, no map is found in it, or a number makes no sense.
+    Units that are `given` count before those of the file, and `quantity` names the column of the quantities; with
+    `matrix` only a matrix is taken. Raises `InputError` if the file cannot be read, no map is found in it, or a
+    number makes no sense.
     """
     if is_grid(path):
         found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)

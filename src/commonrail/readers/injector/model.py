@@ -230,8 +230,7 @@ def _values_of(component: str, values: Values, at: Place) -> Values:
 def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
     """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
 
-    `given`: all values by dotted name. `stated`: those that the file states for the nozzle, by key. `at`: of the table
-    of the nozzle.
+    All values are `given` by dotted name; an error names the key of one that the file has `stated` for the nozzle.
     """
     names = [f"knot_{i}" for i in range(1, 9)]
     lifts = {name: given[f"nozzle.{name}"].value for name in names}
