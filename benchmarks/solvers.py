@@ -16,9 +16,8 @@ from scipy.sparse import diags
 
 from commonrail.base.arrays import Floats
 from commonrail.engine.explicit import Instants
-from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.reference import Model, Resolution
-from commonrail.engine.schedule import courses
+from commonrail.engine.operating_point import OperatingPoint, Trace, courses
+from commonrail.engine.reference import Model, Resolution, solution
 from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
 
@@ -168,4 +167,4 @@ def solve_with(model: PeerModel, interval: float) -> Counted:
     except _Stuck:
         nothing = np.full((len(time), len(model.start)), np.nan)
         ran = nothing, Instants(), False
-    return Counted(model.solution(time, *ran), model.evaluations)
+    return Counted(solution(model, time, *ran), model.evaluations)

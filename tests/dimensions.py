@@ -21,10 +21,9 @@ import pint
 import pytest
 
 import commonrail.physics.law
-from commonrail.physics import fuel_kernel
+from commonrail.physics import flow, fuel_kernel
 from commonrail.physics.components import (
-    armature,
-    chain,
+    contact,
     control_chamber,
     direct_needle,
     drive,
@@ -32,20 +31,18 @@ from commonrail.physics.components import (
     needle_seat,
     nozzle,
     plunger_needle,
-    rail,
     return_line,
     rigid_body,
     solenoid,
     valve,
 )
-from commonrail.physics.flow import contact, orifice, volume
 from commonrail.physics.parameters import describe
 
 Law = Callable[..., Any]
 
 REGISTRY: pint.UnitRegistry[Any] = pint.UnitRegistry()
 LAWS = ("fuel", "fuel_kernel", "flow", "components")  # modules and packages whose laws state units
-PLAIN = ("algebraic", "elementary", "equations", "law", "state_vector")  # computed with numbers
+PLAIN = ("elementary", "equations", "law", "state_vector")  # computed with numbers
 POWERS = {"²": "**2", "³": "**3", "⁴": "**4"}
 
 # Constants with a unit, by name, in whichever modules use them.
@@ -66,19 +63,19 @@ CONSTANTS = {
 }
 
 # NamedTuples of one unit, which the docstring of each law gives.
-UNIFORM = (chain.Nine, chain.Seven, direct_needle.Pair)
+UNIFORM = (plunger_needle.Nine, plunger_needle.Seven, direct_needle.Pair)
 
 # Units of the fields, in order, of each NamedTuple that a law takes or returns. `Parameters` state theirs themselves.
 FIELDS: dict[type, str] = {
     fuel_kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
     fuel_kernel.PressureAndStiffness: "Pa, Pa m3/kg",
     contact.Contact: "N, N s/m",
-    orifice.Restriction: "m4 Pa, m4",
-    orifice.Flow: "kg/s, kg/(s Pa)",
-    orifice.Jet: "kg/s, kg/s",
-    volume.Contents: "kg, kg/m3, Pa, Pa m3/kg",
+    flow.Restriction: "m4 Pa, m4",
+    flow.Flow: "kg/s, kg/(s Pa)",
+    flow.Jet: "kg/s, kg/s",
+    flow.Contents: "kg, kg/m3, Pa, Pa m3/kg",
     control_chamber.Coefficients: "m3, m4, m4, kg/s, 1, m4, m4, kg/s",
-    armature.Coefficients: "1/kg, m, m, N, N/m, N s/m, N/m, s/m",
+    direct_needle.ArmatureCoefficients: "1/kg, m, m, N, N/m, N s/m, N/m, s/m",
     direct_needle.Coefficients: "1/kg, N, N/m, N s/m",
     direct_needle.Loads: "N, N",
     direct_needle.State: "m, m/s",
@@ -100,7 +97,7 @@ FIELDS: dict[type, str] = {
     plunger_needle.Loads: "N, N, N, N, N",
     plunger_needle.Motion: "m, m, m",
     plunger_needle.State: "m, m/s, m/s",
-    rail.Coefficients: "m3, m4",
+    feed_pipe.RailCoefficients: "m3, m4",
     return_line.Coefficients: "Pa s/kg, Pa/kg, kg/Pa, s",
     return_line.State: "Pa, kg",
     rigid_body.State: "m, m/s",
@@ -217,20 +214,32 @@ def laws() -> dict[str, Law]:
 
 
 def documented(law: Law) -> dict[str, list[str]]:
-    """Units of each parameter from the section Parameters; "As in `other`" leads to a law of the same module."""
-    _, _, section = inspect.cleandoc(law.__doc__ or "").partition("Parameters\n----------\n")
-    stated: dict[str, list[str]] = {}
-    for names, text in re.findall(r"^(\w[^\n]*)\n((?:    [^\n]*\n?)+)", section, re.M):
-        other = re.match(r"    As in `(\w+)`", text)
+    """Units of each parameter: those behind "`name`:" in the docstring; "as in `other`" leads to another law."""
+    stated = {"dt": ["s"]}  # of every law
+    for names, text in _stated(law):
+        other = re.match(r"as in `(\w+)`", text)
         source = documented(getattr(inspect.getmodule(law), other[1])) if other else {}
-        for name in names.partition(" :")[0].split(", "):
-            stated[name] = source[name] if other else re.findall(r"\[([^\]]+)\]", text)
-    return stated
+        for name in names:
+            stated[name] = source.get(name, []) if other else re.findall(r"\[([^\]]+)\]", text)
+    as_a_whole = re.search(r"Arguments as in `(\w+)`", law.__doc__ or "")
+    return documented(getattr(inspect.getmodule(law), as_a_whole[1])) if as_a_whole else stated
+
+
+def _stated(law: Law) -> Iterator[tuple[list[str], str]]:
+    """Names of parameters and the text behind each group of them, as in "`length`, `diameter`: L and D [m]"."""
+    text = " ".join(inspect.cleandoc(law.__doc__ or "").split())
+    heads = list(re.finditer(_HEAD, text))
+    for head, following in itertools.zip_longest(heads, heads[1:]):
+        yield re.findall(r"`(\w+)`", head[0]), text[head.end() : following.start() if following else None].strip()
+
+
+_HEAD = r"`\w+`(?:, `\w+`)*(?: \([^)]*\))?:"
 
 
 def returned(law: Law) -> list[str]:
-    """Units in the docstring's first paragraph: those of what the law returns, in order."""
-    return re.findall(r"\[([^\]]+)\]", inspect.cleandoc(law.__doc__ or "").split("\n\n")[0])
+    """Units in the docstring's first paragraph, before its parameters: of what the law returns, in order."""
+    first = inspect.cleandoc(law.__doc__ or "").split("\n\n")[0]
+    return re.findall(r"\[([^\]]+)\]", re.split(_HEAD, first)[0])
 
 
 def check_returned(law: Law, found: Any) -> None:

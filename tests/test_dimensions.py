@@ -13,9 +13,10 @@ import pint
 import pytest
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
-from commonrail.physics import fuel_kernel, setup
+from commonrail.physics import direct, flow, fuel_kernel
+from commonrail.physics import model as servo_model
 from commonrail.physics.components import (
-    chain,
+    contact,
     direct_needle,
     drive,
     feed_pipe,
@@ -28,8 +29,6 @@ from commonrail.physics.components import (
     solenoid,
     valve,
 )
-from commonrail.physics.direct import model as direct_setup
-from commonrail.physics.flow import contact, leakage, orifice, pipe, volume
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.physics.model import Inputs, Setting, Waves
@@ -52,10 +51,10 @@ LAWS = laws()
 
 # Laws that have no units of their own, and why.
 WITHOUT = {
-    "flow.orifice.square": "squares a number of any unit",
+    "flow.square": "squares a number of any unit",
     "components.drive.clamp": "limits a number of any unit",
-    "components.chain.across": "subtracts numbers of any unit",
-    "components.chain.around": "adds numbers of any unit",
+    "components.plunger_needle.across": "subtracts numbers of any unit",
+    "components.plunger_needle.around": "adds numbers of any unit",
 }
 
 # A plausible value in each documented unit. The trials multiply them, so that laws with branches take both.
@@ -74,7 +73,7 @@ TUPLES: dict[type, tuple[float, ...]] = {
     drive.State: (1.0,),
     return_line.State: (60.0, 2e-9),
     drive.Schedule: (1.0, 0.4),
-    orifice.Restriction: (3e-8, 3e-16),
+    flow.Restriction: (3e-8, 3e-16),
     drive.Rate: (40.0, 30.0, 2e4),
     drive.Backward: (3.0, 0.7),
     solenoid.Circuit: (10.0, 3e5, 0.01),
@@ -108,7 +107,7 @@ def direct_model() -> DirectModel:
     p = plain._make(with_units(type(room), room) for room in plain)
     at = Setting._make(map(quantity, (20e6, 0.1e6, 0.1e6, 1e-6), ("Pa", "Pa", "Pa", "s")))
     with carried():
-        return DirectModel(p, at, direct_setup.coefficients(p, f, at))
+        return DirectModel(p, at, direct.coefficients(p, f, at))
 
 
 @functools.cache
@@ -120,8 +119,8 @@ def model() -> Model:
     p = plain._make(with_units(type(room), room) for room in plain)
     at = Setting._make(map(quantity, AT, ("Pa", "Pa", "Pa", "s")))
     with carried():
-        c = setup.coefficients(p, f, at)
-        return Model(p, f, at, c, setup.static_loads(c, at))
+        c = servo_model.coefficients(p, f, at)
+        return Model(p, f, at, c, servo_model.static_loads(c, at))
 
 
 def uniform(kind: Any, unit: str, factor: float) -> Any:
@@ -145,13 +144,17 @@ def known() -> dict[type, Any]:
     """NamedTuples of quantities that a law may take."""
     m = model()
     made = {kind: with_units(kind, values) for kind, values in TUPLES.items()}
-    made[plunger_needle.State] = plunger_needle.State(*(uniform(chain.Nine, unit, 1.0) for unit in ("m", "m/s", "m/s")))
+    made[plunger_needle.State] = plunger_needle.State(
+        *(uniform(plunger_needle.Nine, unit, 1.0) for unit in ("m", "m/s", "m/s"))
+    )
     d = direct_model()
-    masses, load = direct_setup.moving_masses(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
+    masses, load = direct.moving_masses(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
     made[direct_needle.State] = direct_needle.State(*(uniform(direct_needle.Pair, unit, 1.0) for unit in ("m", "m/s")))
     made[direct_needle.Contacts] = direct_needle.Contacts(*4 * (with_units(contact.Contact, (40.0, 5.0)),))
     made |= {type(each): each for each in (load, masses, *nested(d.p), *nested(d.c))}
-    return made | {type(each): each for each in (m.f, m.load, setup.seat_contact(m.c), *nested(m.p), *nested(m.c))}
+    return made | {
+        type(each): each for each in (m.f, m.load, servo_model.seat_contact(m.c), *nested(m.p), *nested(m.c))
+    }
 
 
 def arguments(law: Law, factor: float) -> Iterator[Any]:
@@ -213,13 +216,13 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (fuel_kernel.stiffness, " * f.inverse_reference_density\n", "\n"),
         (contact.contact, "elastic * damping_factor", "elastic"),
         (contact.contact_over_step, "dt * dt * per_mass", "dt * per_mass"),
-        (leakage.gap_conductance, "/ (12.0 * length)", "/ 12.0"),
-        (leakage.gap_conductance, "gap * gap * gap", "gap * gap"),
-        (orifice.jet, "2.0 * density * abs(cda2_dp)", "2.0 * abs(cda2_dp)"),
-        (orifice.orifice, "density * through.cda2", "through.cda2"),
-        (volume.mean_departure, "0.5 * volume", "0.5"),
-        (pipe.impedance, " / area", ""),
-        (pipe.friction_resistance, "density * area * area", "density * area"),
+        (flow.gap_conductance, "/ (12.0 * length)", "/ 12.0"),
+        (flow.gap_conductance, "gap * gap * gap", "gap * gap"),
+        (flow.jet, "2.0 * density * abs(cda2_dp)", "2.0 * abs(cda2_dp)"),
+        (flow.orifice, "density * through.cda2", "through.cda2"),
+        (flow.mean_departure, "0.5 * volume", "0.5"),
+        (flow.impedance, " / area", ""),
+        (flow.friction_resistance, "density * area * area", "density * area"),
         (nozzle.discharge, "z * c.per_lift_transition", "z"),
         (needle_seat.gap_cda2, "c.gap_curvature * z", "c.gap_curvature"),
         (solenoid.circuit, "flux * flux * c.per_knee_squared", "flux * c.per_knee_squared"),

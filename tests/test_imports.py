@@ -177,7 +177,7 @@ def test_the_watch_sees_what_is_loaded() -> None:
 @pytest.mark.parametrize(
     "modules",
     [
-        "commonrail.engine.simulate, commonrail.engine.metered, commonrail.cli.verbs.simulate",
+        "commonrail.engine.simulate, commonrail.engine.solution, commonrail.cli.verbs.simulate",
         "commonrail.plugins.maps.run, commonrail.plugins.maps.verb",
     ],
 )

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
-from commonrail.engine.sampling import sampled_rates
-from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.simulate import sampled_rates, simulate_batch
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.readers.injector.file import load_injector

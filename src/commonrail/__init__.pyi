@@ -195,12 +195,6 @@ from .data.quantities.data import (
 from .data.quantities.returned import (
     ReturnData as ReturnData,
 )
-from .engine.metered import (
-    Metered as Metered,
-)
-from .engine.metered import (
-    metered as metered,
-)
 from .engine.operating_point import (
     Energising as Energising,
 )
@@ -220,7 +214,13 @@ from .engine.solution import (
     Batch as Batch,
 )
 from .engine.solution import (
+    Metered as Metered,
+)
+from .engine.solution import (
     Solution as Solution,
+)
+from .engine.solution import (
+    metered as metered,
 )
 from .engine.status import (
     Status as Status,
@@ -243,10 +243,10 @@ from .physics.injector import (
 from .physics.injector import (
     parameter_quantities as parameter_quantities,
 )
-from .physics.meters.meter import (
+from .physics.meters import (
     LowPass as LowPass,
 )
-from .physics.meters.meter import (
+from .physics.meters import (
     Meter as Meter,
 )
 from .physics.variants import (
@@ -396,6 +396,9 @@ from .plugins.sensitivity.study import (
 from .plugins.tolerance.file import (
     ToleranceResult as ToleranceResult,
 )
+from .plugins.tolerance.file import (
+    load_tolerances as load_tolerances,
+)
 from .plugins.tolerance.run import (
     tolerance as tolerance,
 )
@@ -425,9 +428,6 @@ from .plugins.tolerance.study import (
 )
 from .plugins.tolerance.study import (
     Uniform as Uniform,
-)
-from .plugins.tolerance.study import (
-    load_tolerances as load_tolerances,
 )
 from .readers.fuel import (
     load_fuel as load_fuel,

@@ -14,7 +14,7 @@ from commonrail.base.errors import InputError
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
-from commonrail.physics.meters.meter import LowPass
+from commonrail.physics.meters import LowPass
 from commonrail.readers.injector.file import load_injector, load_meters
 
 CASE = Path(__file__).resolve().parents[2] / "cases" / "kr"

@@ -17,7 +17,7 @@ from commonrail.data.curves.data import RateData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 
 K7, TRUE_K7, DELAY = "plunger_needle.k7", 64.4e6, 5e-6
 NOISE = 0.05e-6  # [m³/s], a sixth of the virtual bench's

@@ -104,7 +104,7 @@ def patch_checks(monkeypatch: pytest.MonkeyPatch, *checks: Any) -> None:
         assert len(catalogue) == 4
         return list(checks)
 
-    monkeypatch.setattr("commonrail.plugins.verification.checks.verify", verify)
+    monkeypatch.setattr("commonrail.plugins.verification.run.verify", verify)
 
 
 def test_verify_passes_with_0(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

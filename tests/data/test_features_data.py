@@ -23,7 +23,7 @@ from commonrail.data.study_block import Context
 from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.readers.injector.file import dump_injector
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place

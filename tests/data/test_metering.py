@@ -25,7 +25,7 @@ from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 
 STEP = 1e-6
 FREE = ("plunger_needle.k1", "meter.bench.delay", "meter.bench.gain")

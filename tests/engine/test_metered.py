@@ -11,12 +11,11 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
 from commonrail.data.simulator import ITSELF, Simulator
-from commonrail.engine.metered import metered
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
-from commonrail.engine.solution import Solution
+from commonrail.engine.solution import Solution, metered
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 
 POINT = OperatingPoint(160e6, 400e-6, horizon=2e-3)
 

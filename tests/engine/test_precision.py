@@ -18,7 +18,7 @@ from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.physics import law as laws
 from commonrail.physics.injector import Injector
-from commonrail.plugins.verification.checks import difference
+from commonrail.plugins.verification.run import difference
 from tests.engine.test_batch import POINTS, K, failing, same_bits, stiffnesses
 
 compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the JIT is switched off: all numbers are double")

@@ -11,7 +11,7 @@ from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.physics.connections import CLEAR_LIFT
 from commonrail.physics.injector import Injector
-from commonrail.plugins.verification.checks import difference
+from commonrail.plugins.verification.run import difference
 
 POINT = OperatingPoint(120e6, 400e-6, horizon=1.3e-3)
 

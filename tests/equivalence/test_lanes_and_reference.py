@@ -16,19 +16,9 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.paper.bench import PAPER_OPTIMUM
-from commonrail.plugins.verification.checks import (
-    ENERGISING,
-    HORIZON,
-    Compared,
-    Course,
-    Task,
-    compare,
-    comparisons,
-    difference,
-    judged,
-    verify,
-)
 from commonrail.plugins.verification.external import load_outside
+from commonrail.plugins.verification.run import Compared, checks_of, compare, difference, verify
+from commonrail.plugins.verification.study import ENERGISING, HORIZON, RateLimits, Task, comparisons
 from commonrail.readers.injector.file import injector_catalogue, load_injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short
@@ -51,8 +41,8 @@ def found(pwm: Injector) -> Found:
 @pytest.mark.parametrize("index", [pytest.param(i, marks=pytest.mark.slow) if i in ALONE else i for i in QUICK])
 def test_engines_agree(found: Found, index: int) -> None:
     task, one = found(index)
-    checks = judged([task], [one])
-    course = isinstance(task.limits, Course)
+    checks = checks_of([task], [one])
+    course = isinstance(task.limits, RateLimits)
     assert len(checks) == (1 + len(task.limits) if not course else 9 if task.single else 5)
     for line in checks:
         assert line.margin >= KEPT, f"{line.name}: {line.value:g} {line.unit}, limit {line.limit:g}; {line.detail}"

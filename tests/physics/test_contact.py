@@ -6,7 +6,7 @@ from typing import Any
 
 from scipy.integrate import solve_ivp
 
-from commonrail.physics.flow.contact import contact, contact_over_step
+from commonrail.physics.components.contact import contact, contact_over_step
 
 
 def test_overlap_pushes_by_k_depth_and_damps_by_beta_times_that() -> None:

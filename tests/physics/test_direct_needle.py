@@ -10,13 +10,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from commonrail.physics.components import armature, direct_needle, flux_decay
+from commonrail.physics.components import direct_needle, solenoid
 from commonrail.physics.components.direct_needle import Loads, Masses, Pair, State
 from commonrail.physics.components.plunger_needle import SeatContact
-from commonrail.physics.setup import lag_fraction
+from commonrail.physics.model import lag_fraction
 
 IDLE, LIFT = 70e-6, 60e-6
-ARMATURE = armature.Parameters(1.8e-3, IDLE, LIFT, 5.0, 0.0, 0.0, 2e7, 0.5)
+ARMATURE = direct_needle.ArmatureParameters(1.8e-3, IDLE, LIFT, 5.0, 0.0, 0.0, 2e7, 0.5)
 NEEDLE = direct_needle.Parameters(0.8e-3, 22.0, 13e3, 0.0)
 PRESSING = -30.0  # force of the pressures [N]: 20 MPa on 1.5 mm²
 DT = 1e-6
@@ -25,8 +25,8 @@ DT = 1e-6
 SEAT = SeatContact(3e7, 0.4)
 
 
-def masses(a: armature.Parameters = ARMATURE, n: direct_needle.Parameters = NEEDLE) -> Masses:
-    return Masses(armature.coefficients(a), direct_needle.coefficients(n))
+def masses(a: direct_needle.ArmatureParameters = ARMATURE, n: direct_needle.Parameters = NEEDLE) -> Masses:
+    return Masses(direct_needle.armature_coefficients(a), direct_needle.coefficients(n))
 
 
 def marched(m: Masses, force: float, steps: int, dt: float = DT) -> list[State]:
@@ -130,11 +130,11 @@ def test_the_pulling_flux_follows_with_a_lag_for_either_direction(rising: float,
     up, down = lag_fraction(rising, DT), lag_fraction(falling, DT)
     pulling, steps = 0.0, 100
     for _ in range(steps):
-        pulling = flux_decay.lagged(1e-4, pulling, up, down)
+        pulling = solenoid.lagged(1e-4, 1e-4, pulling, up, down)
     full = 1e-4 * (1.0 - math.exp(-steps * DT / rising))
     assert pulling == pytest.approx(full, rel=1e-12)
     for _ in range(steps):
-        pulling = flux_decay.lagged(0.0, pulling, up, down)
+        pulling = solenoid.lagged(0.0, 0.0, pulling, up, down)
     assert pulling == pytest.approx(full * math.exp(-steps * DT / falling) if falling else 0.0, rel=1e-12, abs=1e-30)
-    assert flux_decay.rate(1e-4, 0.0, 140e-6, 70e-6) == pytest.approx(1e-4 / 140e-6)
-    assert flux_decay.rate(0.0, 1e-4, 140e-6, 70e-6) == pytest.approx(-1e-4 / 70e-6)
+    assert solenoid.lag_rate(1e-4, 0.0, 140e-6, 70e-6) == pytest.approx(1e-4 / 140e-6)
+    assert solenoid.lag_rate(0.0, 1e-4, 140e-6, 70e-6) == pytest.approx(-1e-4 / 70e-6)

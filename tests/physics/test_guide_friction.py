@@ -11,8 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from commonrail.physics.components import guide_friction, plunger_needle, rigid_body
-from commonrail.physics.components.chain import Nine
-from commonrail.physics.components.plunger_needle import Loads, SeatContact
+from commonrail.physics.components.plunger_needle import Loads, Nine, SeatContact
 from commonrail.physics.injector import Injector
 
 VISCOUS, DRY, ROUNDED = 12.0, 6.0, 0.01

@@ -9,7 +9,7 @@ import pytest
 
 from commonrail.physics.components.nozzle import RESIDUAL_LIFT
 from commonrail.physics.connections import RELAXED, fading_share, memory_rate, remembered_lift
-from commonrail.physics.setup import lag_fraction
+from commonrail.physics.model import lag_fraction
 
 MEMORY, CYLINDER = 15e-6, 5e6
 LIFT = 200e-6

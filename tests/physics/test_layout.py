@@ -9,7 +9,7 @@ import pytest
 
 from commonrail.base.choices import Body
 from commonrail.physics.components import plunger_needle, rigid_body
-from commonrail.physics.layout import layout_of
+from commonrail.physics.law import layout_of
 from commonrail.physics.model import Coefficients, Parameters, State
 from commonrail.physics.variants import Variant, wiring
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.physics.flow.leakage import gap_conductance, leakage_slope
+from commonrail.physics.flow import gap_conductance, leakage_slope
 
 
 def test_a_number_worked_out_by_hand() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from commonrail.physics.meters.meter import LowPass, first_order, look_ahead, low_pass
+from commonrail.physics.meters import LowPass, first_order, look_ahead, low_pass
 
 STEP, CUTOFF = 1e-6, 20e3
 PULSE = np.zeros(4000)

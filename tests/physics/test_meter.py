@@ -8,7 +8,7 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.physics.injector import Source
-from commonrail.physics.meters.meter import QUANTITIES, LowPass, Meter, known_quantity, parts_of
+from commonrail.physics.meters import QUANTITIES, LowPass, Meter, known_quantity, parts_of
 
 
 def test_quantities_are_read_with_their_units() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from commonrail.physics.flow.orifice import Restriction, choked, jet, laminar_offset, orifice, orifice_pair, series
+from commonrail.physics.flow import Restriction, choked, jet, laminar_offset, orifice, orifice_pair, series
 
 DENSITY = 850.0
 VISCOSITY = 2e-3  # dynamic [Pa s]

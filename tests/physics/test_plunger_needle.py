@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from commonrail.physics.components import plunger_needle
-from commonrail.physics.components.chain import Nine
-from commonrail.physics.components.plunger_needle import Loads, SeatContact, State
+from commonrail.physics.components.plunger_needle import Loads, Nine, SeatContact, State
 from commonrail.physics.injector import Injector
 
 Floats = NDArray[np.float64]

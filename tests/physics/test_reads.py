@@ -12,8 +12,7 @@ import commonrail as cr
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.engine.plan import coefficients_at
 from commonrail.physics.model import Inputs, Setting, Waves
-from commonrail.physics.reads import COMMAND, DRIVE, RAIL, RETURN, unread_inputs, unread_parameters
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, unread_inputs, unread_parameters, wiring
 
 DT, STEPS, CHANGED = 1e-6, 400, 100
 ON, OFF = 20e-6, 280e-6  # of the energising, or of the measured drive [s]

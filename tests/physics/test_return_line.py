@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from commonrail.physics.components import return_line
-from commonrail.physics.flow.pipe import impedance, pipe_area
+from commonrail.physics.flow import impedance, pipe_area
 
 SPEED, LENGTH, DIAMETER = 1300.0, 0.65, 4e-3  # a round trip of 1 ms
 LOW, VAPOUR, DT = 0.5e6, 60.0, 1e-6

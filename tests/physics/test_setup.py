@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from commonrail.physics import setup
+from commonrail.physics import model
 from commonrail.physics.components import plunger_needle, valve
 from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.connections import land_gap_cda2, plain_gap_cda2, seat_pressure, volumes_of
-from commonrail.physics.flow.volume import contents
+from commonrail.physics.flow import contents
 from commonrail.physics.fuel_kernel import density, fuel_coefficients, kinematic_viscosity
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.model import Coefficients, Setting
@@ -25,7 +25,7 @@ SINE = math.sin(math.pi / 4)  # of the seat's angle in the fixture
 @pytest.fixture(scope="module")
 def c(regulated: Injector) -> Coefficients:
     fuel = fuel_coefficients(regulated.fuel, regulated.values[FUEL_TEMPERATURE])
-    return setup.coefficients(regulated.parameters, fuel, AT)
+    return model.coefficients(regulated.parameters, fuel, AT)
 
 
 def test_delays_are_travel_times_in_steps(c: Coefficients, regulated: Injector) -> None:
@@ -36,10 +36,10 @@ def test_delays_are_travel_times_in_steps(c: Coefficients, regulated: Injector) 
 
 
 def test_eddy_share_is_that_of_an_exponential(regulated: Injector, c: Coefficients) -> None:
-    assert c.delays.eddy_lag_fraction == 1.0
+    assert c.delays.rising_lag_fraction == 1.0
     slow = regulated.with_values({"solenoid.eddy_lag": 20e-6}).parameters
-    lagging = setup.coefficients(slow, c.fuel, AT)
-    assert lagging.delays.eddy_lag_fraction == pytest.approx(1.0 - math.exp(-1 / 20), rel=1e-12)
+    lagging = model.coefficients(slow, c.fuel, AT)
+    assert lagging.delays.rising_lag_fraction == pytest.approx(1.0 - math.exp(-1 / 20), rel=1e-12)
 
 
 def test_state_at_rest_has_the_pressures_it_is_given(c: Coefficients) -> None:
@@ -83,7 +83,7 @@ def test_pressure_in_front_of_the_valve_seat(c: Coefficients) -> None:
 
 
 def test_forces_of_the_closed_needle_follow_from_its_areas(c: Coefficients) -> None:
-    load = setup.static_loads(c, AT)
+    load = model.static_loads(c, AT)
     quarter = math.pi / 4 * 1e-6
     total = (
         -160e6 * quarter * 4.3**2
@@ -98,7 +98,7 @@ def test_forces_of_the_closed_needle_follow_from_its_areas(c: Coefficients) -> N
 def with_land(injector: Injector, land: float) -> Coefficients:
     changed = injector.with_values({"valve.seat_land": land})
     fuel = fuel_coefficients(changed.fuel, changed.values[FUEL_TEMPERATURE])
-    return setup.coefficients(changed.parameters, fuel, AT)
+    return model.coefficients(changed.parameters, fuel, AT)
 
 
 def gap_at(c: Coefficients, gap: float, pressure: float, land: bool = True) -> float:

@@ -9,8 +9,7 @@ import pytest
 from scipy.special import gammainc
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.physics.meters.meter import LowPass, Meter, low_pass
-from commonrail.physics.meters.signal import Flow, given_values, shown_quantities, shown_rates
+from commonrail.physics.meters import Flow, LowPass, Meter, given_values, low_pass, shown_quantities, shown_rates
 
 STEP = 1e-6
 STEPS = 1200

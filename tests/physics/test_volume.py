@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from commonrail.physics.flow.volume import mean_departure, relaxation
+from commonrail.physics.flow import mean_departure, relaxation
 
 STIFFNESS, VOLUME, DT, NET = 2.5e6, 18e-9, 1e-6, 0.02
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from commonrail.physics.components import control_chamber, sac
-from commonrail.physics.flow.volume import contents, filled
+from commonrail.physics.components import control_chamber, needle_seat
+from commonrail.physics.flow import contents, filled
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.readers.fuel import load_fuel
 
@@ -31,9 +31,9 @@ def test_a_volume_drawn_empty_holds_vapour_and_remembers_what_is_missing() -> No
 
 
 def test_a_flattened_seat_makes_no_room_in_the_sac() -> None:
-    p = sac.Parameters(0.8e-9)
-    assert sac.volume(p, math.pi * 1e-6, -4e-6) == 0.8e-9
-    assert sac.volume(p, math.pi * 1e-6, 100e-6) == pytest.approx(0.8e-9 + 0.1e-9 * math.pi, rel=1e-12)
+    p = needle_seat.SacParameters(0.8e-9)
+    assert needle_seat.sac_volume(p, math.pi * 1e-6, -4e-6) == 0.8e-9
+    assert needle_seat.sac_volume(p, math.pi * 1e-6, 100e-6) == pytest.approx(0.8e-9 + 0.1e-9 * math.pi, rel=1e-12)
 
 
 def test_holes_of_the_control_chamber() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from commonrail.physics.flow.pipe import friction_resistance, impedance, pipe_area
+from commonrail.physics.flow import friction_resistance, impedance, pipe_area
 
 
 def test_a_travelling_wave_obeys_joukowsky() -> None:

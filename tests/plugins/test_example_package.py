@@ -14,7 +14,7 @@ import pytest
 
 import commonrail
 from commonrail.base import registry
-from commonrail.base.errors import InputError
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.optimisers.base import Optimiser
 from commonrail.calibration.optimisers.registry import named, size_in_words
 from commonrail.calibration.study_file.file import load_study
@@ -46,6 +46,28 @@ def example(tmp_path: Path) -> Iterator[None]:
 def test_all_its_parts_are_found() -> None:
     found = {entry.distribution for group in registry.GROUPS for entry in registry.installed(group).values()}
     assert "commonrail-example" in found
+
+
+def test_an_injector_is_simulated_with_its_nozzle_law(tmp_path: Path) -> None:
+    plain, point = commonrail.load_injector("virtual-lino-2016"), commonrail.OperatingPoint("120 MPa", "400 us")
+    file = tmp_path / "gradual.toml"
+    commonrail.dump_injector(replace(plain, variant=plain.variant._replace(nozzle_law="gradual")), file)
+    gradual = commonrail.load_injector(file)
+    assert gradual.variant.nozzle_law == "gradual"
+    fast, reference = (commonrail.simulate(gradual, point, engine) for engine in ("lanes", "reference"))
+    assert fast.injected_mass == pytest.approx(reference.injected_mass, rel=0.01)
+    assert abs(fast.injected_mass / commonrail.simulate(plain, point).injected_mass - 1.0) > 0.01
+    full = fast.channels["discharge_coefficient"].max()
+    assert 0.7 * plain.values["nozzle.discharge_maximum"] < full < plain.values["nozzle.discharge_maximum"]
+
+
+def test_an_unknown_nozzle_law_is_named_with_its_key(tmp_path: Path) -> None:
+    file = tmp_path / "unknown.toml"
+    commonrail.dump_injector(commonrail.load_injector("virtual-lino-2016"), file)
+    text = file.read_text(encoding="utf-8").replace("variant = ", 'nozzle_law = "gradul"\nvariant = ', 1)
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r'nozzle_law: .*no nozzle law "gradul" \(did you mean "gradual"'):
+        commonrail.load_injector(file)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """Parts of commonrail-example, installed: pip install -e . && pytest."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,15 @@ def test_the_feature_is_found_in_a_trace() -> None:
     rate = np.where((bounds[1:] > 300e-6) & (bounds[1:] <= 800e-6), 50e-6, 0.0)
     found = commonrail.features(commonrail.RateTrace(bounds, rate), [commonrail.Energising(0.0, "500 us")])
     assert found.value("energised_rate") == pytest.approx(50e-6)
+
+
+def test_the_nozzle_law_gives_both_engines_the_same_injection() -> None:
+    plain = commonrail.load_injector("virtual-lino-2016")
+    gradual = replace(plain, variant=plain.variant._replace(nozzle_law="gradual"))
+    point = commonrail.OperatingPoint("120 MPa", "400 us")
+    fast, reference = (commonrail.simulate(gradual, point, engine) for engine in ("lanes", "reference"))
+    assert fast.injected_mass == pytest.approx(reference.injected_mass, rel=0.01)
+    assert abs(fast.injected_mass / commonrail.simulate(plain, point).injected_mass - 1.0) > 0.01
 
 
 def test_the_kind_of_data_is_known_by_its_name() -> None:

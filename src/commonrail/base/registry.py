@@ -36,6 +36,7 @@ GROUPS = (
     "fuels",
     "meters",
     "features",
+    "nozzle_laws",
     "results",
     "studies",
     "after_fit",
@@ -58,8 +59,8 @@ class Entry(NamedTuple):
     group : str
         One of `GROUPS`.
     name : str
-        Of the verb, method, kind of data, injector, fuel, meter or feature; of "readers" and "inspectors" the ending of
-        a file without its point; of "results" the record file by which a folder tells its kind, such as
+        Of the verb, method, kind of data, injector, fuel, meter, feature or law; of "readers" and "inspectors" the
+        ending of a file without its point; of "results" the record file by which a folder tells its kind, such as
         "comparison.json"; of "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it
         as "NAME.toml"; of "pages" the file in a run folder that `report --page` writes; of "after_fit" any, and they
         are called in alphabetical order of it after those that ship.

@@ -49,6 +49,12 @@ def number(value: Any) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def numbers(values: Any) -> list[Any]:
+    """Array, or nested lists, as nested lists of finite numbers and None."""
+    rows = values if isinstance(values, list) else values.tolist()
+    return [numbers(row) if isinstance(row, list) else number(row) for row in rows]
+
+
 def fixed(value: Any, decimals: int, scale: float = 1.0) -> str:
     """Number times `scale` with so many decimals."""
     found = number(value)

@@ -20,7 +20,7 @@ from commonrail.data.metering import with_meters
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector, parameter_quantities
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 
 # Labels of models that are compared.
 

@@ -138,7 +138,11 @@ class Neighbourhood(NamedTuple):
 
 def around(space: Space, best: Floats) -> Neighbourhood:
     """Candidates `STEP` below and above a point (d,) [SI] in each parameter, within the bounds."""
-    unit = space.to_unit(array(best, "1", "best values", 1))
+    return around_position(space, space.to_unit(array(best, "1", "best values", 1)))
+
+
+def around_position(space: Space, unit: Floats) -> Neighbourhood:
+    """Candidates as `around` has them, about a position (d,) between the bounds."""
     step = STEP * np.eye(space.dimension)
     low, high = np.clip(unit - step, 0.0, 1.0), np.clip(unit + step, 0.0, 1.0)
     width = np.diag(high - low)

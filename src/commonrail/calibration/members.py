@@ -19,7 +19,7 @@ from commonrail.data.kinds import of_role
 from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.data.records import MEAN
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import is_of_meter
+from commonrail.physics.meters import is_of_meter
 
 # Objective of a member relative to the best: its misfit is then 1.4 times as large. The mean needs several members; on
 # the maps of the cases it predicts better than the best of them more often than not (cases/family/README.md).

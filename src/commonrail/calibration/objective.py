@@ -20,7 +20,7 @@ from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.signal import given_values
+from commonrail.physics.meters import given_values
 
 
 class Scores(NamedTuple):

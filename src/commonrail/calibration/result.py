@@ -21,7 +21,7 @@ from commonrail.data.kinds import of_role
 from commonrail.data.metering import meter_records, with_meters
 from commonrail.data.records import JUDGED, LABELS
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import Meter, known_quantity
+from commonrail.physics.meters import Meter, known_quantity
 
 SCHEMA = 1
 CERTAINTY = "certainty"  # likelihood, intervals, profiles and verdicts; written again by a later look at the same fit

@@ -33,7 +33,7 @@ from commonrail.data.metering import with_meters
 from commonrail.data.records import JUDGED
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector, Source
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 

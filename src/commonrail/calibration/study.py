@@ -38,7 +38,7 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.folds import levels
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import QUANTITIES, Meter
+from commonrail.physics.meters import QUANTITIES, Meter
 from commonrail.readers.fields import UNSTATED
 
 # Further searches by which a study's fit is judged.

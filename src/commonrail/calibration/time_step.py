@@ -6,7 +6,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.space import Space
 from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS, longest, medium_of, nice_step, stiffest_corner
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import is_of_meter
+from commonrail.physics.meters import is_of_meter
 
 
 def longest_for_all(injector: Injector, space: Space) -> float:

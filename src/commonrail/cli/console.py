@@ -6,8 +6,9 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -113,6 +114,29 @@ def compiling() -> Iterator[None]:
 def print_json(record: Mapping[str, Any]) -> None:
     """Print one JSON object on stdout; it must not contain NaN."""
     click.echo(json.dumps(record, indent=1, allow_nan=False))
+
+
+def print_result(
+    json: bool, record: Callable[[], Mapping[str, Any]], show: Callable[[], None], files: Iterable[Path | None]
+) -> None:
+    """Print a result as JSON, or show it and say what was written; None stands for a file that was not asked for."""
+    written = [str(path) for path in files if path is not None]
+    if json:
+        print_json({**record(), "files": written})
+        return
+    show()
+    for path in written:
+        say(f"wrote {path}")
+
+
+def print_text(lines: Iterable[str], tables: Sequence[Table] = ()) -> None:
+    """Print sentences, and tables below them."""
+    for line in lines:
+        click.echo(line)
+    if tables:
+        click.echo("")
+    for table in tables:
+        print_table(table)
 
 
 def print_table(table: Table) -> None:

@@ -21,7 +21,7 @@ from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 
 if TYPE_CHECKING:
-    from commonrail.engine.metered import Metered
+    from commonrail.engine.solution import Metered
 
 
 _UNITS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N"}  # of a solution's channels, by the end of a name

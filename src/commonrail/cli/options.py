@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.output import check_target, writing
-from commonrail.base.units import compatible, parse, parse_difference
+from commonrail.base.units import parse, parse_difference
 from commonrail.cli.grammar import Argument, Option
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def stem_of(source: Path) -> str:
 # Axes on the command line: lists and ranges of values with their unit.
 
 MOST_VALUES = 200
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
 def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) -> Floats:
@@ -142,7 +142,7 @@ def _with_units(parts: list[str], option: str) -> list[str]:
     found: list[str] = []
     unit = ""
     for part in reversed(parts):
-        match = _NUMBER.fullmatch(part)
+        match = NUMBER.fullmatch(part)
         if match is None:
             raise InputError(
                 f'{option}: "{part.strip()}" is not a number with a unit; write a list such as 20,40,80MPa.'
@@ -150,24 +150,6 @@ def _with_units(parts: list[str], option: str) -> list[str]:
         unit = match[2] or unit
         found.append(f"{match[1]} {unit}")
     return found[::-1]
-
-
-def read_quantities(text: str, density: float, option: str) -> Floats:
-    """Quantities (n,) by volume [m³], which increase strictly; masses are divided by the reference density.
-
-    The `density` is in [kg/m³]. Raises `InputError` as `read_axis`.
-    """
-    unit = _NUMBER.fullmatch(re.split("[,:]", text)[-1])
-    if unit is not None and unit[2] and _is_mass(unit[2]):
-        return read_axis(text, "kg", option, increasing=True) / density
-    return read_axis(text, "m3", option, increasing=True)
-
-
-def _is_mass(unit: str) -> bool:
-    try:
-        return compatible(unit, "kg")
-    except InputError:
-        return False
 
 
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
@@ -229,7 +211,7 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
 
     Raises `InputError` if a setting cannot be read. Raises `ConfigurationError` if a value lies outside its domain.
     """
-    from commonrail.physics.reads import reader_of, unread_parameters
+    from commonrail.physics.variants import reader_of, unread_parameters
 
     if not settings:
         return injector
@@ -271,8 +253,12 @@ def _setting(text: str) -> tuple[str, float]:
 def _energising(text: str) -> Energising:
     from commonrail.engine.operating_point import Energising
 
-    where = f"--energising {text}"
-    start, colon, duration = text.partition(":")
+    return Energising(*read_pair(text, "s", f"--energising {text}", "START:DURATION, such as 900us:700us"))
+
+
+def read_pair(text: str, unit: str, option: str, form: str) -> tuple[float, float]:
+    """Two values in `unit` with a colon between them; InputError with the form that they should have."""
+    first, colon, second = text.partition(":")
     if not colon:
-        raise InputError(f"{where}: expected START:DURATION, such as 900us:700us.")
-    return Energising(parse(start, "s", where), parse(duration, "s", where))
+        raise InputError(f"{option}: expected {form}.")
+    return parse(first, unit, option), parse(second, unit, option)

@@ -29,7 +29,7 @@ from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import candidate_matrix
 from commonrail.engine.solution import Batch
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.physics.variants import wiring
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import DataSet
 from commonrail.physics.injector import Injector, Source
-from commonrail.physics.meters.meter import QUANTITIES, Meter, is_of_meter, parts_of
+from commonrail.physics.meters import QUANTITIES, Meter, is_of_meter, parts_of
 
 _UNSTATED = Source("E", "no source stated")
 

@@ -14,7 +14,7 @@ from commonrail.base.arguments import Quantity, chosen, mapping, number, settle
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import parse
 from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
-from commonrail.physics.meters.meter import QUANTITIES, is_of_meter
+from commonrail.physics.meters import QUANTITIES, is_of_meter
 from commonrail.readers.fields import FileModel, Unit
 from commonrail.readers.location import Place, located
 

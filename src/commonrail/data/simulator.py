@@ -13,13 +13,11 @@ from commonrail.base.choices import Precision
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare, reference_densities
-from commonrail.engine.sampling import sampled_rates
-from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.simulate import sampled_rates, simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.meters.meter import Meter, is_of_meter, parts_of
-from commonrail.physics.meters.signal import Flow, given_values
+from commonrail.physics.meters import Flow, Meter, given_values, is_of_meter, parts_of
 
 ITSELF = np.empty((1, 0))  # values of the one candidate that is the injector as it is
 SHARE = 1_000_000  # steps of candidates that are kept at a time: some 40 MB

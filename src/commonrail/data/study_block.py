@@ -15,7 +15,7 @@ from commonrail.data.noise import NoiseModel
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Sheet, Table
 from commonrail.readers.fields import Unit, fault
 from commonrail.readers.limits import Reach

@@ -60,10 +60,7 @@ def _missing_library() -> str | None:
 def require_device() -> None:
     """Refuse a machine on which this engine cannot run.
 
-    Raises
-    ------
-    ConfigurationError
-        That says what is missing.
+    Raises ConfigurationError: that says what is missing.
     """
     sentence = missing()
     if sentence is not None:
@@ -79,15 +76,8 @@ def run(
 ) -> tuple[Outcome, Floats]:
     """Run all blocks of a job, each of one lane.
 
-    Parameters
-    ----------
-    job, variant, misfit, precision, traced
-        As of `lanes.run`.
-
-    Raises
-    ------
-    ConfigurationError
-        If the device failed. Whether there is one is for the caller to ask, before any other work.
+    Arguments as in `lanes.run`. Raises ConfigurationError if the device failed. Whether there is one is for the caller
+    to ask, before any other work.
     """
     from numba.cuda.cudadrv.driver import CudaAPIError
 

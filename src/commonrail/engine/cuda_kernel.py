@@ -21,8 +21,16 @@ from numba import cuda
 
 from commonrail.base.choices import Precision
 from commonrail.compiler.numba import offer_overloads
-from commonrail.engine.block import INPUTS, Machine, any_vectors, make_simulate
-from commonrail.engine.feed import Inlets, Memory, copy_number, gather_number
+from commonrail.engine.block import (
+    INPUTS,
+    Inlets,
+    Machine,
+    Memory,
+    any_vectors,
+    copy_number,
+    gather_number,
+    make_simulate,
+)
 from commonrail.engine.job import Job, Samples
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.recorder import at, make_rows, record
@@ -42,13 +50,7 @@ class Table(NamedTuple):
 
 @functools.cache
 def compiled(variant: Variant, precision: Precision, traced: bool) -> Any:
-    """The kernel of a variant, compiled for the device of this process at its first call.
-
-    Parameters
-    ----------
-    variant, precision, traced
-        As of `make_march`.
-    """
+    """The kernel of a variant, compiled for the device of this process at its first call."""
     march = make_march(variant, precision, traced)
     if numba.config.ENABLE_CUDASIM:
         return cuda.jit(march)
@@ -117,12 +119,7 @@ def keep_state(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
 def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable[..., Any]:
     """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`.
 
-    Parameters
-    ----------
-    variant : Variant
-    precision : Precision
-    traced : bool
-        Keep the state after every step.
+    `traced`: keep the state after every step.
     """
     rows, real = make_rows(variant, 1), VECTORS[precision].real
     keep = keep_state if traced else keep_nothing

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.flow import pipe_area
 
 RIGID = 0.7  # largest ω dt of a mode in contact, as for the servo injector's rigid body
 DRAWN = 0.5  # share of the accumulation volume that a wave may draw through the seat's bore in a step

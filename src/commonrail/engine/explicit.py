@@ -17,16 +17,14 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
-from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.schedule import courses, knots, segments, value_at
-from commonrail.physics.algebraic import AT, past_limit
+from commonrail.engine.operating_point import OperatingPoint, courses, knots, segments, value_at
 from commonrail.physics.components.drive import turned
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
-from commonrail.physics.equations import make_air_gap, make_rates, make_sac_rate
+from commonrail.physics.equations import AT, make_air_gap, make_rates, make_sac_rate, past_limit
 from commonrail.physics.law import physics
 from commonrail.physics.model import Coefficients
 from commonrail.physics.state_vector import core_of, make_frame
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import Variant, kernel_name, wiring
 
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
@@ -39,41 +37,21 @@ SAME = 1e-13  # stops nearer than this are one [s]
 
 
 class Fixed(NamedTuple):
-    """Arguments of the rates beside the state, in their order.
+    """Arguments of the rates beside the state, in their order."""
 
-    Attributes
-    ----------
-    constants : array
-        `Coefficients` as one lane of a layout.
-    cells : (2,) int array
-        Of the feed pipe and of the return line.
-    friction : (9, 2) array
-        [N], [N s/m].
-    """
-
-    constants: Floats
-    cells: Ints
-    friction: Floats
+    constants: Floats  # `Coefficients` as one lane of a layout
+    cells: Ints  # (2,) int array: of the feed pipe and of the return line
+    friction: Floats  # (9, 2) array: [N], [N s/m]
 
 
 class Problem(NamedTuple):
-    """One injector at one point.
-
-    Attributes
-    ----------
-    variant : Variant
-    point : OperatingPoint
-    coefficients : Coefficients
-    fixed : Fixed
-    start : array
-        State at rest.
-    """
+    """One injector at one point."""
 
     variant: Variant
     point: OperatingPoint
     coefficients: Coefficients
     fixed: Fixed
-    start: Floats
+    start: Floats  # state at rest
 
 
 class Instants(NamedTuple):
@@ -104,13 +82,8 @@ class _Plan(NamedTuple):
 def march(problem: Problem, time: Floats, step: float) -> Marched:
     """Solve from the first to the last time.
 
-    Parameters
-    ----------
-    problem : Problem
-    time : (n,)
-        Increasing [s].
-    step : float
-        Longest step [s]; shorter where a pipe's wave would pass a cell or the SAC would settle sooner.
+    `time` (n,): increasing [s]; `step`: longest step [s]; shorter where a pipe's wave would pass a cell or the SAC
+    would settle sooner.
     """
     plan = _plan(problem, time)
     states = np.full((len(time), len(problem.start)), np.nan)
@@ -145,21 +118,14 @@ def compiled_march(variant: Variant) -> Callable[..., bool]:
     """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded)."""
     from commonrail.compiler.numba import kernel
 
-    return kernel(_make_march(variant), f"march: {variant.label}")  # type: ignore[no-any-return]
+    return kernel(_make_march(variant), f"march: {kernel_name(variant)}")  # type: ignore[no-any-return]
 
 
 @physics
 def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
     """Boundary courses at time t between stops k and k + 1, linear.
 
-    Parameters
-    ----------
-    outside : array
-        Fields of `rates.Outside`, to be set.
-    plan : _Plan
-    k : int
-    t : float
-        [s].
+    `outside`: fields of `rates.Outside`, to be set; `t`: [s].
     """
     stops, courses = plan.stops, plan.courses
     share = (t - stops[k]) / (stops[k + 1] - stops[k])
@@ -172,16 +138,8 @@ def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
 def record_instants(recorded: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
     """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat.
 
-    Parameters
-    ----------
-    recorded : (5,) array
-        To be set.
-    now, h : float
-        Start and length of the step [s].
-    old, new : float
-        Tip before and after it [m].
-    injected : float
-        Mass injected by then [kg].
+    `recorded` (5,) array: to be set; `now`, `h`: start and length of the step [s]; `old`, `new`: tip before and after
+    it [m]; `injected`: mass injected by then [kg].
     """
     if old <= 0.0:
         recorded[4] = injected

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.arrays import Floats, Ints
-from commonrail.base.choices import Precision
+from commonrail.base.choices import Drive, Precision
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine.operating_point import OperatingPoint, Trace, courses
+from commonrail.physics.injector import Injector
 from commonrail.physics.law import CACHE_LINE
 from commonrail.physics.model import Inputs
+
+NEVER = 1 << 62  # step of a turn that is not reached
 
 
 class Vector(NamedTuple):
@@ -30,39 +36,20 @@ class Courses(NamedTuple):
 
     The clocks of `Inputs`, times since the current energising has begun and has ended, are the time less two origins.
     These turn to those of the next energising in the step in which that one begins.
-
-    Attributes
-    ----------
-    settings : (points, 3)
-        Rail, cylinder and return pressure at time zero [Pa], and throughout where a point has no trace.
-    steps : (points,) int
-    earliest_end : (points,) int
-        First step at which an injection may have ended.
-    times : (clocks, steps)
-        Starts of the steps [s].
-    clock : (points,) int
-        Row of a point's `times`.
-    first : (points,) int
-        Place of a point's first turn, which is in step 0.
-    turns : (turns,) int
-        Steps of the turns; behind those of each point one that is never reached.
-    origins : (turns, 4)
-        Origins from a turn on, and the two clocks in its own step [s].
-    trace : (points,) int
-        Row of a point's `traces`, −1 where all its pressures are constant and no trace drives it.
-    traces : (traces, steps, 4)
-        Means over each step of rail, cylinder and return pressure [Pa] and of the drive's trace.
     """
 
+    # (points, 3): rail, cylinder and return pressure at time zero [Pa], and throughout where a point has no trace
     settings: Floats
-    steps: Ints
-    earliest_end: Ints
-    times: Floats
-    clock: Ints
-    first: Ints
-    turns: Ints
-    origins: Floats
+    steps: Ints  # (points,) int
+    earliest_end: Ints  # (points,) int: first step at which an injection may have ended
+    times: Floats  # (clocks, steps): starts of the steps [s]
+    clock: Ints  # (points,) int: row of a point's `times`
+    first: Ints  # (points,) int: place of a point's first turn, which is in step 0
+    turns: Ints  # (turns,) int: steps of the turns; behind those of each point one that is never reached
+    origins: Floats  # (turns, 4): origins from a turn on, and the two clocks in its own step [s]
+    # (points,) int: row of a point's `traces`, −1 where all its pressures are constant and no trace drives it
     trace: Ints
+    # (traces, steps, 4): means over each step of rail, cylinder and return pressure [Pa] and of the drive's trace
     traces: Floats
 
     @property
@@ -84,53 +71,27 @@ class Courses(NamedTuple):
 
 
 class Job(NamedTuple):
-    """All that a run needs, as arrays.
+    """All that a run needs, as arrays."""
 
-    Attributes
-    ----------
-    theta : (candidates, parameters + fuel coefficients)
-    courses : Courses
-        Or those of another machine, such as `cuda_kernel.Table`.
-    points, candidates : (blocks, lanes) int
-        Operating point and candidate of each lane. All lanes of a block have the same `times`.
-    dt : float
-        [s].
-    ring : int
-        Slots of a ring buffer, a power of two above the longest delay.
-    check_every : int
-        Steps between checks of health and rest.
-    checks_at_rest : int
-        Checks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
-    """
-
-    theta: Floats
-    courses: Any
+    theta: Floats  # (candidates, parameters + fuel coefficients)
+    courses: Any  # or those of another machine, such as `cuda_kernel.Table`
+    # (blocks, lanes) int: Operating point and candidate of each lane. All lanes of a block have the same `times`
     points: Ints
     candidates: Ints
-    dt: float
-    ring: int
-    check_every: int
+    dt: float  # [s]
+    ring: int  # slots of a ring buffer, a power of two above the longest delay
+    check_every: int  # steps between checks of health and rest
+    # checks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon
     checks_at_rest: int
 
 
 class Samples(NamedTuple):
-    """Samples of a rate to compare with, at each operating point.
+    """Samples of a rate to compare with, at each operating point."""
 
-    Attributes
-    ----------
-    bound_count : (points,) int
-    due : (points, bounds) int
-        Step in which a sample ends.
-    samples : (points, bounds, 4)
-        Fields of `Sample`.
-    density : (1 or candidates, points)
-        As in `lanes.Misfit`.
-    """
-
-    bound_count: Ints
-    due: Ints
-    samples: Floats
-    density: Floats
+    bound_count: Ints  # (points,) int
+    due: Ints  # (points, bounds) int: step in which a sample ends
+    samples: Floats  # (points, bounds, 4): fields of `Sample`
+    density: Floats  # (1 or candidates, points): as in `lanes.Misfit`
 
 
 # Table of addresses and numbers through which a loop over blocks is called, the same from a library and from Numba.
@@ -147,22 +108,13 @@ class Array(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Sizes that a kernel was made for; one that is given others refuses.
+    """Sizes that a kernel was made for; one that is given others refuses."""
 
-    Attributes
-    ----------
-    rows, lanes : int
-        Of the working memory.
-    columns : int
-        Of theta.
-    size : int
-        Bytes of a number.
-    """
-
+    # of the working memory
     rows: Any
     lanes: Any
-    columns: Any
-    size: Any
+    columns: Any  # of theta
+    size: Any  # bytes of a number
 
 
 class Scratch(NamedTuple):
@@ -174,24 +126,13 @@ class Scratch(NamedTuple):
 
 
 class Given(NamedTuple):
-    """All that the loop is given; it does every `stride`th block from `first` on.
-
-    Attributes
-    ----------
-    shape : Shape
-    job : Job
-    samples : Samples
-    trace : (blocks or 0, steps + 1, rows, lanes)
-    out : (blocks, lanes, figures)
-    scratch : Scratch
-    first, stride : int
-    """
+    """All that the loop is given; it does every `stride`th block from `first` on."""
 
     shape: Any
     job: Any
     samples: Any
-    trace: Any
-    out: Any
+    trace: Any  # (blocks or 0, steps + 1, rows, lanes)
+    out: Any  # (blocks, lanes, figures)
     scratch: Any
     first: Any
     stride: Any
@@ -249,12 +190,7 @@ def address(array: NDArray[Any]) -> int:
 def scratch_for(shape: Shape, ring: int, real: Any) -> Scratch:
     """Memory of one thread, each part from the start of a cache line: a vector as long as one would straddle two.
 
-    Parameters
-    ----------
-    shape : Shape
-    ring : int
-        Slots of a ring.
-    real : type
+    `ring`: slots of a ring.
     """
     lanes = shape.lanes
     return Scratch(
@@ -272,14 +208,7 @@ def _aligned(count: int, real: Any) -> NDArray[Any]:
 
 
 def fill(given: Given, real: Any) -> tuple[Ints, list[NDArray[Any]]]:
-    """Table of arguments, and arrays that must outlive it.
-
-    Parameters
-    ----------
-    given : Given
-    real : type
-        That the loop computes in.
-    """
+    """Table of arguments, and arrays that must outlive it; `real`: that the loop computes in."""
     entries: list[int] = []
     kept: list[NDArray[Any]] = []
     for described, value in zip(_LEAVES, _flat(given), strict=True):
@@ -306,3 +235,128 @@ def _flat(given: Given) -> tuple[Any, ...]:
 
 
 _LEAVES = _flat(GIVEN)
+
+
+# Boundary conditions of operating points as `Courses`.
+
+CHECK_AFTER = 100e-6  # earliest time after energising at which an injection may have ended [s]
+MAXIMUM_STEPS = 2_000_000
+ALMOST_ALL = 1.0 - 1e-9  # share of a step in which an energising must begin to count as begun in it
+_IDLE = -1.0  # clocks of a point without energisings [s]
+
+
+def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Courses:
+    """Boundary conditions of points.
+
+    Arguments as in `plan.prepare`. Raises ConfigurationError if a point has too many steps, or no trace for a drive
+    that needs one.
+    """
+    steps = np.array([_steps(point, dt) for point in points])
+    pulses = [point.pulses for point in points]
+    own_start = [point.start if its else None for point, its in zip(points, pulses, strict=True)]
+    starts = list(dict.fromkeys(own_start))
+    after = dt * np.arange(int(steps.max()))
+    times = np.array([after * 0.0 + _IDLE if start is None else start + after for start in starts])
+    row_of = {start: row for row, start in enumerate(starts)}
+    clock = np.array([row_of[start] for start in own_start])
+    count = np.array([max(len(its), 1) for its in pulses])
+    flat = np.array([pulse for its in pulses for pulse in its or [(0.0, 0.0)]])
+    first, turns, origins = _turns(np.stack([flat[:, 0], flat[:, 0] + flat[:, 1]]), count, (clock, steps), times, dt)
+    traced = [i for i, point in enumerate(points) if _is_traced(injector, point)]
+    trace, traces = np.full(len(points), -1), np.zeros((len(traced), len(after) if traced else 0, 4))
+    for row, i in enumerate(traced):
+        trace[i], traces[row] = row, _means(points[i], dt, int(steps[i]), len(after))
+    return Courses(
+        settings=np.array([point.initial_pressures() for point in points]),
+        steps=steps,
+        earliest_end=np.array([_earliest_end(point, dt) for point in points]),
+        times=times,
+        clock=clock,
+        first=first,
+        turns=turns,
+        origins=origins,
+        trace=trace,
+        traces=traces,
+    )
+
+
+def _steps(point: OperatingPoint, dt: float) -> int:
+    steps = max(round(point.duration / dt), 1)
+    if steps > MAXIMUM_STEPS:
+        raise ConfigurationError(
+            f"{point.duration:g} s in steps of {dt:g} s are {steps} steps; at most {MAXIMUM_STEPS} are allowed."
+        )
+    return steps
+
+
+def _earliest_end(point: OperatingPoint, dt: float) -> int:
+    last = max((p.start + p.duration for p in point.pulses), default=point.start)
+    if point.drive is not None:
+        last = max(last, point.drive.time[-1])
+    return round((last - point.start + CHECK_AFTER) / dt)
+
+
+def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt: float) -> tuple[Ints, Ints, Floats]:
+    """Places of the points' first turns, and steps and origins of all turns, as in `Courses`.
+
+    `pulses` (2, energisings): starts and ends [s], those of each point in order; a point without any has one that does
+    not matter; `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row of the times,
+    and number of steps; `times` (clocks, steps): [s].
+    """
+    point, place = np.repeat(np.arange(len(count)), count), np.arange(pulses.shape[1])
+    ordinal, row = place - (np.cumsum(count) - count)[point], at[0][point]
+    step = np.zeros(len(place), np.int64)
+    for i, own in enumerate(times):
+        step[row == i] = np.searchsorted(own + dt * ALMOST_ALL, pulses[0, row == i], side="right")
+    step[ordinal == 0] = 0
+    following = np.append(np.where(point[1:] == point[:-1], step[1:], NEVER), NEVER)
+    kept = (step < following) & (step < at[1][point])  # of several that begin in one step the last counts
+    now = times[row, np.minimum(step, times.shape[1] - 1)]
+    since = np.stack([now - pulses[0] + _still_on(pulses, ordinal, now, dt), now - pulses[1]])
+    each = np.bincount(point[kept], minlength=len(count)) + 1  # and one turn that never comes
+    first = np.cumsum(each) - each
+    where = first[point[kept]] + np.arange(int(kept.sum())) - (np.cumsum(each - 1) - (each - 1))[point[kept]]
+    turns, origins = np.full(int(each.sum()), NEVER), np.zeros((int(each.sum()), 4))
+    turns[where], origins[where] = step[kept], np.concatenate([pulses, since]).T[kept]
+    return first, turns, origins
+
+
+def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
+    """Time [s] for which earlier energisings still last in the step in which each one counts as begun.
+
+    A step that sees one energising end and the next begin is energised for as long as both together: the next counts
+    as begun so much earlier.
+
+    `pulses` (2, energisings): starts and ends [s]; `ordinal` (energisings,) int: number of earlier ones of the same
+    point; `now` (energisings,): start of that step [s].
+    """
+    lasting = np.zeros(len(now))
+    for back in range(int(ordinal.max()), 0, -1):
+        start, end = (np.concatenate([np.zeros(back), edge[:-back]]) for edge in pulses)
+        on = np.minimum(end, now + dt) - np.maximum(start, now)
+        lasting += np.where(ordinal >= back, np.maximum(on, 0.0), 0.0)
+    return lasting
+
+
+def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
+    """True if a pressure changes with time, or a trace drives the injector."""
+    driven = injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
+    if driven and point.drive is None:
+        raise ConfigurationError(
+            f"{injector.name} is driven by a {injector.variant.drive.value}, but the operating point gives none; "
+            "add its file, or set the injector's drive to regulated or pwm."
+        )
+    return driven or any(isinstance(pressure, Trace) for pressure in courses(point)[:3])
+
+
+def _means(point: OperatingPoint, dt: float, steps: int, length: int) -> Floats:
+    """Means of a traced point over its steps, (length, 4); its last ones stay behind its end.
+
+    `steps`, `length`: steps of the point, and rows.
+    """
+    begin: Floats = np.asarray(point.start + dt * np.arange(steps), float)
+    means = np.empty((length, 4))
+    for i, course in enumerate(courses(point)):
+        means[:steps, i] = course.mean(begin, np.asarray(begin + dt)) if isinstance(course, Trace) else course
+    means[steps:] = means[steps - 1]
+    return means

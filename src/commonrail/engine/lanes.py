@@ -10,7 +10,10 @@ neighbours and any number of threads.
 from __future__ import annotations
 
 import functools
+import os
 import threading
+from collections.abc import Callable, Sequence
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,9 +25,71 @@ from commonrail.engine.block import shape_of
 from commonrail.engine.job import Given, Job, Samples, Vector, address, fill, scratch_for
 from commonrail.engine.machine_code import MachineCode, machine_code
 from commonrail.engine.recorder import Outcome
-from commonrail.engine.threads import side_by_side
 from commonrail.physics.model import Waves
 from commonrail.physics.variants import Variant, wiring
+
+# Threads that stay: to start some for every batch takes a good part of a small batch's own time.
+
+
+class _Task(NamedTuple):
+    work: Callable[[int], None]
+    item: int
+    done: SimpleQueue[BaseException | None]
+
+
+class _Crew:
+    """Threads that wait for tasks; they end with the process."""
+
+    def __init__(self) -> None:
+        self.tasks: SimpleQueue[_Task] = SimpleQueue()
+        self._size = 0
+        self._growth = threading.Lock()
+
+    def grow(self, size: int) -> None:
+        """Have at least so many threads."""
+        with self._growth:
+            while self._size < size:
+                threading.Thread(target=self._serve, name="commonrail", daemon=True).start()
+                self._size += 1
+
+    def _serve(self) -> None:
+        while True:
+            work, item, done = self.tasks.get()
+            try:
+                work(item)
+            except BaseException as error:  # raised again by the caller
+                done.put(error)
+            else:
+                done.put(None)
+            del work, item, done  # or the arrays of a batch would stay until the next one
+
+
+_crew = _Crew()
+
+
+def _start_anew() -> None:
+    global _crew
+    _crew = _Crew()
+
+
+if hasattr(os, "register_at_fork"):  # a forked process inherits the crew's tasks, but none of its threads
+    os.register_at_fork(after_in_child=_start_anew)
+
+
+def side_by_side(work: Callable[[int], None], items: Sequence[int]) -> None:
+    """Call `work` with every item at the same time: with the first in the calling thread, the others in threads."""
+    done: SimpleQueue[BaseException | None] = SimpleQueue()
+    _crew.grow(len(items) - 1)
+    for item in items[1:]:
+        _crew.tasks.put(_Task(work, item, done))
+    try:
+        work(items[0])
+    finally:
+        errors = [done.get() for _ in items[1:]]
+    for error in errors:
+        if error is not None:
+            raise error
+
 
 # One register of 512 bits: docs/decisions/0011-the-widest-registers.md.
 VECTORS = {
@@ -37,25 +102,16 @@ _FIRST_CALL = threading.Lock()
 
 
 class Misfit(NamedTuple):
-    """Samples to compare with, per operating point.
+    """Samples to compare with, per operating point."""
 
-    Attributes
-    ----------
-    bound_count : (points,) int
-        Sample bounds used, 0 where there are none.
-    bounds : (points, bounds)
-        Sample bounds in steps after time zero; a sample is the mean flow between two bounds.
-    target, weight : (points, bounds)
-        Measured mean flow by volume [m³/s] and weight of the sample that ends at a bound.
-    density : (1 or candidates, points)
-        Density that makes a volume of a simulated mass [kg/m³]; NaN for the candidate's own, see `own_where_open`.
-        With ones the targets are masses [kg/s].
-    """
-
-    bound_count: Ints
+    bound_count: Ints  # (points,) int: sample bounds used, 0 where there are none
+    # (points, bounds): sample bounds in steps after time zero; a sample is the mean flow between two bounds
     bounds: Floats
+    # (points, bounds): measured mean flow by volume [m³/s] and weight of the sample that ends at a bound
     target: Floats
     weight: Floats
+    # (1 or candidates, points): Density that makes a volume of a simulated mass [kg/m³]; NaN for the candidate's own,
+    # see `own_where_open`. With ones the targets are masses [kg/s]
     density: Floats
 
     @classmethod
@@ -67,12 +123,7 @@ class Misfit(NamedTuple):
     def samples(self, dt: float, steps: Ints) -> Samples:
         """The samples as a loop over steps takes them.
 
-        Parameters
-        ----------
-        dt : float
-            Time step [s].
-        steps : (points,) int
-            Of each point. A bound that rounding puts behind the last step is taken at its end.
+        `steps` (points,) int: of each point. A bound that rounding puts behind the last step is taken at its end.
         """
         within = np.minimum(self.bounds, steps[:, None])
         # in the first step whose end reaches the bound, and in order
@@ -97,17 +148,8 @@ def _no_samples(points: int) -> Samples:
 def compiled(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
     """The block loop of a variant.
 
-    Parameters
-    ----------
-    variant : Variant
-    precision : Precision
-    same_bits : bool
-        Exact, so that its bits are those of any processor: see `commonrail.compiler.numba`.
-
-    Raises
-    ------
-    ConfigurationError
-        If no bits are promised on this machine, or it may not compile.
+    `same_bits`: exact, so that its bits are those of any processor: see `commonrail.compiler.numba`. Raises
+    ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     with _FIRST_CALL:
         return machine_code(variant, VECTORS[precision], same_bits)
@@ -131,27 +173,12 @@ def run(
 ) -> tuple[Outcome, Floats]:
     """Run all blocks of a job.
 
-    Parameters
-    ----------
-    job : Job
-    variant : Variant
-    misfit : Misfit, optional
-        Samples to compare with.
-    precision : Precision
-    traced : bool
-        Keep the state after every step.
-    threads : int
-        The result does not depend on it.
-    injected_only : bool
-        Of a traced run, keep only the mass injected: one row, some hundredth of the memory.
-    same_bits : bool
-        As in `compiled`.
+    `misfit` (Misfit, optional): samples to compare with; `traced`: keep the state after every step; `threads`: the
+    result does not depend on it; `injected_only`: of a traced run, keep only the mass injected: one row, some hundredth
+    of the memory.
 
-    Returns
-    -------
-    outcome : Outcome
-    trace : (blocks, steps + 1, rows, lanes), empty unless traced
-        Of a block that there are not enough simulations for, only their lanes are kept.
+    Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: of a block that there are
+    not enough simulations for, only their lanes are kept.
     """
     n, lanes = job.points.shape
     loop, vector, steps = compiled(variant, precision, same_bits), VECTORS[precision], job.courses.steps

@@ -29,7 +29,7 @@ from commonrail.compiler.target import (
     package_version,
 )
 from commonrail.engine.job import Vector
-from commonrail.physics.variants import Variant
+from commonrail.physics.variants import Variant, kernel_name
 
 # Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
 #
@@ -64,10 +64,7 @@ def digest(path: Path) -> str:
 def find(symbol: str) -> Shared | None:
     """Function of a library by its name; None where there is none that may be used.
 
-    Raises
-    ------
-    ConfigurationError
-        If ``COMMONRAIL_KERNELS`` is none of its values.
+    Raises ConfigurationError if ``COMMONRAIL_KERNELS`` is none of its values.
     """
     level = None if objection() else _level()
     if level is None:
@@ -120,10 +117,7 @@ def made_by() -> dict[str, Any] | None:
 def _level() -> str | None:
     """Level whose library is used and opened here: the highest that this processor has, unless `SWITCH` names one.
 
-    Raises
-    ------
-    OSError
-        If a library cannot be loaded.
+    Raises OSError if a library cannot be loaded.
     """
     lowest = file_of(LEVEL_3.name)
     if not lowest.exists():
@@ -146,54 +140,26 @@ def _opened(path: Path) -> Any:
 
 
 class MachineCode(NamedTuple):
-    """A loop that can be called.
+    """A loop that can be called."""
 
-    Attributes
-    ----------
-    call : function (result, exception, table) -> int
-        Of ctypes, with addresses as arguments; see `targets.compile_object`.
-    origin : str
-        "library", "cache" or "compiled".
-    processor : str
-        That it was compiled for.
-    holder : object
-        Keeps the code in memory.
-    """
-
+    # function (result, exception, table) -> int: of ctypes, with addresses as arguments; see `targets.compile_object`
     call: Callable[[int, int, int], int]
-    origin: str
-    processor: str
-    holder: Any
+    origin: str  # "library", "cache" or "compiled"
+    processor: str  # that it was compiled for
+    holder: Any  # keeps the code in memory
 
 
 def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> str:
-    """Name of a loop in an object or a library.
-
-    Parameters
-    ----------
-    variant : Variant
-    precision : Precision
-    exact : bool
-        Of one that is compiled for a `Processor` that is exact.
-    """
-    words = "_".join(choice.value for choice in variant)
+    """Name of a loop in an object or a library; `exact`: of one that is compiled for a `Processor` that is exact."""
+    words = "_".join(filter(None, (str(getattr(choice, "value", choice)) for choice in variant)))
     return f"cr_{'exact_' if exact else ''}{precision.value}_{re.sub('[^a-z]+', '_', words)}"
 
 
 def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCode:
     """Machine code of a loop.
 
-    Parameters
-    ----------
-    variant : Variant
-    vector : Vector
-    same_bits : bool
-        Exact, so that its bits are those of any processor: see `commonrail.compiler.numba`.
-
-    Raises
-    ------
-    ConfigurationError
-        If no bits are promised on this machine, or it may not compile.
+    `same_bits`: exact, so that its bits are those of any processor: see `commonrail.compiler.numba`. Raises
+    ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     symbol = symbol_of(variant, vector.precision, same_bits)
     shared = find(symbol)
@@ -208,16 +174,7 @@ def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCo
 def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[bytes, bool]:
     """Object file of a loop, from the cache or compiled, and whether it was compiled.
 
-    Parameters
-    ----------
-    variant : Variant
-    vector : Vector
-    processor : Processor
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not in the cache and ``NUMBA_DISABLE_JIT`` forbids to compile.
+    Raises ConfigurationError if it is not in the cache and ``NUMBA_DISABLE_JIT`` forbids to compile.
     """
     made = []
 
@@ -234,7 +191,7 @@ def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[b
         return compile_object(make_entry(variant, vector), symbol, processor, vector.real)
 
     symbol = symbol_of(variant, vector.precision, processor.exact)
-    key = repr((symbol, vector.lanes, processor, lane_settings()))
+    key = repr((symbol, kernel_name(variant), vector.lanes, processor, lane_settings()))
     return kept_or_made(hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING, make), bool(made)
 
 

@@ -14,12 +14,11 @@ from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.base.choices import Actuation, Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.block import FUEL
-from commonrail.engine.job import Courses, Job
+from commonrail.engine.job import MAXIMUM_STEPS as MAXIMUM_STEPS
+from commonrail.engine.job import Courses, Job, courses_of
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.recorder import Outcome
-from commonrail.engine.schedule import MAXIMUM_STEPS as MAXIMUM_STEPS
-from commonrail.engine.schedule import courses_of
 from commonrail.engine.status import OK, STILL_INJECTING, Status, check_point, note_limits, note_narrow_pipe
 from commonrail.engine.time_step import Medium, medium_of, too_long
 from commonrail.physics.fuel import Fuel
@@ -73,16 +72,9 @@ def _read_rows(names: Sequence[str], values: Any) -> Floats:
 def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, row: Floats | None = None) -> Floats:
     """Full parameter vectors of candidates: (candidates, parameters + fuel coefficients).
 
-    Parameters
-    ----------
-    injector : Injector
-        Gives the values that do not vary.
-    names : sequence of str
-        Dotted names of the values that vary; "fuel.temperature" may be among them.
-    values : (candidates, names)
-        SI values.
-    row : (parameters + fuel coefficients,), optional
-        The injector's own full vector, known already.
+    `injector`: gives the values that do not vary; `names`: dotted names of the values that vary; "fuel.temperature" may
+    be among them; `values` (candidates, names): SI values; `row` (parameters + fuel coefficients,), optional: the
+    injector's own full vector, known already.
     """
     if row is not None and FUEL_TEMPERATURE not in names:
         theta = np.empty((len(values), len(row)))
@@ -114,12 +106,7 @@ def columns(names: tuple[str, ...], actuation: Actuation = Actuation.SERVO) -> I
 def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> Bools:
     """True for candidates in the domain of their parameters, and in the fuel's range of temperature: (candidates,).
 
-    Parameters
-    ----------
-    names, values
-        As in `candidate_matrix`.
-    fuel : Fuel, optional
-        Its range of temperature is not asked where it is left out.
+    `fuel` (Fuel, optional): its range of temperature is not asked where it is left out.
     """
     inside = np.isfinite(values)
     if fuel is not None and FUEL_TEMPERATURE in names:
@@ -149,52 +136,24 @@ _WAYS = {"feed_pipe.length": 1.0, "return_line.length": 2.0}  # of a wave in the
 
 
 class Prepared(NamedTuple):
-    """Arrays shared by all batches of an injector at the same operating points; `prepare` makes them.
-
-    Attributes
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    dt : float
-        Time step [s].
-    row : (parameters + fuel coefficients,)
-        The injector's own full vector.
-    courses : Courses
-    begin : (points,)
-        Time at which a simulation begins [s].
-    densities : (1, points)
-        `reference_densities` of the injector itself [kg/m³].
-    highest : (points,)
-        Largest rail pressure at each point [Pa].
-    medium : Medium
-        Fuel at the largest rail pressure of all points, which decides how long a step may be.
-    """
+    """Arrays shared by all batches of an injector at the same operating points; `prepare` makes them."""
 
     injector: Injector
     points: Sequence[OperatingPoint]
-    dt: float
-    row: Floats
+    dt: float  # time step [s]
+    row: Floats  # (parameters + fuel coefficients,): the injector's own full vector
     courses: Courses
-    begin: Floats
-    densities: Floats
-    highest: Floats
-    medium: Medium
+    begin: Floats  # (points,): time at which a simulation begins [s]
+    densities: Floats  # (1, points): `reference_densities` of the injector itself [kg/m³]
+    highest: Floats  # (points,): largest rail pressure at each point [Pa]
+    medium: Medium  # fuel at the largest rail pressure of all points, which decides how long a step may be
 
 
 def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
     """Work out once what many batches need.
 
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    dt : float
-        Time step [s].
-
-    Raises
-    ------
-    ConfigurationError
-        If a point has too many steps, no trace for a drive that needs one, or is refused by `check_point`.
+    `dt`: time step [s]. Raises ConfigurationError if a point has too many steps, no trace for a drive that needs one,
+    or is refused by `check_point`.
     """
     for point in points:
         check_point(injector, point)
@@ -219,15 +178,7 @@ def _largest(course: Course) -> float:
 
 
 def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Any:
-    """Coefficients of an injector at a point, those of its actuation.
-
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    dt : float
-        Time step [s].
-    """
+    """Coefficients of an injector at a point, those of its actuation."""
     fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
     return wiring(injector.variant).setup(injector.parameters, fuel, Setting(*point.initial_pressures(), dt))
 
@@ -242,17 +193,9 @@ def reference_densities(
 ) -> Floats:
     """`reference_density` of candidates, each at its own fuel temperature [kg/m³].
 
-    Parameters
-    ----------
-    injector, points
-        As in `prepare`.
-    names, values
-        As in `candidate_matrix`; the temperature must lie in the fuel's range.
+    `names`, `values`: as in `candidate_matrix`; the temperature must lie in the fuel's range.
 
-    Returns
-    -------
-    densities : (1 or candidates, points)
-        One row where all candidates have the injector's own temperature.
+    Returns `densities` (1 or candidates, points): one row where all candidates have the injector's own temperature.
     """
     pressures = [point.at_start(point.cylinder_pressure) for point in points]
     temperature = np.array([injector.values[FUEL_TEMPERATURE]])
@@ -273,17 +216,9 @@ def make_job(
 ) -> Job:
     """Every candidate at every point, in blocks of lanes.
 
-    Parameters
-    ----------
-    prepared : Prepared
-    theta : (candidates, parameters + fuel coefficients)
-        Of `candidate_matrix`.
-    stop_when_closed : bool
-        End a simulation once its needle has closed for good.
-    width : int
-        Lanes of a block.
-    apart : bool
-        As in `fill_lanes`; samples to compare with demand it.
+    `theta` (candidates, parameters + fuel coefficients): of `candidate_matrix`; `stop_when_closed`: end a simulation
+    once its needle has closed for good; `width`: lanes of a block; `apart`: as in `fill_lanes`; samples to compare with
+    demand it.
     """
     dt, courses = prepared.dt, prepared.courses
     every = max(round(CHECK_INTERVAL / dt), 1)
@@ -304,15 +239,8 @@ def make_job(
 def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[Ints, Ints]:
     """Points and candidates of the lanes, (blocks, width) each.
 
-    Parameters
-    ----------
-    order : bytes of int
-        Points in the order in which they fill the lanes.
-    starts : bytes of int
-        Places in that order at which a new block begins, zero included.
-    candidates : int
-    width : int
-        Lanes of a block.
+    `order`: points in the order in which they fill the lanes; `starts`: places in that order at which a new block
+    begins, zero included; `width`: lanes of a block.
     """
     filled = []
     for part in np.split(np.frombuffer(order, np.int64), np.frombuffer(starts, np.int64)[1:]):
@@ -331,16 +259,8 @@ def fill_lanes(
     Points follow one another by the end of their simulation, so that the lanes of a block, and the blocks of each
     thread, end at about the same time. A last block that is not full repeats its last lane.
 
-    Parameters
-    ----------
-    courses : Courses
-    candidates : int
-    width : int
-        Lanes of a block.
-    by_earliest_end : bool
-        Simulations end once their injection has ended, rather than at their horizon.
-    apart : bool
-        Only candidates at the same point share a block.
+    `width`: lanes of a block; `by_earliest_end`: simulations end once their injection has ended, rather than at their
+    horizon; `apart`: only candidates at the same point share a block.
     """
     points = len(courses.steps)
     end = courses.earliest_end if by_earliest_end else courses.steps
@@ -366,16 +286,8 @@ BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; mo
 def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome: Outcome) -> Ints:
     """Status of each candidate at each operating point: (candidates, points).
 
-    Parameters
-    ----------
-    names : sequence of str
-        Parameters in which the candidates differ.
-    theta : (candidates, parameters)
-        Flat parameter vectors.
-    prepared : Prepared
-        Injector, operating points and step.
-    outcome : Outcome
-        Figures of the run.
+    `names`: parameters in which the candidates differ; `theta` (candidates, parameters): flat parameter vectors;
+    `prepared`: injector, operating points and step; `outcome`: figures of the run.
     """
     status = np.full((len(theta), len(prepared.points)), OK)
     status[outcome.closed_at_end == 0.0] = STILL_INJECTING
@@ -393,12 +305,7 @@ def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome
 def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lifts: Floats) -> Bools:
     """True for (candidates, points) whose step is too long at the point's own rail pressure and largest lift.
 
-    Parameters
-    ----------
-    names, theta, prepared
-        As in `statuses_of`.
-    lifts : (candidates, points)
-        [m].
+    `lifts` (candidates, points): [m].
     """
     injector, dt, points = prepared.injector, prepared.dt, lifts.shape[1]
     # fuel is stiffest at the largest pressure: what bears the step there, at its largest lift, bears it at every point

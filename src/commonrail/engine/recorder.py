@@ -9,8 +9,7 @@ import numpy as np
 
 from commonrail.base.choices import Actuation
 from commonrail.physics.connections import CLEAR_LIFT, RELAXED, REOPENED
-from commonrail.physics.law import physics
-from commonrail.physics.layout import layout_of
+from commonrail.physics.law import layout_of, physics
 from commonrail.physics.model import Inputs, Waves
 from commonrail.physics.variants import MODELS, Variant, wiring
 
@@ -20,53 +19,29 @@ from commonrail.physics.variants import MODELS, Variant, wiring
 
 
 class Progress(NamedTuple):
-    """Numbers that the loop keeps of each lane; instants are in steps, and zero is none.
+    """Numbers that the loop keeps of each lane; instants are in steps, and zero is none."""
 
-    Attributes
-    ----------
-    injected_before, injected_at_sample, injected_at_lift, injected_at_check : float
-        Mass injected [kg] before the step, at the end of the last sample, when the tip last left its seat, and at the
-        last check.
-    absolute, squared : float
-        Sums of the samples' errors [m³/s], [(m³/s)²].
-    density : float
-        Makes a volume of a sample [kg/m³].
-    greatest_lift, tip_before : float
-        Lift of the tip [m], the greatest and before the step.
-    opening, last_closing, first_closing : float
-        Instants.
-    is_open, has_ended : float
-        1 while the needle counts as open, and once the lane has ended.
-    checks_at_rest, longest_contact : float
-        Checks for which it has rested, and longest contact of a bouncing needle or valve in steps.
-    farthest_lift : float
-        Lift beyond the stop [m].
-    earliest_end, steps : float
-        First step at which the injection may have ended, and number of steps.
-    clock_turns : float
-        Turns of the clocks so far.
-    """
-
+    # mass injected [kg] before the step, and at the end of the last sample
     injected_before: float
     injected_at_sample: float
-    absolute: float
+    absolute: float  # sums of the samples' errors [m³/s], and of their squares [(m³/s)²]
     squared: float
-    density: float
-    greatest_lift: float
-    opening: float
+    density: float  # makes a volume of a sample [kg/m³]
+    greatest_lift: float  # of the tip [m]
+    opening: float  # instants
     last_closing: float
     first_closing: float
-    is_open: float
-    injected_at_lift: float
-    tip_before: float
-    checks_at_rest: float
-    injected_at_check: float
-    has_ended: float
-    longest_contact: float
-    farthest_lift: float
-    earliest_end: float
-    steps: float
-    clock_turns: float
+    is_open: float  # 1 while the needle counts as open
+    injected_at_lift: float  # mass injected when the tip last left its seat [kg]
+    tip_before: float  # lift of the tip before the step [m]
+    checks_at_rest: float  # checks for which it has rested
+    injected_at_check: float  # mass injected at the last check [kg]
+    has_ended: float  # 1 once the lane has ended
+    longest_contact: float  # of a bouncing needle or valve, in steps
+    farthest_lift: float  # beyond the stop [m]
+    earliest_end: float  # first step at which the injection may have ended
+    steps: float  # number of steps
+    clock_turns: float  # turns of the clocks so far
 
 
 class Working(NamedTuple):

@@ -18,20 +18,27 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.explicit import Fixed, Instants, Problem, march
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import OperatingPoint, courses, segments, value_at, values_at
 from commonrail.engine.plan import coefficients_at, reference_density
-from commonrail.engine.schedule import courses, segments, value_at
 from commonrail.engine.solution import Solution, all_channels, relative_to_injected
 from commonrail.engine.status import Status, check_point, note_limits
-from commonrail.physics.algebraic import AT, Inlet, feed, inlet_law, past_limit
 from commonrail.physics.components import drive
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
-from commonrail.physics.equations import make_air_gap, make_hydraulics, make_rates
-from commonrail.physics.flow.volume import contents
+from commonrail.physics.equations import (
+    AT,
+    Inlet,
+    feed,
+    inlet_law,
+    make_air_gap,
+    make_hydraulics,
+    make_rates,
+    past_limit,
+)
+from commonrail.physics.flow import contents
 from commonrail.physics.injector import Injector
 from commonrail.physics.model import Setting
 from commonrail.physics.state_vector import core_of, make_frame, start_vector, typical_sizes, vector_states
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import Variant, kernel_name, wiring
 
 # Crossings of the needle's seat that a reference engine has recorded, and the instants that follow from them.
 
@@ -86,7 +93,7 @@ def _compiled_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
     from commonrail.compiler.numba import kernel
 
-    return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
+    return kernel(make_rates(variant), f"rates: {kernel_name(variant)}")  # type: ignore[no-any-return]
 
 
 class _Crawling(Exception):
@@ -102,22 +109,10 @@ def simulate_reference(
 ) -> Solution:
     """Simulate one injection with the reference engine.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    sample_interval : float
-        Spacing of the samples [s].
-    resolution : Resolution
-    friction : (9, 2), optional
-        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass, in a rigid body their sums; not
-        part of the paper's model, used by the virtual test bench.
-
-    Raises
-    ------
-    ConfigurationError
-        If the resolution makes no sense, or the injector or its fuel does not cover the point. A simulation that
-        fails returns a `Solution` whose status says so.
+    `sample_interval`: spacing of the samples [s]; `friction` (9, 2), optional: Coulomb force [N] and viscous
+    coefficient [N s/m] of the guides on each mass, in a rigid body their sums; not part of the paper's model, used by
+    the virtual test bench. Raises ConfigurationError if the resolution makes no sense, or the injector or its fuel does
+    not cover the point. A simulation that fails returns a `Solution` whose status says so.
     """
     resolution = resolution or Resolution()
     _check(resolution)
@@ -128,8 +123,8 @@ def simulate_reference(
         _refuse_friction(injector, friction)
     model = Model(injector, point, resolution, friction)
     if resolution.method == "explicit":
-        return model.solution(time, *march(model.problem, time, resolution.step))
-    return model.solution(time, *model.run(time))
+        return solution(model, time, *march(model.problem, time, resolution.step))
+    return solution(model, time, *model.run(time))
 
 
 def _check(resolution: Resolution) -> None:
@@ -183,8 +178,6 @@ class Model:
         """Problem of the explicit march."""
         fixed = Fixed(self.constants, self.cells, self.friction)
         return Problem(self.variant, self.point, self.c, fixed, self.start)
-
-    # --- time -------------------------------------------------------------------------------------
 
     def run(self, time: Floats) -> tuple[Floats, Instants, bool]:
         """States at `time`, instants of the needle, and whether the end was reached."""
@@ -273,8 +266,6 @@ class Model:
         """
         return self.at.line - self.at.core + 2
 
-    # --- right-hand side --------------------------------------------------------------------------
-
     def _rhs(self, t: float, y: Floats) -> Floats:
         self._evaluations += 1
         if self._evaluations == CRAWL[0]:
@@ -306,65 +297,67 @@ class Model:
         rail = self.outside[AT.rail] or self.point.at_start(self.point.rail_pressure)
         return typical_sizes(self.variant, self.start, self.cells, rail)
 
-    # --- result -----------------------------------------------------------------------------------
 
-    def solution(self, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
-        """States as a `Solution`."""
-        named = vector_states(self.variant, states, self.cells)
-        injected = named["nozzle.injected"]
-        channels = all_channels(self.c, self.variant, named, self._pressures(time, states))
-        still = channels["needle_lift"][-1] > 0.0
-        status = Status.STILL_INJECTING if still else Status.OK
-        if not finished:
-            status = Status.NOT_FINITE
-        if not self.closed_at_start:
-            status = Status.NOT_CLOSED_AT_START
-        return Solution(
-            time=time,
-            mass_rate=np.diff(injected) / np.diff(time),
-            injected=injected,
-            channels=channels,
-            injected_mass=float(injected[-1]),
-            returned_mass=float(named["cumulative_flows.returned"][-1]),
-            **found._asdict(),
-            reference_density=reference_density(self.injector, self.point),
-            status=status,
-            engine="reference",
-            balance=self._balance(states),
-        )
+def solution(model: Model, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
+    """States as a `Solution`."""
+    named = vector_states(model.variant, states, model.cells)
+    injected = named["nozzle.injected"]
+    cylinder = values_at(model.point.cylinder_pressure, time)
+    channels = all_channels(model.c, model.variant, named, _pressures(model, time, states), cylinder)
+    still = channels["needle_lift"][-1] > 0.0
+    status = Status.STILL_INJECTING if still else Status.OK
+    if not finished:
+        status = Status.NOT_FINITE
+    if not model.closed_at_start:
+        status = Status.NOT_CLOSED_AT_START
+    return Solution(
+        time=time,
+        mass_rate=np.diff(injected) / np.diff(time),
+        injected=injected,
+        channels=channels,
+        injected_mass=float(injected[-1]),
+        returned_mass=float(named["cumulative_flows.returned"][-1]),
+        **found._asdict(),
+        reference_density=reference_density(model.injector, model.point),
+        status=status,
+        engine="reference",
+        balance=_balance(model, states),
+    )
 
-    def _pressures(self, time: Floats, states: Floats) -> dict[str, Floats]:
-        """In the volumes, in the rail and at the feed pipe's inlet; these two differ where the rail is a volume."""
-        hydraulics, masses, c = make_hydraulics(self.variant), wiring(self.variant).positions, self.c
-        control: list[float] = []
-        needle_side: list[tuple[float, float]] = []
-        rail = np.array([value_at(self.point.rail_pressure, t) for t in time])
-        inlet = rail.copy()
-        for i, y in enumerate(states):
-            core = self.core.load(y, self.at.core, 1)
-            h = hydraulics(c, core.fuel, core.nozzle.lift_reached, masses.load(y, self.at.body, 2))
-            needle_side.append((h.accumulation.pressure, h.sac.pressure))
-            if self.direct:
-                continue
-            control.append(contents(c.fuel, core.fuel.control, 1.0 / h.volumes.control).pressure)
-            at = Inlet(rail[i], core.rail_mass, y[0])
-            inlet[i] = feed(c, inlet_law(self.variant), at, h.accumulation.pressure, control[i]).inlet
-            if self.variant.boundary is Boundary.VOLUME:
-                rail[i] = contents(c.fuel, core.rail_mass, 1.0 / c.rail.volume).pressure
-        accumulation, sac = np.array(needle_side).T.copy()
-        return {
-            **({} if self.direct else {"control_pressure": np.array(control)}),
-            "accumulation_pressure": accumulation,
-            "sac_pressure": sac,
-            "rail_pressure": rail,
-            "inlet_pressure": inlet,
-        }
 
-    def _balance(self, states: Floats) -> float:
-        """Balance of `relative_to_injected`."""
-        gain = states[-1] - states[0]
-        core = self.core.load(gain, self.at.core, 1)
-        per_cell = self.c.feed_pipe.travel_time / self.cells[0] / self.c.feed_pipe.impedance
-        stored = sum(core.fuel) + per_cell * float(np.sum(gain[1 : self.at.core : 2]))
-        left = core.cumulative_flows.supplied - core.nozzle.injected - core.cumulative_flows.returned - stored
-        return relative_to_injected(left, core.nozzle.injected)
+def _pressures(model: Model, time: Floats, states: Floats) -> dict[str, Floats]:
+    """In the volumes, in the rail and at the feed pipe's inlet; these two differ where the rail is a volume."""
+    hydraulics, masses, c = make_hydraulics(model.variant), wiring(model.variant).positions, model.c
+    control: list[float] = []
+    needle_side: list[tuple[float, float]] = []
+    rail = values_at(model.point.rail_pressure, time)
+    inlet = rail.copy()
+    for i, y in enumerate(states):
+        core = model.core.load(y, model.at.core, 1)
+        h = hydraulics(c, core.fuel, core.nozzle.lift_reached, masses.load(y, model.at.body, 2))
+        needle_side.append((h.accumulation.pressure, h.sac.pressure))
+        if model.direct:
+            continue
+        control.append(contents(c.fuel, core.fuel.control, 1.0 / h.volumes.control).pressure)
+        at = Inlet(rail[i], core.rail_mass, y[0])
+        inlet[i] = feed(c, inlet_law(model.variant), at, h.accumulation.pressure, control[i]).inlet
+        if model.variant.boundary is Boundary.VOLUME:
+            rail[i] = contents(c.fuel, core.rail_mass, 1.0 / c.rail.volume).pressure
+    accumulation, sac = np.array(needle_side).T.copy()
+    return {
+        **({} if model.direct else {"control_pressure": np.array(control)}),
+        "accumulation_pressure": accumulation,
+        "sac_pressure": sac,
+        "rail_pressure": rail,
+        "inlet_pressure": inlet,
+    }
+
+
+def _balance(model: Model, states: Floats) -> float:
+    """Balance of `relative_to_injected`."""
+    gain = states[-1] - states[0]
+    core = model.core.load(gain, model.at.core, 1)
+    per_cell = model.c.feed_pipe.travel_time / model.cells[0] / model.c.feed_pipe.impedance
+    stored = sum(core.fuel) + per_cell * float(np.sum(gain[1 : model.at.core : 2]))
+    left = core.cumulative_flows.supplied - core.nozzle.injected - core.cumulative_flows.returned - stored
+    return relative_to_injected(left, core.nozzle.injected)

@@ -1,4 +1,4 @@
-"""Results of simulations: one injection, and figures of many."""
+"""Results of simulations: one injection, as it is and as a meter shows it, and figures of many."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.choices import Actuation, Boundary
-from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.plan import coefficients_at
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine.operating_point import OperatingPoint, Trace, values_at
+from commonrail.engine.plan import coefficients_at, reference_densities
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.components import feed_pipe, solenoid
-from commonrail.physics.injector import Injector
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.meters import Flow, Meter, given_values, shown_quantities, shown_rates
 from commonrail.physics.variants import Variant, wiring
 
 # Mass balance of a whole simulation, from the traced state.
@@ -31,14 +34,8 @@ def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[
 
     In: drawn from the rail. Out: injected, returned. Stored: the volumes that the injector has and the feed pipe.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    states : mapping of str to (steps + 1,)
-        State after every step, by the names of `lanes.trace_paths`.
-    dt : float
-        Time step [s].
+    `states` (mapping of str to (steps + 1,)): state after every step, by the names of `lanes.trace_paths`; `dt`: time
+    step [s].
     """
     c = coefficients_at(injector, point, dt)
     stored = sum(float(states[name][-1] - states[name][0]) for name in _VOLUMES if name in states)
@@ -85,36 +82,25 @@ _PRESSURES = {  # names of the states, those that an injector has
 def read_channels(injector: Injector, point: OperatingPoint, time: Floats, states: States) -> dict[str, Floats]:
     """Channels of a `Solution` of the fast engines.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    time : (samples,)
-        [s].
-    states : mapping of str to (samples,)
-        State at those times, by the names of `lanes.trace_paths`.
+    `time` (samples,): [s]; `states` (mapping of str to (samples,)): state at those times, by the names of
+    `lanes.trace_paths`.
     """
     held = dict(states)
-    if isinstance(point.rail_pressure, Trace) and injector.variant.boundary is not Boundary.VOLUME:
-        held["rail.pressure"] = point.rail_pressure.at(time)
-    elif "rail.pressure" not in held:
-        held["rail.pressure"] = np.full(len(time), point.rail_pressure)
+    measured = isinstance(point.rail_pressure, Trace) and injector.variant.boundary is not Boundary.VOLUME
+    if measured or "rail.pressure" not in held:
+        held["rail.pressure"] = values_at(point.rail_pressure, time)
     pressures = {name: held[path] for name, path in _PRESSURES.items() if path in held}
-    return all_channels(coefficients_at(injector, point, 1e-6), injector.wired(), states, pressures)
+    cylinder = values_at(point.cylinder_pressure, time)
+    return all_channels(coefficients_at(injector, point, 1e-6), injector.wired(), states, pressures, cylinder)
 
 
-def all_channels(c: Any, variant: Variant, states: States, pressures: States) -> dict[str, Floats]:
+def all_channels(c: Any, variant: Variant, states: States, pressures: States, cylinder: Floats) -> dict[str, Floats]:
     """Lifts, the given pressures, and what follows from flux and lift reached, as any engine names them.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the variant's actuation.
-    variant : Variant
-    states, pressures : mapping of str to (samples,)
+    `c`: of the variant's actuation; `states`, `pressures`: (mapping of str to (samples,)).
     """
     wired = wiring(variant)
-    body, discharge = wired.body, wired.laws.discharge
+    body, discharge, sac = wired.body, wired.laws.discharge, pressures["sac_pressure"]
     moved = states[f"body.{body.TOP}"]
     if variant.actuation is Actuation.DIRECT:
         lifts, gap = {"armature_lift": moved}, c.armature.travel - moved
@@ -128,7 +114,9 @@ def all_channels(c: Any, variant: Variant, states: States, pressures: States) ->
         **pressures,
         "coil_current": np.asarray(magnet.current),
         "magnetic_force": np.asarray(solenoid.magnetic_force(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
-        "discharge_coefficient": np.array([discharge(c.nozzle, z) for z in states["nozzle.lift_reached"]]),
+        "discharge_coefficient": np.array(
+            [discharge(c.nozzle, *at) for at in zip(states["nozzle.lift_reached"], sac, cylinder, strict=True)]
+        ),
     }
 
 
@@ -268,3 +256,78 @@ class Batch:
     def returned_volume(self) -> Floats:
         """Returned per stroke [m³] at the reference density."""
         return np.asarray(self.returned_mass / self.reference_density)
+
+
+# A single simulation as a meter shows it.
+
+UNEVEN = 1e-6  # relative difference between intervals that counts as rounding
+
+
+@dataclass(frozen=True)
+class Metered:
+    """Rate and quantity of one injection as a meter shows them.
+
+    Attributes
+    ----------
+    meter : Meter
+    rate : (samples,)
+        Means between the same bounds as the simulated rate [m³/s].
+    quantity : float
+        Per stroke, by gain and offset, as for a map [m³].
+    """
+
+    meter: Meter
+    rate: Floats
+    quantity: float
+
+    @property
+    def rate_mm3_per_ms(self) -> Floats:
+        """Rate [mm³/ms]."""
+        return np.asarray(self.rate * 1e6)
+
+
+def metered(solution: Solution, meter: Meter, injector: Injector, point: OperatingPoint) -> Metered:
+    """Show a simulated injection as a meter would.
+
+    The flow is taken as zero before the first and after the last sample; a zero-phase filter, which sees ahead, needs a
+    simulation that ends after the injection.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of `simulate`, with samples at equal intervals.
+    meter : Meter
+        Its values are taken as they are, those that a study fits at their start.
+    injector : Injector
+        The one that was simulated; its fuel gives the density at a temperature of the meter.
+    point : OperatingPoint
+        The one that was simulated.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or the intervals of the samples differ.
+    """
+    instance(solution, Solution, "solution")
+    instance(meter, Meter, "meter")
+    instance(injector, Injector, "injector")
+    instance(point, OperatingPoint, "point")
+    steps = np.diff(solution.time)
+    if np.ptp(steps) > UNEVEN * steps[0]:
+        raise ConfigurationError(
+            "A meter shows samples at equal intervals, and those of the solution differ; simulate with another "
+            "sample_interval."
+        )
+    given = given_values(meter, {}, 1)
+    density = _density(solution, meter, injector, point)
+    flow = Flow(solution.mass_rate[None] / density, float(solution.time[0]), float(steps.mean()))
+    quantity = shown_quantities(given, np.array([[solution.injected_mass / density]]))
+    return Metered(meter, shown_rates(meter, given, flow, solution.time)[0], float(quantity[0, 0]))
+
+
+def _density(solution: Solution, meter: Meter, injector: Injector, point: OperatingPoint) -> float:
+    """Density [kg/m³] that makes the meter's volumes."""
+    if "temperature" in meter.values:
+        warmth = np.array([[meter.values["temperature"]]])
+        return float(reference_densities(injector, [point], [FUEL_TEMPERATURE], warmth)[0, 0])
+    return meter.values.get("density", solution.reference_density)

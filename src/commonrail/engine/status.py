@@ -18,7 +18,7 @@ from commonrail.base.hooks import note
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.components import feed_pipe, nozzle
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.reads import DRIVE, RETURN, reader_of, unread_inputs
+from commonrail.physics.variants import DRIVE, RETURN, reader_of, unread_inputs
 
 
 class Status(IntEnum):
@@ -88,11 +88,8 @@ ROUNDING = 1e-9  # of a pressure: a conversion of units must not lie outside a r
 def check_inputs(injector: Injector, point: OperatingPoint) -> None:
     """Refuse measured courses that the injector does not read, which would be ignored in silence.
 
-    Raises
-    ------
-    ConfigurationError
-        If the point has a measured drive and the injector another kind of drive, or a course of the return pressure
-        and the injector no return.
+    Raises ConfigurationError if the point has a measured drive and the injector another kind of drive, or a course of
+    the return pressure and the injector no return.
     """
     unread = unread_inputs(injector.variant)
     if DRIVE in unread and point.drive is not None:
@@ -112,10 +109,8 @@ def check_point(injector: Injector, point: OperatingPoint) -> None:
 
     Pressure waves inside the injector may pass the fuel's range; its polynomials are fitted beyond it for that.
 
-    Raises
-    ------
-    ConfigurationError
-        If a boundary pressure lies outside the fuel's range, or a rail that is a volume is given a pressure trace.
+    Raises ConfigurationError if a boundary pressure lies outside the fuel's range, or a rail that is a volume is given
+    a pressure trace.
     """
     if injector.variant.boundary is Boundary.VOLUME and isinstance(point.rail_pressure, Trace):
         raise ConfigurationError(
@@ -136,6 +131,8 @@ def check_point(injector: Injector, point: OperatingPoint) -> None:
 
 def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
     """Say where a law of an injector's own values is held at its limit, each sentence once in a process."""
+    if injector.variant.nozzle_law:
+        return
     pressures = [point.at_start(point.rail_pressure) for point in points]
     for pressure in sorted({min(pressures), max(pressures)}, reverse=True):
         greatest = greatest_discharge(injector, pressure)
@@ -151,11 +148,7 @@ def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
 def greatest_discharge(injector: Injector, rail_pressure: float) -> float:
     """Largest discharge coefficient that growth and shape ask of a nozzle [1], before it is held at 1.
 
-    Parameters
-    ----------
-    injector : Injector
-    rail_pressure : float
-        At time zero [Pa].
+    `rail_pressure`: at time zero [Pa].
     """
     p: nozzle.Parameters = injector.parameters.nozzle
     c = nozzle.coefficients(p, rail_pressure, 0.0)
@@ -180,11 +173,7 @@ def note_narrow_pipe(injector: Injector, points: Sequence[OperatingPoint]) -> No
 def pipe_loss(injector: Injector, rail_pressure: float) -> float:
     """Friction of the feed pipe at the nozzle's full flow q, over the head of its wave: R q/Z [1].
 
-    Parameters
-    ----------
-    injector : Injector
-    rail_pressure : float
-        At time zero [Pa], which the nozzle then has before it.
+    `rail_pressure`: at time zero [Pa], which the nozzle then has before it.
     """
     parts, temperature = injector.parameters, injector.values[FUEL_TEMPERATURE]
     density = float(injector.fuel.density(rail_pressure, temperature))

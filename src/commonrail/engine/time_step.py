@@ -13,8 +13,8 @@ from commonrail.base.arguments import Limits, Quantity, amount
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Actuation, Body, Boundary
 from commonrail.engine import direct_stability
-from commonrail.physics.components.chain import Seven, around
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.components.plunger_needle import Seven, around
+from commonrail.physics.flow import pipe_area
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.physics.variants import Variant

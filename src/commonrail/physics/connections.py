@@ -6,15 +6,12 @@ import math
 from typing import Any, NamedTuple
 
 from commonrail.physics import fuel_kernel as fuel
-from commonrail.physics.components import needle_seat, sac, valve
+from commonrail.physics.components import needle_seat, valve
 from commonrail.physics.components.nozzle import RESIDUAL_LIFT
 from commonrail.physics.components.plunger_needle import Motion
-from commonrail.physics.flow.leakage import leakage_slope
-from commonrail.physics.flow.orifice import Flow, Restriction, choked, jet, orifice, series
-from commonrail.physics.flow.volume import Contents
+from commonrail.physics.flow import Contents, Flow, Restriction, choked, jet, leakage_slope, orifice, series
 from commonrail.physics.law import physics, reciprocals
-from commonrail.physics.model import Coefficients
-from commonrail.physics.setup import accumulation_volume, control_volume
+from commonrail.physics.model import Coefficients, accumulation_volume, control_volume
 
 # Pressure drop below which the film on the valve's land counts as at this one, for a finite quotient [Pa].
 LEAST_DROP = 1.0
@@ -58,13 +55,8 @@ def middle(a: float, b: float) -> float:
 def seat_pressure(c: Coefficients, gap_cda2: float, upstream: float, behind: float) -> float:
     """Pressure [Pa] that opens the valve: what A-hole and seat, in series, leave in front of the seat.
 
-    Parameters
-    ----------
-    c : Coefficients
-    gap_cda2 : float
-        (c_d A)² of the valve's gap [m⁴].
-    upstream, behind : float
-        Pressures in the control chamber and behind the valve [Pa].
+    `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `upstream`, `behind`: pressures in the control chamber and behind the
+    valve [Pa].
     """
     hole = c.control_chamber.a_cda2
     per_series, per_gap = reciprocals(hole + gap_cda2, max(gap_cda2, 1e-3 * hole))
@@ -78,7 +70,7 @@ def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
     return Volumes(
         control_volume(c, lifts),
         accumulation_volume(c, lifts),
-        sac.volume(c.sac, c.needle_seat.area, lifts.tip),
+        needle_seat.sac_volume(c.sac, c.needle_seat.area, lifts.tip),
     )
 
 
@@ -86,14 +78,7 @@ def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
 def seat_cda2(c: Any, upstream: float, sac_pressure: float, tip: float) -> Restriction:
     """Restriction of the needle seat's gap, and its derivative in either pressure; of either actuation.
 
-    Parameters
-    ----------
-    c
-        Coefficients.
-    upstream, sac_pressure : float
-        Pressures in front of the seat and in the SAC [Pa].
-    tip : float
-        Lift of the needle's tip [m].
+    `upstream`, `sac_pressure`: pressures in front of the seat and in the SAC [Pa]; `tip`: lift of the needle's tip [m].
     """
     cda2 = needle_seat.gap_cda2(c.needle_seat, tip)
     return Restriction(cda2 * (upstream - sac_pressure), cda2)
@@ -103,14 +88,7 @@ def seat_cda2(c: Any, upstream: float, sac_pressure: float, tip: float) -> Restr
 def nozzle_cda2(c: Any, pressure: float, cylinder: float, discharge: float) -> Restriction:
     """Restriction of the nozzle's holes, cavitation included, with its derivative in the SAC's pressure.
 
-    Parameters
-    ----------
-    c
-        Coefficients.
-    pressure, cylinder : float
-        Pressures in SAC and cylinder [Pa].
-    discharge : float
-        c_d of Eq. (9) [1].
+    `pressure`, `cylinder`: pressures in SAC and cylinder [Pa]; `discharge`: c_d of Eq. (9) [1].
     """
     cda2, cavitating = c.nozzle.area_squared * discharge * discharge, c.nozzle.cda2_choked
     return choked(
@@ -145,12 +123,7 @@ def fading_share(tip: float, excess: float) -> float:
     Linear in the lift and in the SAC's pressure up to `RELAXED`, which is about what a gap of that lift lets through:
     so neither a touch of the seat nor the step in which it falls makes a jump.
 
-    Parameters
-    ----------
-    tip : float
-        Lift of the needle [m].
-    excess : float
-        Of the SAC over cylinder pressure [Pa].
+    `tip`: lift of the needle [m]; `excess`: of the SAC over cylinder pressure [Pa].
     """
     return min(max(1.0 - tip / RESIDUAL_LIFT, 0.0), 1.0) * relaxed_share(excess)
 
@@ -159,10 +132,7 @@ def fading_share(tip: float, excess: float) -> float:
 def relaxed_share(excess: float) -> float:
     """Share of `fading_share` that the SAC leaves [1]: all of it at cylinder pressure, none from `RELAXED` on.
 
-    Parameters
-    ----------
-    excess : float
-        Of the SAC over cylinder pressure [Pa].
+    `excess`: of the SAC over cylinder pressure [Pa].
     """
     return min(max(1.0 - excess * PER_RELAXED, 0.0), 1.0)
 
@@ -171,14 +141,7 @@ def relaxed_share(excess: float) -> float:
 def remembered_lift(c: Any, s: Any, tip: float, cylinder: float) -> float:
     """Lift that c_d remembers over a step [m]: on the seat the exact decay of `memory_rate`; of either actuation.
 
-    Parameters
-    ----------
-    c, s
-        Coefficients and state.
-    tip : float
-        Lift of the needle at the middle of the step [m].
-    cylinder : float
-        Pressure in the cylinder [Pa].
+    `tip`: lift of the needle at the middle of the step [m]; `cylinder`: pressure in the cylinder [Pa].
     """
     # with the tip last: it comes late, and all of the injection waits for this lift
     most = s.nozzle.lift_reached
@@ -193,16 +156,8 @@ def memory_rate(c: Any, lift_reached: float, tip: float, rise: float, excess: fl
 
     It fades by no more than a touch of the seat lasts; with a reset the quantity would jump at the first touch.
 
-    Parameters
-    ----------
-    c
-        Coefficients.
-    lift_reached : float
-        Lift that c_d remembers [m].
-    tip, rise : float
-        Lift [m] and speed [m/s] of the needle.
-    excess : float
-        Of the SAC over cylinder pressure [Pa].
+    `lift_reached`: lift that c_d remembers [m]; `tip`, `rise`: lift [m] and speed [m/s] of the needle; `excess`: of the
+    SAC over cylinder pressure [Pa].
     """
     rising = max(rise, 0.0) if tip >= lift_reached else 0.0
     return rising - fading_share(tip, excess) * lift_reached / c.nozzle.memory
@@ -221,15 +176,7 @@ def land_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float
     A-hole, gap and film in series pass Δp = q²/(2 ρ g) + R q, 1/g = 1/g_A + 1/g_s, at most what the cavitating A-hole
     passes. The gap that takes the same pressure at this flow is 1/(1/g_s + 2 ρ R/q).
 
-    Parameters
-    ----------
-    c : Coefficients
-    chamber : Contents
-        Of the control chamber.
-    behind : float
-        Pressure behind the valve [Pa].
-    lift : float
-        Of the valve [m].
+    `behind`: pressure behind the valve [Pa]; `lift`: of the valve [m].
     """
     hole, gap = c.control_chamber, valve.gap_cda2(c.valve, lift)
     resistance = valve.land_resistance(c.valve, lift, fuel.fluidity(c.fuel, middle(chamber.pressure, behind)))
@@ -247,13 +194,8 @@ def land_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float
 def drain_cda2(c: Coefficients, pressure: float, behind: float, gap_cda2: float) -> Drain:
     """Restriction of A-hole and valve in series, cavitation in the A-hole included.
 
-    Parameters
-    ----------
-    c : Coefficients
-    pressure, behind : float
-        In the control chamber and behind the valve [Pa].
-    gap_cda2 : float
-        (c_d A)² of the valve's gap [m⁴].
+    `pressure`, `behind`: in the control chamber and behind the valve [Pa]; `gap_cda2`: (c_d A)² of the valve's gap
+    [m⁴].
     """
     hole = c.control_chamber
     cda2 = series(hole.a_cda2, gap_cda2)
@@ -267,11 +209,7 @@ def drain_cda2(c: Coefficients, pressure: float, behind: float, gap_cda2: float)
 def z_hole_cda2(c: Coefficients, feed: float, pressure: float) -> Restriction:
     """Restriction of the Z-hole, cavitation included; its derivative in the chamber's pressure.
 
-    Parameters
-    ----------
-    c : Coefficients
-    feed, pressure : float
-        In front of the hole and in the control chamber [Pa].
+    `feed`, `pressure`: in front of the hole and in the control chamber [Pa].
     """
     hole = c.control_chamber
     free = Restriction(hole.z_cda2 * (feed - pressure), hole.z_cda2)

@@ -94,10 +94,7 @@ def cosine(x: Any) -> Any:
 def exponential(x: float) -> float:
     """Return exp x of a decay, 0 where it is no normal number; for kernels, which have no `ldexp`.
 
-    Parameters
-    ----------
-    x : float
-        Exponent [1], not above 0; the series takes what ln 2 leaves, halvings the rest.
+    `x`: exponent [1], not above 0; the series takes what ln 2 leaves, halvings the rest.
     """
     if x < _SMALLEST:
         return 0.0
@@ -118,10 +115,7 @@ def exponential(x: float) -> float:
 def product(left: Floats, right: Floats) -> Floats:
     """Product (…, n) of an array (…, d) and a matrix (d, n), summed from the first of d to the last.
 
-    Parameters
-    ----------
-    left : (…, d)
-    right : (d, n)
+    `left`: (…, d); `right`: (d, n).
     """
     total = np.zeros((*left.shape[:-1], right.shape[1]))
     for k, row in enumerate(right):

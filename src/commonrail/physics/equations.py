@@ -1,6 +1,6 @@
 """Equations of the injectors as a whole, dy/dt = f(t, y): method of lines, no splitting, no lag.
 
-The same laws as the fast step's (`injector.step`), put together without its scheme: pipes are staggered finite volumes,
+The same laws as the fast step's (`physics.step`), put together without its scheme: pipes are staggered finite volumes,
 all pressures are taken at one time. Numbers of equations are the paper's; (3) is written in mass.
 
     dm/dt (control chamber) = q_Z − q_A − q_leak,plunger                                        (3)
@@ -20,31 +20,180 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from commonrail.base.choices import Actuation, Body
+from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.physics import connections
-from commonrail.physics.algebraic import (
-    OUTSIDE,
-    Drain,
-    Inlet,
-    coil_law,
-    coil_rates,
-    drain_flow,
-    feed,
-    inlet_law,
-    pressure_behind,
-)
-from commonrail.physics.components import direct_needle, nozzle, plunger_needle, solenoid, valve
-from commonrail.physics.components.chain import Nine
+from commonrail.physics.components import direct_needle, drive, nozzle, plunger_needle, solenoid, valve
 from commonrail.physics.components.guide_friction import bench_friction
-from commonrail.physics.components.plunger_needle import Motion
-from commonrail.physics.direct.model import moving_masses
-from commonrail.physics.direct.step import needle_pressure
-from commonrail.physics.flow.volume import Contents, contents
-from commonrail.physics.law import physics
-from commonrail.physics.model import Coefficients, CumulativeFlows
-from commonrail.physics.setup import control_volume, seat_contact
+from commonrail.physics.components.plunger_needle import Motion, Nine
+from commonrail.physics.direct import moving_masses, needle_pressure
+from commonrail.physics.flow import Contents, Flow, contents, jet, orifice
+from commonrail.physics.law import layout_of, physics
+from commonrail.physics.model import Coefficients, CumulativeFlows, ambient_density, control_volume, seat_contact
 from commonrail.physics.state_vector import Core, DirectCore, Masses, NeedleMasses, core_of, make_frame
 from commonrail.physics.variants import Variant, wiring
+
+# Laws that the reference solves at one instant: boundaries, coil and drives, without any time step.
+
+# The pressure behind the valve follows the line within this time: a thirtieth of what a wave takes through a cell [s].
+OUTLET_TIME = 1e-7
+
+
+class Outside(NamedTuple):
+    """Boundary pressures [Pa], and what drives the coil: schedule, PWM's transistor, trace."""
+
+    rail: float
+    cylinder: float
+    low: float
+    on: float
+    peak: float
+    conducting: float
+    trace: float
+
+
+OUTSIDE = layout_of(Outside)
+AT: Any = OUTSIDE.load(range(len(OUTSIDE.paths)), 0, 1)  # where each stands in an array
+
+
+class Drain(NamedTuple):
+    """Flow out of the control chamber [kg/s], pressure behind the valve [Pa], flow into the line, rate of `outlet`."""
+
+    flow: float
+    behind: float
+    line_flow: float
+    outlet_rate: float
+
+
+class Inlet(NamedTuple):
+    """Rail pressure from outside [Pa], mass in a rail volume [kg], and flow into the feed pipe [kg/s]."""
+
+    rail: float
+    rail_mass: float
+    flow: float
+
+
+class Feed(NamedTuple):
+    """Pressure at the feed pipe's inlet [Pa] and flow through the Z-hole [kg/s]."""
+
+    inlet: float
+    z_flow: float
+
+
+@physics
+def pressure_behind(c: Coefficients, outlet: float, wave: float) -> float:
+    """Pressure behind the valve [Pa]; arguments as of `drain_flow`."""
+    return max(outlet if c.return_line.impedance > 0.0 else wave, c.fuel.vapour_pressure)
+
+
+@physics
+def drain_flow(c: Coefficients, chamber: Contents, gap_cda2: float, outlet: float, wave: float) -> Drain:
+    """Flow through A-hole and valve, Eq. (4), and into the return line.
+
+    A small volume of liquid at the valve's outlet, which the line's impedance fills within `OUTLET_TIME`, gives the
+    pressure there; it holds the vapour pressure while liquid is missing, as the other volumes do.
+
+    `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: of `Core` [Pa]; not used where there is no line; `wave`:
+    that arrives in the line; the tank's pressure where there is no line [Pa].
+    """
+    z = c.return_line.impedance
+    behind = pressure_behind(c, outlet, wave)
+    through = connections.drain_cda2(c, chamber.pressure, behind, gap_cda2)
+    flow = jet(through.cda2_dp, chamber.density, c.control_chamber.a_offset).mass_flow
+    if z > 0.0:
+        return Drain(flow, behind, (behind - wave) / z, (z * flow - (behind - wave)) / OUTLET_TIME)
+    return Drain(flow, behind, flow, 0.0)
+
+
+@physics
+def coil_rates(
+    c: Any, outside: Outside, law: Any, s: solenoid.State, gap: float, lags: tuple[float, float]
+) -> solenoid.State:
+    """Rates of both fluxes [V]: N dφ/dt = v − R i, Eq. (11), and dφ_f/dt = (φ − φ_f)/τ; of either actuation.
+
+    `c`, `outside`: coefficients, and what comes from outside; `gap`: air gap that the armature leaves [m]; `lags`
+    (float, float): of a rising and of a falling flux [s]; the first is zero for none.
+    """
+    rising, falling = lags
+    now = solenoid.circuit(c.solenoid, s.flux, gap)
+    supply = drive.Supply(drive.Schedule(outside.on, outside.peak), outside.trace)
+    rate = law(c, outside, supply, now)
+    pulling_rate = solenoid.lag_rate(s.flux, s.pulling_flux, rising, falling) if rising > 0.0 else rate
+    return solenoid.State(rate, pulling_rate)
+
+
+@physics
+def inlet_ideal(c: Coefficients, at: Inlet, z_flow: float) -> float:
+    """Pressure at the pipe's inlet: the rail's."""
+    return at.rail
+
+
+@physics
+def inlet_throttled(c: Coefficients, at: Inlet, z_flow: float) -> float:
+    """Pressure at the pipe's inlet behind the rail's throttle, Eq. (4) solved for the pressure."""
+    rail = contents(c.fuel, at.rail_mass, 1.0 / c.rail.volume)
+    total = at.flow + c.control_chamber.z_inlet_fraction * z_flow
+    return rail.pressure - total * abs(total) / (2.0 * rail.density * c.rail.throttle_cda2)
+
+
+@physics
+def feed(c: Coefficients, law: Any, at: Inlet, accumulation: float, control: float) -> Feed:
+    """Pressure at the inlet, and flow through the Z-hole.
+
+    The Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge.
+
+    `law`: `inlet_law` of a variant; `accumulation`, `control`: pressures in accumulation volume and control chamber
+    [Pa].
+    """
+    z_flow = 0.0
+    inlet = at.rail
+    from_inlet = c.control_chamber.z_inlet_fraction
+    for _ in range(6):
+        inlet = law(c, at, z_flow)
+        source = from_inlet * inlet + (1.0 - from_inlet) * accumulation
+        through = connections.z_hole_cda2(c, source, control)
+        z_flow = orifice(through, ambient_density(c.source, source), c.control_chamber.z_offset).mass_flow
+        if from_inlet == 0.0:
+            break
+    return Feed(inlet, z_flow)
+
+
+@physics
+def past_limit(c: Any, peak: float, conducting: float, flux: float, gap: float) -> float:
+    """Positive once the PWM's current has passed the limit at which it switches; relative to its band.
+
+    `flux`: linked by the coil [Wb]; `gap`: air gap that the armature leaves [m]; `peak`, `conducting`: as in `Outside`.
+    """
+    in_peak = peak > 0.5
+    mean = c.drive.peak_current if in_peak else c.drive.hold_current
+    band = c.drive.peak_band if in_peak else c.drive.hold_band
+    over = (solenoid.circuit(c.solenoid, flux, gap).current - mean) / band
+    return (over if conducting > 0.5 else -over) - 0.5
+
+
+@physics
+def switched(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+    """PWM whose transistor is set by the solver's events; after the end −boost until the current is gone."""
+    live = drive.applied(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
+    off = drive.switched_off(c.drive, c.solenoid, now).flux_rate
+    return live if outside.on > 0.5 else off
+
+
+def inlet_law(variant: Variant) -> Callable[..., float]:
+    """Law of the pressure at the feed pipe's inlet."""
+    return inlet_ideal if variant.boundary is Boundary.IDEAL else inlet_throttled
+
+
+def coil_law(variant: Variant) -> Callable[..., float]:
+    """Law of the coil's flux rate: that of the drive for a step of no length, but for the PWM, which events switch."""
+    if variant.drive is Drive.PWM:
+        return switched
+    law = wiring(variant).laws.drive
+
+    @physics
+    def flux_rate(c: Any, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+        return law(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate  # type: ignore[no-any-return]
+
+    return flux_rate
+
 
 SHORTEST_LAG = 1e-9  # in place of a lag of zero in one direction [s]: the flux follows within a thousandth of a step
 
@@ -63,15 +212,7 @@ class Hydraulics(NamedTuple):
 def pipe_rates(y: Any, dy: Any, cells: int, c: Any, inlet: float, end: float) -> None:
     """Rates of the feed pipe, Eq. (6), as flow–pressure pairs: face 0, cell 0, face 1, …, cell n−1, face n.
 
-    Parameters
-    ----------
-    y, dy : array
-        The vector and its rates.
-    cells : int
-    c : Coefficients
-        Of either actuation.
-    inlet, end : float
-        Pressures at both ends [Pa].
+    `y`, `dy`: the vector and its rates; `inlet`, `end`: pressures at both ends [Pa].
     """
     z = c.feed_pipe.impedance
     per_cell = cells / c.feed_pipe.travel_time
@@ -91,17 +232,8 @@ def pipe_rates(y: Any, dy: Any, cells: int, c: Any, inlet: float, end: float) ->
 def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflow: float, low: float) -> None:
     """Rates of the return line, Eq. (6), as pressure–flow pairs: cell 0, face 1, …, cell n−1, face n at the tank.
 
-    Parameters
-    ----------
-    y, dy : array
-        The vector and its rates.
-    place : (int, int)
-        First place of the line in it, and its cells.
-    c : Coefficients
-    inflow : float
-        Behind the valve [kg/s].
-    low : float
-        Pressure of the tank [Pa].
+    `y`, `dy`: the vector and its rates; `place` (int, int): first place of the line in it, and its cells; `inflow`:
+    behind the valve [kg/s]; `low`: pressure of the tank [Pa].
     """
     z, (first, cells) = c.return_line.impedance, place
     per_cell = 2.0 * cells / c.return_line.round_trip
@@ -133,6 +265,19 @@ def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
     return hydraulics  # type: ignore[no-any-return]
 
 
+def make_needle_flows(variant: Variant) -> Callable[..., tuple[Flow, Flow]]:
+    """Function (coefficients, hydraulics, cylinder pressure [Pa]) → flows through needle seat and nozzle."""
+    discharge = wiring(variant).laws.discharge
+
+    @physics
+    def needle_flows(c: Any, h: Hydraulics, cylinder: float) -> tuple[Flow, Flow]:
+        seat = connections.seat_flow(c, h.accumulation, h.sac, h.lifts.tip)
+        coefficient = discharge(c.nozzle, h.reached, h.sac.pressure, cylinder)
+        return seat, connections.nozzle_flow(c, h.sac, cylinder, coefficient)
+
+    return needle_flows  # type: ignore[no-any-return]
+
+
 def make_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant of either actuation."""
     return _make_direct_rates(variant) if variant.actuation is Actuation.DIRECT else _make_servo_rates(variant)
@@ -155,7 +300,7 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
     load, load_outside = wired.coefficients.load, OUTSIDE.load
     load_core, store_core = core_of(variant).load, core_of(variant).store
     load_masses, store_masses = wired.positions.load, wired.positions.store
-    accelerations, discharge, gap_law = wired.accelerations, wired.laws.discharge, wired.laws.gap_cda2
+    accelerations, gap_law, needle_flows = wired.accelerations, wired.laws.gap_cda2, make_needle_flows(variant)
     store_accelerations = store_chain if variant.body is Body.FLEXIBLE else store_rigid
     inlet_of, coil = inlet_law(variant), coil_law(variant)
 
@@ -173,12 +318,13 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
 
         # flows: orifices, Eq. (4), with c_d of the nozzle by Eq. (9); guides, Eq. (5)
         entry = feed(c, inlet_of, Inlet(outside.rail, s.rail_mass, y[0]), h.accumulation.pressure, chamber.pressure)
+        seat, spray = needle_flows(c, h, outside.cylinder)
         q = Flows(
             pipe=y[core - 1],
             z_hole=entry.z_flow,
             drain=drain_flow(c, chamber, gap_cda2, s.outlet, wave),
-            seat=connections.seat_flow(c, h.accumulation, h.sac, h.lifts.tip).mass_flow,
-            nozzle=connections.nozzle_flow(c, h.sac, outside.cylinder, discharge(c.nozzle, h.reached)).mass_flow,
+            seat=seat.mass_flow,
+            nozzle=spray.mass_flow,
             plunger_leak=connections.guide_leak(c, guides.plunger_leak, chamber.pressure, outside.low).mass_flow,
             needle_leak=connections.guide_leak(c, guides.needle_leak, h.accumulation.pressure, outside.low).mass_flow,
         )
@@ -233,7 +379,7 @@ def _make_direct_rates(variant: Variant) -> Callable[..., None]:
     load, load_outside = wired.coefficients.load, OUTSIDE.load
     load_core, store_core = core_of(variant).load, core_of(variant).store
     load_masses, store_masses = wired.positions.load, wired.positions.store
-    accelerations, discharge, coil = wired.accelerations, wired.laws.discharge, coil_law(variant)
+    accelerations, coil, needle_flows = wired.accelerations, coil_law(variant), make_needle_flows(variant)
 
     def rates(y, outside_, constants, cells, friction, dy):  # type: ignore[no-untyped-def]
         c, outside, at = load(constants, 0, 1), load_outside(outside_, 0, 1), frame(cells)
@@ -243,8 +389,7 @@ def _make_direct_rates(variant: Variant) -> Callable[..., None]:
 
         # flows: orifices, Eq. (4), with c_d of the nozzle by Eq. (9)
         pipe = y[at.core - 1]
-        seat = connections.seat_flow(c, h.accumulation, h.sac, z.needle).mass_flow
-        spray = connections.nozzle_flow(c, h.sac, outside.cylinder, discharge(c.nozzle, h.reached)).mass_flow
+        seat, spray = needle_flows(c, h, outside.cylinder)
 
         # solenoid, Eq. (11), (12), with a lag for either direction
         lags = max(c.solenoid.eddy_lag, SHORTEST_LAG), max(c.flux_decay.lag, SHORTEST_LAG)
@@ -256,8 +401,9 @@ def _make_direct_rates(variant: Variant) -> Callable[..., None]:
 
         slopes = DirectCore(
             solenoid=magnet,
-            fuel=NeedleMasses(accumulation=pipe - seat, sac=seat - spray),  # balances, Eq. (3)
-            nozzle=nozzle.State(remembering, spray),
+            # balances of the volumes, Eq. (3)
+            fuel=NeedleMasses(accumulation=pipe - seat.mass_flow, sac=seat.mass_flow - spray.mass_flow),
+            nozzle=nozzle.State(remembering, spray.mass_flow),
             cumulative_flows=CumulativeFlows(returned=0.0, supplied=y[0]),
         )
         store_core(dy, at.core, 1, slopes)
@@ -278,17 +424,8 @@ def _make_direct_rates(variant: Variant) -> Callable[..., None]:
 def store_chain(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v: Nine, friction: Any) -> None:
     """Write the chain's accelerations, less the guides' friction, behind the velocities.
 
-    Parameters
-    ----------
-    dy : array
-        Rates.
-    first : int
-        First place of plunger and needle.
-    c : Coefficients
-    a, v : Nine
-        Accelerations [m/s²] and velocities [m/s].
-    friction : (9, 2)
-        Dry friction [N] and viscous coefficient [N s/m] of the guides on each mass.
+    `dy`: rates; `first`: first place of plunger and needle; `a`, `v`: accelerations [m/s²] and velocities [m/s];
+    `friction` (9, 2): dry friction [N] and viscous coefficient [N s/m] of the guides on each mass.
     """
     for i in range(9):
         resistance = bench_friction(friction[i, 0], friction[i, 1], v[i])
@@ -299,10 +436,7 @@ def store_chain(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v:
 def store_rigid(dy: Any, first: int, c: plunger_needle.Coefficients, a: float, v: float, friction: Any) -> None:
     """Write the rigid body's acceleration, less the friction on all masses, whose speed is its own.
 
-    Parameters
-    ----------
-    dy, first, c, a, v, friction
-        As of `store_chain`.
+    Arguments as in `store_chain`.
     """
     resistance = 0.0
     for i in range(9):
@@ -336,15 +470,14 @@ def make_sac_rate(variant: Variant) -> Callable[..., float]:
     """
     hydraulics, frame = make_hydraulics(variant), make_frame(variant)
     load_core, load_masses = core_of(variant).load, wiring(variant).positions.load
-    discharge = wiring(variant).laws.discharge
+    needle_flows = make_needle_flows(variant)
 
     @physics
     def sac_rate(c: Any, y: Any, cells: Any, cylinder: float) -> float:
         at = frame(cells)
         s = load_core(y, at.core, 1)
         h = hydraulics(c, s.fuel, s.nozzle.lift_reached, load_masses(y, at.body, 2))
-        seat = connections.seat_flow(c, h.accumulation, h.sac, h.lifts.tip)
-        spray = connections.nozzle_flow(c, h.sac, cylinder, discharge(c.nozzle, h.reached))
+        seat, spray = needle_flows(c, h, cylinder)
         return (seat.slope + spray.slope) * h.sac.stiffness / h.volumes.sac
 
     return sac_rate  # type: ignore[no-any-return]

@@ -66,12 +66,8 @@ def coefficient(polynomial: Sequence[float], temperature: ArrayLike) -> Floats:
 def saturating_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats) -> Floats:
     """Return K1 + (1 - exp(-p/K2)) K3 p^K4, the density and bulk modulus of Eq. (2).
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, >= 0, in the unit that the coefficients were fitted in.
-    k1, k2, k3, k4 : arrays
-        Coefficients at the wanted temperature; K2 = 0 means the limit in which the bracket is 1.
+    `p`: pressure, >= 0, in the unit that the coefficients were fitted in; `k1`, `k2`, `k3`, `k4`: coefficients at the
+    wanted temperature; K2 = 0 means the limit in which the bracket is 1.
     """
     p = np.asarray(p, dtype=np.float64)
     return np.asarray(k1 + _bracket(p, k2) * k3 * _power(p, k4))
@@ -80,12 +76,8 @@ def saturating_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats)
 def saturating_slope(p: ArrayLike, k2: Floats, k3: Floats, k4: Floats) -> Floats:
     """Return the derivative of `saturating_law` with respect to pressure.
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, > 0, in the unit that the coefficients were fitted in.
-    k2, k3, k4 : arrays
-        Coefficients at the wanted temperature, as in `saturating_law`.
+    `p`: pressure, > 0, in the unit that the coefficients were fitted in; `k2`, `k3`, `k4`: coefficients at the wanted
+    temperature, as in `saturating_law`.
     """
     p = np.asarray(p, dtype=np.float64)
     rise = (1.0 - _bracket(p, k2)) / np.where(k2 > 0.0, k2, np.inf)
@@ -95,12 +87,8 @@ def saturating_slope(p: ArrayLike, k2: Floats, k3: Floats, k4: Floats) -> Floats
 def power_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats) -> Floats:
     """Return K1 + K2 p^K3, the kinematic viscosity of Eq. (2).
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, >= 0, in the unit that the coefficients were fitted in.
-    k1, k2, k3 : arrays
-        Coefficients at the wanted temperature.
+    `p`: pressure, >= 0, in the unit that the coefficients were fitted in; `k1`, `k2`, `k3`: coefficients at the wanted
+    temperature.
     """
     return np.asarray(k1 + k2 * power(p, k3))
 
@@ -111,12 +99,8 @@ def log_compression(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats
     It integrates d(rho)/dp = rho/K by 48 Gauss points in the cube root of pressure, which removes
     the weak singularity of p^K4 at zero; the result is exact to rounding (about 1e-13).
 
-    Parameters
-    ----------
-    p : array_like
-        Pressure, >= 0, in the unit that the coefficients were fitted in.
-    k1, k2, k3, k4 : arrays
-        Coefficients of the modulus, as in `saturating_law`.
+    `p`: pressure, >= 0, in the unit that the coefficients were fitted in; `k1`, `k2`, `k3`, `k4`: coefficients of the
+    modulus, as in `saturating_law`.
     """
     p = np.asarray(p, dtype=np.float64)[..., None]
     modulus = saturating_law(p * _NODES * _NODES * _NODES, *(np.asarray(k)[..., None] for k in (k1, k2, k3, k4)))
@@ -254,13 +238,13 @@ class Fuel:
             If a temperature lies outside `temperature_range` (so do all methods of this class).
         """
         held, tension, at = self._read(p, temperature)
-        stretch = exp(tension / self._modulus(held, at))
-        return np.asarray(self._density(held, at) * stretch)
+        stretch = exp(tension / _modulus(self, held, at))
+        return np.asarray(_density(self, held, at) * stretch)
 
     def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isothermal bulk modulus rho dp/d(rho) [Pa]; shapes as in `density`."""
         held, _, at = self._read(p, temperature)
-        return np.asarray(_MPA * self._modulus(held, at))
+        return np.asarray(_MPA * _modulus(self, held, at))
 
     def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isentropic bulk modulus [Pa], the one that waves feel."""
@@ -282,19 +266,6 @@ class Fuel:
     def vapour_pressure(self, temperature: ArrayLike) -> Floats:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""
         return np.asarray(exp(self.vapour_law.at(self._temperature(temperature))[0]))
-
-    def _density(self, held: Floats, temperature: ArrayLike) -> Floats:
-        if self.bulk_modulus_law is None:
-            return saturating_law(held, *self.density_law.at(temperature))
-        compression = log_compression(held, *self.bulk_modulus_law.at(temperature))
-        return np.asarray(self.density_law.at(temperature)[0] * exp(compression))
-
-    def _modulus(self, held: Floats, temperature: ArrayLike) -> Floats:
-        """Isothermal modulus [MPa] at pressures inside the range [MPa]."""
-        if self.bulk_modulus_law is not None:
-            return saturating_law(held, *self.bulk_modulus_law.at(temperature))
-        _, k2, k3, k4 = self.density_law.at(temperature)
-        return self._density(held, temperature) / saturating_slope(held, k2, k3, k4)
 
     def _read(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Pressure held at the range's lower end, what lies below it, both in MPa, and temperature [K]."""
@@ -326,3 +297,19 @@ class Fuel:
                 f"{wrong:g} K: give an absolute temperature inside this range, or another fuel."
             )
         return asked
+
+
+def _density(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
+    """Density [kg/m3] at pressures inside the range [MPa]."""
+    if fuel.bulk_modulus_law is None:
+        return saturating_law(held, *fuel.density_law.at(temperature))
+    compression = log_compression(held, *fuel.bulk_modulus_law.at(temperature))
+    return np.asarray(fuel.density_law.at(temperature)[0] * exp(compression))
+
+
+def _modulus(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
+    """Isothermal modulus [MPa] at pressures inside the range [MPa]."""
+    if fuel.bulk_modulus_law is not None:
+        return saturating_law(held, *fuel.bulk_modulus_law.at(temperature))
+    _, k2, k3, k4 = fuel.density_law.at(temperature)
+    return _density(fuel, held, temperature) / saturating_slope(held, k2, k3, k4)

@@ -85,12 +85,7 @@ class PressureAndStiffness(NamedTuple):
 def pressure(f: FuelCoefficients, rho: float) -> float:
     """Return the pressure [Pa] at a density, negative in tension.
 
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    rho : float
-        Density ρ [kg/m3], > 0; fitted up to 1.4 times the fuel's range of pressure.
+    `rho`: density ρ [kg/m3], > 0; fitted up to 1.4 times the fuel's range of pressure.
     """
     return _pressure_of_strain(f, rho * f.inverse_reference_density - 1.0)
 
@@ -99,10 +94,7 @@ def pressure(f: FuelCoefficients, rho: float) -> float:
 def stiffness(f: FuelCoefficients, rho: float) -> float:
     """Return dp/d(rho) = K/rho [Pa m3/kg], the exact derivative of `pressure`; isothermal.
 
-    Parameters
-    ----------
-    f, rho
-        As in `pressure`.
+    Arguments as in `pressure`.
     """
     x = rho * f.inverse_reference_density - 1.0
     return _slope_of_strain(f, x) * f.inverse_reference_density
@@ -112,10 +104,7 @@ def stiffness(f: FuelCoefficients, rho: float) -> float:
 def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffness:
     """Return `pressure` and `stiffness` at a density, without a division.
 
-    Parameters
-    ----------
-    f, rho
-        As in `pressure`.
+    Arguments as in `pressure`.
     """
     x = rho * f.inverse_reference_density - 1.0
     c = max(x, 0.0)
@@ -134,13 +123,8 @@ def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffn
 def density(f: FuelCoefficients, p: float) -> float:
     """Return the density [kg/m3] at a pressure: the inverse of `pressure`, by three Newton steps from a quartic guess.
 
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    p : float
-        Pressure p [Pa]. Exact to rounding up to 350 MPa (1.4 times the fuel's range) and in tension, where the
-        polynomial is a line; within 1e-10 up to 400 MPa.
+    `p`: pressure p [Pa]. Exact to rounding up to 350 MPa (1.4 times the fuel's range) and in tension, where the
+    polynomial is a line; within 1e-10 up to 400 MPa.
     """
     s = max(p, 0.0) * _PER_100_MPA
     start = s * (f.d1 + s * (f.d2 + s * (f.d3 + s * f.d4)))
@@ -152,12 +136,7 @@ def density(f: FuelCoefficients, p: float) -> float:
 def fluidity(f: FuelCoefficients, p: float) -> float:
     """Return the inverse kinematic viscosity [s/m2] at a pressure, 1/ν of Eq. (2).
 
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    p : float
-        Pressure p [Pa]; the result is constant in tension and above 300 MPa.
+    `p`: pressure p [Pa]; the result is constant in tension and above 300 MPa.
     """
     s = min(max(p * _PER_100_MPA, 0.0), 3.0)
     return f.u0 + s * (f.u1 + s * (f.u2 + s * (f.u3 + s * (f.u4 + s * f.u5))))
@@ -167,10 +146,7 @@ def fluidity(f: FuelCoefficients, p: float) -> float:
 def kinematic_viscosity(f: FuelCoefficients, p: float) -> float:
     """Return the kinematic viscosity [m2/s] at a pressure, ν of Eq. (2).
 
-    Parameters
-    ----------
-    f, p
-        As in `fluidity`.
+    Arguments as in `fluidity`.
     """
     return 1.0 / fluidity(f, p)
 
@@ -179,12 +155,7 @@ def kinematic_viscosity(f: FuelCoefficients, p: float) -> float:
 def sound_speed(f: FuelCoefficients, rho: float) -> float:
     """Return the isentropic speed of sound [m/s] at a density, a of Eq. (6): a^2 = K_S/rho.
 
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    rho : float
-        Density ρ [kg/m3], > 0; in tension the ratio of the moduli is that at zero pressure.
+    `rho`: density ρ [kg/m3], > 0; in tension the ratio of the moduli is that at zero pressure.
     """
     state = pressure_and_stiffness(f, rho)
     s = max(state.pressure, 0.0) * _PER_100_MPA
@@ -193,15 +164,7 @@ def sound_speed(f: FuelCoefficients, rho: float) -> float:
 
 @physics
 def _pressure_of_strain(f: FuelCoefficients, x: float) -> float:
-    """Pressure [Pa] at a strain.
-
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    x : float
-        Strain ρ/ρ0 − 1 [1], > −1.
-    """
+    """Pressure [Pa] at a strain; `x`: strain ρ/ρ0 − 1 [1], > −1."""
     c = max(x, 0.0)
     secant = c * (f.p2 + c * (f.p3 + c * (f.p4 + c * (f.p5 + c * (f.p6 + c * f.p7)))))
     return f.p1 * x + c * secant
@@ -211,10 +174,7 @@ def _pressure_of_strain(f: FuelCoefficients, x: float) -> float:
 def _slope_of_strain(f: FuelCoefficients, x: float) -> float:
     """Derivative of `_pressure_of_strain` [Pa].
 
-    Parameters
-    ----------
-    f, x
-        As in `_pressure_of_strain`.
+    Arguments as in `_pressure_of_strain`.
     """
     c = max(x, 0.0)
     high = 5.0 * f.p5 + c * (6.0 * f.p6 + c * (7.0 * f.p7))
@@ -225,14 +185,7 @@ def _slope_of_strain(f: FuelCoefficients, x: float) -> float:
 def _newton(f: FuelCoefficients, x: float, p: float) -> float:
     """Strain [1] after one Newton step towards a pressure.
 
-    Parameters
-    ----------
-    f : FuelCoefficients
-        Fuel at one temperature.
-    x : float
-        Strain ρ/ρ0 − 1 [1] before.
-    p : float
-        Pressure to be reached [Pa].
+    `x`: strain ρ/ρ0 − 1 [1] before; `p`: pressure to be reached [Pa].
     """
     return x - (_pressure_of_strain(f, x) - p) / _slope_of_strain(f, x)
 
@@ -258,19 +211,10 @@ class PolynomialErrors(NamedTuple):
 def fuel_coefficients(fuel: Fuel, temperature: float) -> FuelCoefficients:
     """Return the polynomials of a fuel at one temperature.
 
-    Parameters
-    ----------
-    fuel : Fuel
-        The laws; equal fuels share one result (it is cached).
-    temperature : float
-        Temperature [K].
+    `fuel`: the laws; equal fuels share one result (it is cached); `temperature`: temperature [K].
 
-    Raises
-    ------
-    InputError
-        If the temperature lies outside the fuel's range.
-    ConfigurationError
-        If the fuel's laws bend too sharply for a polynomial (an explicit density law does).
+    Raises InputError if the temperature lies outside the fuel's range. Raises ConfigurationError if the fuel's laws
+    bend too sharply for a polynomial (an explicit density law does).
     """
     return FuelCoefficients._make(coefficient_rows(fuel, (temperature,))[0].tolist())
 
@@ -281,16 +225,8 @@ def coefficient_rows(fuel: Fuel, temperatures: tuple[float, ...]) -> Floats:
 
     A row has the bits that its temperature has alone.
 
-    Parameters
-    ----------
-    fuel : Fuel
-    temperatures : tuple of float
-        [K].
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        As `fuel_coefficients`, for the first temperature that is refused.
+    `temperatures`: [K]. Raises InputError, ConfigurationError: as `fuel_coefficients`, for the first temperature that
+    is refused.
     """
     with np.errstate(all="ignore"):  # what no polynomial fits is refused in a sentence
         parts = [temperatures[i : i + _TOGETHER] for i in range(0, len(temperatures), _TOGETHER)]
@@ -354,14 +290,7 @@ def _fitted(fuel: Fuel, temperatures: Floats) -> Floats:
 def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoefficients) -> PolynomialErrors:
     """Measure polynomials against the laws they were made from, at 101 pressures of the range.
 
-    Parameters
-    ----------
-    fuel : Fuel
-        The laws.
-    temperature : float
-        Temperature [K], inside the fuel's range.
-    coefficients : FuelCoefficients
-        The polynomials.
+    `fuel`: the laws; `temperature`: temperature [K], inside the fuel's range; `coefficients`: the polynomials.
     """
     p = _checked(fuel)
     return _errors(_Values.of(fuel, p, np.array([temperature])), p, coefficients)

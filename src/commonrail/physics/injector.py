@@ -11,7 +11,7 @@ from commonrail.base.arguments import Quantity, instance, mapping, number, plain
 from commonrail.base.choices import Actuation, Laws
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.physics.fuel import Fuel
-from commonrail.physics.layout import field_paths
+from commonrail.physics.law import field_paths
 from commonrail.physics.parameters import Domain, Q, describe
 from commonrail.physics.variants import EXTENDING, MODELS, Variant
 

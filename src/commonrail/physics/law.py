@@ -1,16 +1,20 @@
-"""Laws of the physics as plain functions, and where compilers find them; nothing here needs Numba.
+"""Laws of the physics as plain functions, and the rows of an array in which their NamedTuples are laid out.
 
 `physics` marks every small scalar law and returns the plain Python function, so debuggers, coverage and dimensional
 tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.numba`, the CUDA kernels) is told of them by
-`offer_laws`.
+`offer_laws`; nothing here needs Numba. In all laws `dt` is the time step [s], `c` the coefficients and `s` the state.
+
+An engine keeps everything behind one base pointer, so the compiler can prove that lanes do not overlap: a nested
+NamedTuple of numbers lies in one column of a (rows × lanes) array. Physics never sees a row number: `Layout.load` gives
+it the NamedTuple back by name.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import CellType, FunctionType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -36,10 +40,7 @@ def physics(law: _Law) -> _Law:
 def offer_laws(offer: Callable[[Callable[..., Any]], None]) -> None:
     """Let one more kind of machine inline all laws, those to come too.
 
-    Parameters
-    ----------
-    offer : function (law) -> None
-        Called with every law.
+    `offer` (function (law) -> None): called with every law.
     """
     _MACHINES.append(offer)
     for law in _LAWS:
@@ -81,3 +82,100 @@ def three_reciprocals(a: float, b: float, c: float) -> tuple[float, float, float
     inverse = 1.0 / (ab * c)
     per_ab = c * inverse
     return b * per_ab, a * per_ab, ab * inverse
+
+
+# The functions that read and write a NamedTuple are generated from it, as plain straight-line Python, when they are
+# first asked for.
+
+Choices = tuple[tuple[str, type], ...]
+
+# One running index: Numba takes milliseconds for each operation of a text, and there are hundreds of rows.
+_ON = "    i += stride"
+
+
+class Layout:
+    """Rows of the fields of a nested NamedTuple.
+
+    Parameters
+    ----------
+    kind, choices
+        As of `layout_of`.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        Dotted field names in row order: ``plunger_needle.k1``.
+    """
+
+    def __init__(self, kind: type, choices: Choices = ()) -> None:
+        self.paths = tuple(field_paths(kind, choices))
+        self._kind, self._choices = kind, choices
+
+    @functools.cached_property
+    def load(self) -> Callable[..., Any]:
+        """Function (array, start, stride) -> NamedTuple that reads the fields from index `start` on, `stride` apart."""
+        names: dict[str, Any] = {}
+        made = _constructor(self._kind, self._choices, names, iter(range(10_000)))
+        reads = [line for row, _ in enumerate(self.paths) for line in (f"    r{row} = a[i]", _ON)]
+        return self._law("load(a, start, stride)", [*reads[:-1], f"    return {made}"], names)
+
+    @functools.cached_property
+    def store(self) -> Callable[..., Any]:
+        """Function (array, start, stride, value) -> None that writes them."""
+        values = (".".join(filter(None, ("value", path))) for path in self.paths)
+        writes = [line for value in values for line in (f"    a[i] = {value}", _ON)]
+        return self._law("store(a, start, stride, value)", writes[:-1], {})
+
+    def row(self, path: str) -> int:
+        """Row of a dotted field name, the first one of a group of fields."""
+        return next(i for i, known in enumerate(self.paths) if f"{known}.".startswith(f"{path}."))
+
+    def _law(self, head: str, lines: list[str], names: dict[str, Any]) -> Callable[..., Any]:
+        """Law of a text, which only what compiles it asks for.
+
+        `head`: name and arguments; `names`: types that the lines name.
+        """
+        names["__name__"] = __name__
+        text = "\n".join([f"def {head}:", "    i = start", *lines, ""])
+        exec(compile(text, f"<layout of {self._kind.__qualname__}>", "exec"), names)
+        law: Callable[..., Any] = physics(names[head.partition("(")[0]])
+        return law
+
+
+def field_paths(kind: type, choices: Choices = (), prefix: str = "") -> Iterator[str]:
+    """Dotted names of the float fields of a nested NamedTuple.
+
+    `kind`: NamedTuple, or float itself; `choices` (tuple of (field name, type)): types of the fields annotated ``Any``;
+    `prefix`: in front of each name.
+    """
+    if kind is float:
+        yield prefix
+    else:
+        for name, hint in _fields(kind, choices):
+            yield from field_paths(hint, choices, f"{prefix}.{name}" if prefix else name)
+
+
+@functools.cache
+def _fields(kind: type, choices: Choices) -> tuple[tuple[str, type], ...]:
+    hints, chosen = get_type_hints(kind), dict(choices)
+    names = kind._fields  # type: ignore[attr-defined]
+    return tuple((name, chosen.get(name, hints[name]) if hints[name] is Any else hints[name]) for name in names)
+
+
+@functools.cache
+def layout_of(kind: type, choices: Choices = ()) -> Layout:
+    """Layout of a nested NamedTuple type, one for all who ask.
+
+    `kind`: A NamedTuple whose fields are float or such NamedTuples, or float itself; `choices` (tuple of (field name,
+    type)): types of the fields annotated ``Any``, such as ``(("body", rigid_body.State),)``.
+    """
+    return Layout(kind, choices)
+
+
+def _constructor(kind: type, choices: Choices, names: dict[str, Any], rows: Iterator[int]) -> str:
+    if kind is float:
+        return f"r{next(rows)}"
+    alias = f"T{len(names)}"
+    names[alias] = kind
+    parts = [_constructor(hint, choices, names, rows) for _, hint in _fields(kind, choices)]
+    return f"{alias}({', '.join(parts)})"

@@ -14,8 +14,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Actuation
 from commonrail.physics.components import nozzle, solenoid, valve
-from commonrail.physics.law import physics
-from commonrail.physics.layout import Layout, layout_of
+from commonrail.physics.law import Layout, layout_of, physics
 from commonrail.physics.model import CumulativeFlows, Setting
 from commonrail.physics.variants import Variant, wiring
 
@@ -97,18 +96,7 @@ def make_frame(variant: Variant) -> Callable[[Any], Frame]:
 
 
 def start_vector(variant: Variant, s: Any, cells: Ints, at: Setting) -> Floats:
-    """The vector at rest.
-
-    Parameters
-    ----------
-    variant : Variant
-    s : State
-        At rest.
-    cells : (2,) int
-        Of feed pipe and return line.
-    at : Setting
-        Boundary pressures.
-    """
+    """The vector at rest; `s`: at rest; `cells` (2,) int: of feed pipe and return line; `at`: boundary pressures."""
     fuel = NeedleMasses(s.accumulation.fuel.mass, s.sac.mass)
     if variant.actuation is Actuation.DIRECT:
         core: Any = DirectCore(s.solenoid, fuel, s.nozzle, s.cumulative_flows)
@@ -128,14 +116,7 @@ def start_vector(variant: Variant, s: Any, cells: Ints, at: Setting) -> Floats:
 def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> Floats:
     """Typical size of each entry, for a solver's absolute tolerances.
 
-    Parameters
-    ----------
-    variant : Variant
-    start : array
-        The vector at rest, which gives those of the masses of fuel.
-    cells : (2,) int
-    rail : float
-        Rail pressure [Pa].
+    `start`: the vector at rest, which gives those of the masses of fuel; `cells`: (2,) int; `rail`: rail pressure [Pa].
     """
     core: Any = core_of(variant).load(np.abs(start), make_frame(variant)(cells).core, 1)
     typical, flows = INJECTED
@@ -158,11 +139,7 @@ def _joined(variant: Variant, core: Any, body: Any, cells: Any, pipes: Any) -> F
 def vector_states(variant: Variant, y: Floats, cells: Ints) -> dict[str, Floats]:
     """Core, positions and velocities by name, from vectors (…, entries); "body" where it is one mass.
 
-    Parameters
-    ----------
-    variant : Variant
-    y : (…, entries)
-    cells : (2,) int
+    `y`: (…, entries); `cells`: (2,) int.
     """
     at, positions = make_frame(variant)(cells), wiring(variant).positions.paths
     named = {path: y[..., at.core + row] for row, path in enumerate(core_of(variant).paths)}

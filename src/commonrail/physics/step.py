@@ -17,11 +17,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from commonrail.physics.components import (
-    accumulation,
     control_chamber,
     drive,
     feed_pipe,
-    flux_decay,
+    needle_seat,
     nozzle,
     return_line,
     solenoid,
@@ -40,12 +39,68 @@ from commonrail.physics.connections import (
     volumes_of,
     z_hole_cda2,
 )
-from commonrail.physics.flow.orifice import Flow, jet, orifice_pair
-from commonrail.physics.flow.volume import Contents, contents, mean_departure
+from commonrail.physics.flow import Contents, Flow, Restriction, contents, jet, mean_departure, orifice, orifice_pair
 from commonrail.physics.law import physics, three_reciprocals
-from commonrail.physics.model import Coefficients, CumulativeFlows, Inputs, State, Waves
-from commonrail.physics.protocols import Advance, Discharge, Draw, DriveLaw, Inlet, ValveGap
-from commonrail.physics.setup import ambient_density, seat_contact
+from commonrail.physics.model import (
+    Advance,
+    Coefficients,
+    CumulativeFlows,
+    DischargeLaw,
+    DrawLaw,
+    DriveLaw,
+    GapLaw,
+    InletLaw,
+    Inputs,
+    State,
+    Waves,
+    ambient_density,
+    seat_contact,
+)
+
+# Sources of the feed pipe: an ideal rail that holds the measured pressure, or a rail volume behind a throttle.
+
+
+class Inlet(NamedTuple):
+    """Mean over the step at the pipe's inlet: pressure [Pa], flow into the pipe [kg/s]."""
+
+    pressure: float
+    flow: float
+
+
+@physics
+def ideal_rail(c: Any, s: Any, u: Inputs, wave: float) -> Inlet:
+    """The inlet holds the measured rail pressure whatever flows."""
+    return Inlet(u.rail, (u.rail - wave) * c.feed_pipe.admittance)
+
+
+@physics
+def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
+    """Rail volume behind a throttle, then the pipe: throttle loss and pipe impedance solved together.
+
+    p_rail − p_inlet = q²/(2 ρ (c_d A)²) with p_inlet = wave + Z (q − q_Z) is a quadratic in q: the law
+    of `orifice` with an offset of ρ (c_d A)² Z.
+
+    `wave`: arriving at the inlet [Pa].
+    """
+    z = c.feed_pipe.impedance
+    z_flow = c.control_chamber.z_inlet_fraction * s.control_chamber.z_flow
+    cda2 = c.rail.throttle_cda2
+    through = Restriction(cda2 * (s.rail.pressure - wave + z * z_flow), cda2)
+    total = orifice(through, s.rail.density, s.rail.density * cda2 * z)
+    flow = total.mass_flow - z_flow
+    return Inlet(wave + z * flow, flow)
+
+
+@physics
+def draw_nothing(c: Coefficients, s: State, drawn: float) -> Contents:
+    """An ideal rail is inexhaustible."""
+    return s.rail
+
+
+@physics
+def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
+    """Rail after `drawn` [kg] have left it; the pump delivers nothing during an injection."""
+    return contents(c.fuel, s.rail.mass - drawn, 1.0 / c.rail.volume)
 
 
 class StepGeometry(NamedTuple):
@@ -96,16 +151,8 @@ class AccumulationFlows(NamedTuple):
 def mean_departure_of(here: Contents, balance: Flow, before: float, after: float, dt: float) -> float:
     """Implicit mean over the step of p − p_n [Pa] in a volume; each flow's mean is q_n + s (p − p_n).
 
-    Parameters
-    ----------
-    here : Contents
-        At t_n.
-    balance : Flow
-        Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)].
-    before, after : float
-        Volume at both ends of the step [m³].
-    dt : float
-        Step [s].
+    `here`: at t_n; `balance`: Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
+    `before`, `after`: volume at both ends of the step [m³].
     """
     growth = here.density * (after - before) / dt
     return mean_departure(balance.mass_flow, balance.slope, here.stiffness, middle(before, after), growth, dt)
@@ -128,75 +175,32 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.State:
     """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
 
-    Parameters
-    ----------
-    c, s
-        Coefficients and state.
-    gap_cda2 : float
-        (c_d A)² of the seat's gap at its start [m⁴].
-    dt : float
-        Step [s].
+    `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴].
     """
     pressure = seat_pressure(c, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
     return valve.advance(c.valve, s.valve, solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux), pressure, dt)
 
 
 @physics
-def advance_flux(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[float, float]:
-    """Flux after the step [Wb], Eq. (11): N dφ/dt = v − R i, and the PWM's transistor; of either actuation.
+def magnetise(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[solenoid.State, float]:
+    """Fluxes after the step and the PWM's transistor; of either actuation.
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    gap : AirGap
-    drive_law : law
-        Of the variant: mean of dφ/dt over the step, implicit in the flux.
-    dt : float
-        Step [s].
+    Eq. (11), N dφ/dt = v − R i, by the mean of dφ/dt over the step, implicit in φ; dφ_f/dt = (φ − φ_f)/τ exactly.
     """
     now = solenoid.circuit(c.solenoid, s.solenoid.flux, gap.middle, gap.closing)
     supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
     change = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
-    return s.solenoid.flux + dt * change.flux_rate, change.conducting
-
-
-@physics
-def magnetise(
-    c: Coefficients, s: State, u: Inputs, lift: float, drive_law: DriveLaw, dt: float
-) -> tuple[solenoid.State, float]:
-    """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
-
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    lift : float
-        Armature's at mid-step [m].
-    drive_law : law
-        Of the variant.
-    dt : float
-        Step [s].
-    """
-    flux, conducting = advance_flux(c, s, u, AirGap(c.valve.lift - lift, lift - s.valve.lift), drive_law, dt)
-    fraction = c.delays.eddy_lag_fraction
-    lagged = flux_decay.lagged(middle(s.solenoid.flux, flux), s.solenoid.pulling_flux, fraction, fraction)
-    return solenoid.State(flux, lagged if fraction < 1.0 else flux), conducting
+    flux = s.solenoid.flux + dt * change.flux_rate
+    rising, falling = c.delays.rising_lag_fraction, c.delays.falling_lag_fraction
+    pulling = solenoid.lagged(s.solenoid.flux, flux, s.solenoid.pulling_flux, rising, falling)
+    return solenoid.State(flux, pulling), change.conducting
 
 
 @physics
 def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geometry: StepGeometry) -> SacFlows:
     """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, both by Eq. (4); of either actuation.
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients and state, of either actuation, and inputs.
-    upstream : float
-        Pressure in the accumulation volume [Pa].
-    discharge : float
-        Discharge coefficient of the nozzle [1].
-    geometry : StepGeometry
+    `upstream`: pressure in the accumulation volume [Pa]; `discharge`: discharge coefficient of the nozzle [1].
     """
     here, before, dt = s.sac, s.accumulation.fuel.density, geometry.dt
     # balance at t_n, and its slopes in the SAC's pressure: −s_seat of the inflow, s_nozzle of the outflow
@@ -246,16 +250,8 @@ def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2:
     The return line answers the A-hole's flow q with the pressure `filling` + Z q, or with the vapour pressure where
     that is higher; q is taken linear in it.
 
-    Parameters
-    ----------
-    c, s
-        Coefficients and state.
-    feed : float
-        Pressure in front of the Z-hole [Pa].
-    filling : float
-        Pressure behind the valve without flow [Pa].
-    gap_cda2 : float
-        (c_d A)² of the valve's gap [m⁴].
+    `feed`: pressure in front of the Z-hole [Pa]; `filling`: pressure behind the valve without flow [Pa]; `gap_cda2`:
+    (c_d A)² of the valve's gap [m⁴].
     """
     here, hole, behind = s.control_chamber.fuel, c.control_chamber, s.return_line.pressure
     density = ambient_density(c.source, feed)
@@ -278,13 +274,7 @@ def fill_control_chamber(
 ) -> ChamberFlows:
     """Control chamber, Eq. (3) in mass: dm/dt = q_Z − q_A − q_leak, by Eq. (4), (4) and (5).
 
-    Parameters
-    ----------
-    c, s, u
-        Coefficients, state and inputs.
-    feed, filling : float
-        As of `hole_flows` [Pa].
-    geometry : StepGeometry
+    `feed`, `filling`: as of `hole_flows` [Pa].
     """
     here, dt = s.control_chamber.fuel, geometry.dt
     # balance at t_n, and its slopes in the chamber's pressure
@@ -307,17 +297,8 @@ def fill_accumulation(
 
     The pipe's end follows Eq. (6) by characteristics: q_pipe = (wave − p)/Z.
 
-    Parameters
-    ----------
-    c, s
-        Coefficients and state, of either actuation.
-    wave : float
-        Arriving in the feed pipe, its friction taken off [Pa].
-    outflow : float
-        Mean flow into SAC and Z-hole, known before [kg/s].
-    leak : Flow
-        Of the needle's guide at t_n, Eq. (5); none in a direct-acting injector.
-    geometry : StepGeometry
+    `wave`: arriving in the feed pipe, its friction taken off [Pa]; `outflow`: mean flow into SAC and Z-hole, known
+    before [kg/s]; `leak`: of the needle's guide at t_n, Eq. (5); none in a direct-acting injector.
     """
     here, admittance, dt = s.accumulation.fuel, c.feed_pipe.admittance, geometry.dt
     # balance at t_n, and its slopes in the volume's pressure
@@ -332,29 +313,17 @@ def fill_accumulation(
 
 
 class StepLaws(NamedTuple):
-    """Laws in which variants differ.
+    """Laws in which variants differ."""
 
-    Attributes
-    ----------
-    advance, lifts : law
-        Motion of plunger and needle, and its lifts.
-    drive : law
-        Flux rate of the solenoid's drive.
-    inlet, draw : law
-        Boundary at the rail, and what it takes from the rail.
-    discharge : law
-        Discharge coefficient of the nozzle.
-    gap_cda2 : law
-        (c_d A)² of the valve's seat.
-    """
-
+    # motion of plunger and needle, and its lifts
     advance: Advance
     lifts: Callable[[Any], Motion]
-    drive: DriveLaw
-    inlet: Inlet
-    draw: Draw
-    discharge: Discharge
-    gap_cda2: ValveGap
+    drive: DriveLaw  # flux rate of the solenoid's drive
+    # boundary at the rail, and what it takes from the rail
+    inlet: InletLaw
+    draw: DrawLaw
+    discharge: DischargeLaw  # discharge coefficient of the nozzle
+    gap_cda2: GapLaw  # (c_d A)² of the valve's seat
 
 
 def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
@@ -368,7 +337,8 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         # valve (Newton's second law) and solenoid, Eq. (11), (12)
         moved_valve = move_valve(c, s, gap_law(c, here, behind, s.valve.lift), dt)
         lift = middle(s.valve.lift, moved_valve.lift)
-        magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
+        gap = AirGap(c.valve.lift - lift, lift - s.valve.lift)
+        magnet, conducting = magnetise(c, s, u, gap, drive_law, dt)
 
         # plunger and needle, Eq. (10)
         body = advance(c.plunger_needle, seat_contact(c), s.body, body_loads(c, s, u.low), dt)
@@ -381,7 +351,7 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         # here, not above: the compiler orders as it reads, and f32 took 11 % longer with the geometry first
         gap_cda2 = gap_law(c, here, behind, lift)
         geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), gap_cda2, dt)
-        passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
+        passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)), s.sac.pressure, u.cylinder)
         sac = fill_sac(c, s, u, upstream, passing, geometry)
 
         # feed pipe, Eq. (6), at its inlet
@@ -413,7 +383,7 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
             solenoid=magnet,
             drive=drive.State(conducting),
             return_line=outlet,
-            accumulation=accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
+            accumulation=needle_seat.AccumulationState(contents(c.fuel, filled.mass, per_store), store.pressure),
             body=body,
             sac=contents(c.fuel, sac.mass, per_sac),
             nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * sac.nozzle),

@@ -1,21 +1,29 @@
-"""Variants of the injector: the same components, connected differently."""
+"""Variants of the injector: the same components, connected differently, and what a variant does not read."""
 
 from __future__ import annotations
 
 import functools
+import hashlib
+import inspect
+import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from commonrail.base import registry
 from commonrail.base.arguments import chosen
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
-from commonrail.base.errors import ConfigurationError
-from commonrail.physics import boundary, connections, model, protocols, setup
-from commonrail.physics.components import direct_needle, drive, guide_friction, nozzle, plunger_needle, rigid_body
-from commonrail.physics.direct import model as direct_model
-from commonrail.physics.direct import model as direct_setup
-from commonrail.physics.direct import step as direct_step
-from commonrail.physics.layout import Layout, layout_of
-from commonrail.physics.step import StepLaws, make_step
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.physics import connections, direct, model, step
+from commonrail.physics.components import (
+    direct_needle,
+    drive,
+    feed_pipe,
+    guide_friction,
+    nozzle,
+    plunger_needle,
+    rigid_body,
+)
+from commonrail.physics.law import Layout, layout_of, physics
 
 
 class _Wired(NamedTuple):
@@ -24,6 +32,7 @@ class _Wired(NamedTuple):
     drive: Drive
     laws: Laws
     actuation: Actuation
+    nozzle_law: str
 
 
 class Variant(_Wired):
@@ -42,6 +51,8 @@ class Variant(_Wired):
         (`Injector.wired`).
     actuation : Actuation or str
         "servo" or "direct". A direct-acting injector has a rigid body, whatever is given, and an ideal rail.
+    nozzle_law : str
+        Law of c_d that an installed package registers under that name; "" for Eq. (9).
 
     Raises
     ------
@@ -58,6 +69,7 @@ class Variant(_Wired):
         drive: Drive | str = Drive.REGULATED,
         laws: Laws | str = Laws.PAPER,
         actuation: Actuation | str = Actuation.SERVO,
+        nozzle_law: str = "",
     ) -> Variant:
         acts, fed = chosen(actuation, Actuation, "actuation"), chosen(boundary, Boundary, "boundary")
         given = chosen(body, Body, "body")
@@ -66,6 +78,12 @@ class Variant(_Wired):
                 'A direct-acting injector is fed from an ideal rail; set rail_boundary to "ideal", and give a measured '
                 "rail pressure as a time series if it varies."
             )
+        if nozzle_law and registry.find(_NOZZLE_LAWS, nozzle_law) is None:
+            known = registry.installed(_NOZZLE_LAWS)
+            raise ConfigurationError(
+                f'There is no nozzle law "{nozzle_law}"{nearest(nozzle_law, known)}: no installed package registers it '
+                f"in commonrail.{_NOZZLE_LAWS}."
+            )
         return super().__new__(
             cls,
             Body.RIGID if acts is Actuation.DIRECT else given,
@@ -73,6 +91,7 @@ class Variant(_Wired):
             chosen(drive, Drive, "drive"),
             chosen(laws, Laws, "laws"),
             acts,
+            nozzle_law,
         )
 
     @property
@@ -80,60 +99,43 @@ class Variant(_Wired):
         """Text that names it."""
         body = "direct-acting needle" if self.actuation is Actuation.DIRECT else f"{self.body.value} body"
         words = f"{body}, {self.boundary.value} rail, {self.drive.value} drive"
-        return words if self.laws is Laws.PAPER else f"{words}, {self.laws.value} laws"
+        words += "" if self.laws is Laws.PAPER else f", {self.laws.value} laws"
+        return f"{words}, nozzle law {self.nozzle_law}" if self.nozzle_law else words
 
 
 class Wiring(NamedTuple):
-    """Laws of a variant, and the layouts of its parameters, its lane and its body's positions.
+    """Laws of a variant, and the layouts of its parameters, its lane and its body's positions."""
 
-    Attributes
-    ----------
-    body : module
-        `plunger_needle`, `rigid_body` or `direct_needle`.
-    laws : StepLaws or DirectLaws
-    accelerations : law
-        Right-hand side of the body's motion.
-    setup, rest, step : law
-        Coefficients from parameters, state at rest, and one time step.
-    volumes : law
-        Volumes that moving masses leave to the fuel, from their lifts.
-    longest_contact : law
-        Longest time for which what has closed may touch and yet leave its seat again.
-    farthest : law
-        Lift beyond which the body has passed its stop.
-    parameters, state, coefficients, positions : Layout
-    """
-
-    body: protocols.Body
-    laws: Any
-    accelerations: protocols.Accelerations
-    setup: Callable[..., Any]
-    rest: Callable[..., Any]
-    step: Callable[..., Any]
-    volumes: Callable[..., Any]
-    longest_contact: Callable[..., Any]
-    farthest: Callable[..., Any]
+    body: model.Body
+    laws: Any  # `StepLaws` or `DirectLaws`
+    accelerations: model.Accelerations
+    setup: Callable[..., Any]  # coefficients from parameters
+    rest: Callable[..., Any]  # state at rest
+    step: Callable[..., Any]  # one time step
+    volumes: Callable[..., Any]  # volumes that moving masses leave to the fuel, from their lifts
+    longest_contact: Callable[..., Any]  # longest time for which what has closed may touch and yet leave its seat again
+    farthest: Callable[..., Any]  # lift beyond which the body has passed its stop
     parameters: Layout
     state: Layout
     coefficients: Layout
     positions: Layout
 
 
-_BODIES: dict[Body, protocols.Body] = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
-_DRIVES: dict[Drive, protocols.DriveLaw] = {
+_BODIES: dict[Body, model.Body] = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
+_DRIVES: dict[Drive, model.DriveLaw] = {
     Drive.REGULATED: drive.regulated,
     Drive.PWM: drive.pwm,
     Drive.VOLTAGE: drive.voltage_trace,
     Drive.CURRENT: drive.current_trace,
     Drive.FREE_WHEEL: drive.free_wheel,
 }
-_MOTIONS: dict[tuple[Body, Laws], tuple[protocols.Advance, protocols.Accelerations]] = {
+_MOTIONS: dict[tuple[Body, Laws], tuple[model.Advance, model.Accelerations]] = {
     (Body.FLEXIBLE, Laws.PAPER): (plunger_needle.advance, plunger_needle.accelerations),
     (Body.FLEXIBLE, Laws.EXTENDED): (guide_friction.advance_chain, guide_friction.accelerate_chain),
     (Body.RIGID, Laws.PAPER): (rigid_body.advance, rigid_body.accelerations),
     (Body.RIGID, Laws.EXTENDED): (guide_friction.advance_body, guide_friction.accelerate_body),
 }
-_FLOWS: dict[Laws, tuple[protocols.Discharge, protocols.ValveGap]] = {
+_FLOWS: dict[Laws, tuple[model.DischargeLaw, model.GapLaw]] = {
     Laws.PAPER: (nozzle.discharge, connections.plain_gap_cda2),
     Laws.EXTENDED: (nozzle.shaped_discharge, connections.land_gap_cda2),
 }
@@ -146,9 +148,34 @@ EXTENDING = (
     "plunger_needle.friction",
 )
 
-
 # Modules that hold `Parameters`, `Coefficients` and `State` of each actuation.
-MODELS: dict[Actuation, Any] = {Actuation.SERVO: model, Actuation.DIRECT: direct_model}
+MODELS: dict[Actuation, Any] = {Actuation.SERVO: model, Actuation.DIRECT: direct}
+
+_NOZZLE_LAWS = "nozzle_laws"  # group of the registry
+
+
+@functools.cache
+def _installed_law(name: str) -> model.DischargeLaw:
+    """Nozzle law of another package, which kernels may inline from now on."""
+    entry = registry.find(_NOZZLE_LAWS, name)
+    law = None if entry is None else entry.load()
+    if entry is None or not inspect.isfunction(law):
+        raise ConfigurationError(f'The nozzle law "{name}" is no function; update or uninstall its package.')
+    return physics(law)
+
+
+def _flow_laws(variant: Variant) -> tuple[model.DischargeLaw, model.GapLaw]:
+    """Discharge of the nozzle and (c_d A)² of the valve's seat."""
+    discharge, gap_cda2 = _FLOWS[variant.laws]
+    return _installed_law(variant.nozzle_law) if variant.nozzle_law else discharge, gap_cda2
+
+
+def kernel_name(variant: Variant) -> str:
+    """Text by which kernels of variants differ: the label, and a digest of the module of a law from elsewhere."""
+    if not variant.nozzle_law:
+        return variant.label
+    module = sys.modules[_installed_law(variant.nozzle_law).__module__]  # type: ignore[attr-defined]
+    return f"{variant.label} {hashlib.sha256(inspect.getsource(module).encode()).hexdigest()}"
 
 
 @functools.cache
@@ -160,24 +187,26 @@ def wiring(variant: Variant) -> Wiring:
 def _servo(variant: Variant) -> Wiring:
     ideal = variant.boundary is Boundary.IDEAL
     body, (advance, accelerations) = _BODIES[variant.body], _MOTIONS[variant.body, variant.laws]
-    laws = StepLaws(
-        advance,
-        body.lifts,
-        _DRIVES[variant.drive],
-        boundary.ideal_rail if ideal else boundary.rail_volume,
-        boundary.draw_nothing if ideal else boundary.draw_from_rail,
-        *_FLOWS[variant.laws],
+    discharge, gap_cda2 = _flow_laws(variant)
+    laws = step.StepLaws(
+        advance=advance,
+        lifts=body.lifts,
+        drive=_DRIVES[variant.drive],
+        inlet=step.ideal_rail if ideal else step.rail_volume,
+        draw=step.draw_nothing if ideal else step.draw_from_rail,
+        discharge=discharge,
+        gap_cda2=gap_cda2,
     )
     return Wiring(
         body=body,
         laws=laws,
         accelerations=accelerations,
-        setup=setup.coefficients,
-        rest=setup.make_rest(body),
-        step=make_step(laws),
+        setup=model.coefficients,
+        rest=model.make_rest(body),
+        step=step.make_step(laws),
         volumes=connections.volumes_of,
-        longest_contact=setup.longest_contact,
-        farthest=setup.farthest_lift,
+        longest_contact=model.longest_contact,
+        farthest=model.farthest_lift,
         parameters=layout_of(model.Parameters),
         state=layout_of(model.State, (("body", body.State),)),
         coefficients=layout_of(model.Coefficients),
@@ -186,20 +215,89 @@ def _servo(variant: Variant) -> Wiring:
 
 
 def _direct(variant: Variant) -> Wiring:
-    discharge, _ = _FLOWS[variant.laws]
-    laws = direct_step.DirectLaws(_DRIVES[variant.drive], boundary.ideal_rail, discharge)
+    discharge, _ = _flow_laws(variant)
+    laws = direct.DirectLaws(_DRIVES[variant.drive], step.ideal_rail, discharge)
     return Wiring(
         body=direct_needle,
         laws=laws,
         accelerations=direct_needle.accelerations,
-        setup=direct_setup.coefficients,
-        rest=direct_setup.rest,
-        step=direct_step.make_step(laws),
-        volumes=direct_step.volumes_of,
-        longest_contact=direct_setup.longest_contact,
-        farthest=direct_setup.farthest_lift,
-        parameters=layout_of(direct_model.Parameters),
-        state=layout_of(direct_model.State),
-        coefficients=layout_of(direct_model.Coefficients),
+        setup=direct.coefficients,
+        rest=direct.rest,
+        step=direct.make_step(laws),
+        volumes=direct.volumes_of,
+        longest_contact=direct.longest_contact,
+        farthest=direct.farthest_lift,
+        parameters=layout_of(direct.Parameters),
+        state=layout_of(direct.State),
+        coefficients=layout_of(direct.Coefficients),
         positions=layout_of(direct_needle.Positions),
     )
+
+
+# Inputs and parameters that a variant does not read, so that none is ignored in silence.
+
+# Inputs of a step; cylinder pressure is read by all variants.
+RAIL, RETURN, DRIVE, COMMAND = "rail_pressure", "return_pressure", "drive", "command"
+
+RAIL_TABLE, CHAIN = "rail", "chain"
+
+_READERS = {
+    RAIL: 'rail_boundary = "ideal" (@ideal)',
+    RETURN: 'actuation = "servo"',
+    DRIVE: 'drive_kind = "current trace" (@current-trace) or "voltage trace" (@voltage-trace)',
+    COMMAND: 'drive_kind = "regulated" (@regulated), "pwm" (@pwm) or "free-wheel" (@free-wheel)',
+    RAIL_TABLE: 'rail_boundary = "volume" (@volume)',
+    CHAIN: 'variant = "flexible" (@flexible)',
+}
+_CHAIN = (*(f"k{i}" for i in range(1, 8)), "joint_stiffness", "damping_ratio")  # deformation of plunger and needle
+_TRACED = (Drive.VOLTAGE, Drive.CURRENT)
+_REGULATED = ("boost_voltage", "peak_current", "peak_duration", "hold_current", "regulator_gain")
+_READ_OF_DRIVE = {  # fields of `drive.Parameters` that each law of the drive reads
+    Drive.REGULATED: (*_REGULATED, "quench_voltage"),
+    Drive.FREE_WHEEL: (*_REGULATED, "diode_voltage"),
+    Drive.PWM: (*_REGULATED, "quench_voltage", "supply_voltage", "peak_band", "hold_band"),
+    Drive.VOLTAGE: (),
+    Drive.CURRENT: ("regulator_gain",),
+}
+
+
+def unread_inputs(variant: Variant) -> tuple[str, ...]:
+    """Inputs that a variant does not read while it is simulated.
+
+    Returns tuple of str: of "rail_pressure" (that at rest is always read), "return_pressure", "drive" (a measured
+    voltage or current) and "command" (energisings; with a measured drive they only say where an injection begins).
+    """
+    traced = variant.drive in _TRACED
+    unread = {
+        RAIL: variant.boundary is Boundary.VOLUME,
+        RETURN: variant.actuation is Actuation.DIRECT,
+        DRIVE: not traced,
+        COMMAND: traced,
+    }
+    return tuple(name for name, is_unread in unread.items() if is_unread)
+
+
+@functools.cache
+def unread_parameters(variant: Variant) -> frozenset[str]:
+    """Dotted names of the parameters that a variant does not read."""
+    servo = variant.actuation is Actuation.SERVO
+    unread = {"drive": {*drive.Parameters._fields}.difference(_READ_OF_DRIVE[variant.drive])}
+    if servo and variant.boundary is Boundary.IDEAL:
+        unread["rail"] = {*feed_pipe.RailParameters._fields}
+    if servo and variant.body is Body.RIGID:
+        unread["plunger_needle"] = {*_CHAIN}
+    return frozenset(f"{part}.{name}" for part, names in unread.items() for name in names)
+
+
+def reader_of(name: str) -> str:
+    """Words for the variants that read an input or a parameter, with their suffix of a model's name.
+
+    `name`: input, or dotted name of a parameter.
+    """
+    if name in _READERS:
+        return _READERS[name]
+    part, _, key = name.partition(".")
+    if part == "drive":
+        kinds = [kind for kind, names in _READ_OF_DRIVE.items() if key in names]
+        return " or ".join(f'drive_kind = "{kind.value}" (@{kind.value.replace(" ", "-")})' for kind in kinds)
+    return _READERS[RAIL_TABLE] if part == "rail" else _READERS[CHAIN]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import InputError, nearest
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.physics.variants import Variant
 from commonrail.readers.injector.file import injector_catalogue, load_injector, load_meters
 from commonrail.readers.location import Place, located

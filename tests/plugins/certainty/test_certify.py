@@ -14,7 +14,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.study_file.from_data import write_new
 from commonrail.data.noise import Correlation, Noise
 from commonrail.data.simulator import Simulator
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.plugins.certainty.estimate import estimate
 from commonrail.plugins.certainty.verdict import moves_of
 

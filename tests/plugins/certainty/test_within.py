@@ -12,7 +12,7 @@ import commonrail as cr
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.space import Space
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.plugins.certainty.estimate import estimate
 from commonrail.plugins.certainty.lack_of_fit import beyond_stated
 from commonrail.plugins.certainty.likelihood import Likelihood

@@ -10,8 +10,7 @@ import commonrail as cr
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.engine.status import check_inputs
 from commonrail.engine.stepper.stepper import Stepper
-from commonrail.physics.reads import DRIVE, RAIL, RETURN, unread_inputs, unread_parameters
-from commonrail.physics.variants import Variant
+from commonrail.physics.variants import DRIVE, RAIL, RETURN, Variant, unread_inputs, unread_parameters
 from commonrail.plugins.export.description import AT_REST, terminals, variables
 from commonrail.plugins.export.sources import reads_of
 

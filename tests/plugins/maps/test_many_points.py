@@ -11,7 +11,7 @@ import commonrail as cr
 from commonrail.engine.plan import prepare
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
-from commonrail.plugins.maps.response import prepare_shared, simulate_many
+from commonrail.plugins.maps.response import Conditions, prepare_shared, simulate_many
 
 INJECTOR = cr.load_injector("virtual-lino-2016")
 TIMES = ([(0.0, 3e-4)], [(0.0, 2e-4), (1.2e-3, 3e-4)], [])
@@ -39,7 +39,7 @@ def test_what_is_worked_out_once_is_what_each_point_has_of_its_own() -> None:
 def test_batches_have_the_bits_of_one(size: int, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("commonrail.plugins.maps.response.AT_A_TIME", size)
     names, values = ["nozzle.hole_diameter"], np.array([[120e-6], [130e-6]])
-    many = simulate_many(INJECTOR, POINTS, names, values, time_step=1e-6, threads=threads)
+    many = simulate_many(INJECTOR, POINTS, Conditions(threads=threads), names, values)
     whole = simulate_batch(INJECTOR, POINTS, names, values, time_step=1e-6, threads=1)
     for field in fields(Batch):
         assert getattr(many, field.name).tobytes() == getattr(whole, field.name).tobytes(), field.name
@@ -53,4 +53,4 @@ def test_a_point_that_the_fuel_does_not_cover_is_refused_wherever_it_is(
     monkeypatch.setattr("commonrail.plugins.maps.response.AT_A_TIME", 1)
     points = [*POINTS[:5], cr.OperatingPoint(900e6, 3e-4)]
     with pytest.raises(cr.ConfigurationError, match="The rail pressure reaches 900 MPa, but the fuel"):
-        simulate_many(INJECTOR, points, time_step=1e-6, threads=threads)
+        simulate_many(INJECTOR, points, Conditions(threads=threads))

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.cli.options import read_axis, read_quantities
+from commonrail.cli.options import read_axis
 from commonrail.plugins.maps.dcm import read_dcm
+from commonrail.plugins.maps.verb import read_quantities
 from tests.cli.conftest import Command
 
 SMALL = ("--rail-pressure", "80,160MPa", "--quantity", "0,2,400mm3", "--energising-time", "200,400us", "--threads", "1")

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.plugins.maps.axes_file import axes_of_dcm
-from commonrail.plugins.maps.dcm import number_text, read_dcm
+from commonrail.plugins.maps.dcm import axes_of_dcm, number_text, read_dcm
 from commonrail.plugins.maps.file import ENDINGS, write_map_file
 from commonrail.plugins.maps.table import MapTable
 from tests.plugins.maps.tables import table

@@ -99,7 +99,7 @@ def test_many_points_are_those_that_are_made_one_by_one(base: Base, alone: bool)
         "energising_time": rng.uniform(0.0, 2e-3, 50),
         "return_pressure": rng.uniform(0.1e6, 1e6, 50),
     }
-    made = base.points(columns, 50, alone)
+    made = base.points(columns, alone)
     for i, point in enumerate(made):
         one = base.point({name: float(values[i]) for name, values in columns.items()}, alone)
         assert point == one
@@ -126,7 +126,7 @@ def test_one_bad_point_of_many_is_refused_with_its_sentence(name: str, value: fl
     columns[name] = np.full(5, usual.get(name, 4e-4))
     columns[name][3] = value
     with pytest.raises(cr.ConfigurationError, match=word):
-        TWO.points(columns, 5)
+        TWO.points(columns)
 
 
 def test_points_are_simulated_some_at_a_time_to_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,7 +180,7 @@ def test_missing_numbers_are_told_with_their_reasons_and_the_first_of_each() -> 
 def test_no_dwell_is_told_where_simulations_fail() -> None:
     """Not a dwell of 0, which says that nothing fuses."""
     stiff = INJECTOR.with_values({"plunger_needle.k1": 1e14})
-    assert np.isnan(fusion_dwell(stiff, np.array([160e6]), (300e-6, 400e-6), 1e-3, CONDITIONS)).all()
+    assert np.isnan(fusion_dwell(stiff, TWO, np.array([160e6]), 1e-3)).all()
 
 
 def test_a_first_injection_that_failed_alone_is_told() -> None:
@@ -257,7 +257,7 @@ def test_fusion_is_a_needle_that_is_open_when_the_second_would_open_it(
 
 
 def test_the_longest_dwell_that_fuses_separates_fused_from_apart() -> None:
-    (dwell,) = fusion_dwell(INJECTOR, np.array([160e6]), (300e-6, 400e-6), 2e-3, CONDITIONS).tolist()
+    (dwell,) = fusion_dwell(INJECTOR, TWO, np.array([160e6]), 2e-3).tolist()
     around = sweep(INJECTOR, [Variable("dwell", "s", np.array([dwell - 2e-6, dwell + 2e-6]))], TWO)
     assert around.fused.tolist() == [True, False]
 

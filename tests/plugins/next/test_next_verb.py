@@ -12,7 +12,7 @@ from tests.cli.conftest import Command
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--criterion", "w"), "--criterion w: expected v, d, a"),
+        (("--criterion", "w"), 'The criterion must be "d", "a" or "v"'),
         (("--apart-time", "fast"), "--apart-time"),
         (("--out", "nowhere/plan.csv"), "there is no folder nowhere"),
         ((), "result.json"),

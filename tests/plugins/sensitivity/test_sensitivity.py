@@ -53,7 +53,7 @@ class Steep:
 def studied(limit: float, **settings: object) -> Sensitivity:
     how = SensitivitySettings(samples=64, **settings)  # type: ignore[arg-type]
     empty = Sensitivity("made up", "none", "made up", tuple(SPACE.parameters), how)
-    return study_of_model(Steep(limit), SPACE, how, empty)
+    return study_of_model(Steep(limit), SPACE, empty)
 
 
 @pytest.mark.parametrize("design", ["sobol", "morris"])
@@ -189,9 +189,9 @@ def test_a_range_that_cannot_be_is_refused(pwm: Injector, arguments: dict[str, o
     ("settings", "words"),
     [
         ({"samples": 100}, "must be a power of two for Sobol' indices, such as 128, not 100"),
-        ({"confidence": 1.0}, "confidence must lie between 0.5 and 0.999, not 1"),
+        ({"confidence": 1.0}, "confidence must lie between 0.5 and 0.999, and 1 was read"),
         ({"design": "fast"}, 'design must be "sobol" or "morris"'),
-        ({"most_failed": -0.1}, "must lie between 0 and 0.9, not -0.1"),
+        ({"most_failed": -0.1}, "must lie between 0 and 0.9, and -0.1 was read"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(settings: dict[str, object], words: str) -> None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from SALib.analyze import morris as salib_morris
 from SALib.analyze import sobol as salib_sobol
 
-from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.sensitivity.estimates import (
     LEVELS,
     Indices,
@@ -159,8 +158,3 @@ def test_a_trajectory_moves_each_coordinate_once_by_two_thirds() -> None:
 def test_one_parameter_at_a_time_goes_to_both_ends() -> None:
     points = one_at_a_time(np.array([0.5, 1.2]))
     assert points.tolist() == [[0.5, 1.2], [0.0, 1.2], [0.5, 0.0], [1.0, 1.2], [0.5, 1.0]]
-
-
-def test_a_number_of_samples_that_is_no_power_of_two_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"power of two, such as 1024, not 100\.$"):
-        saltelli(2, 100, np.random.default_rng(0))

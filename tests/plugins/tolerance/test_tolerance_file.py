@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import CommonrailError
+from commonrail.plugins.tolerance.file import load_tolerances
 from commonrail.plugins.tolerance.study import (
     Correlation,
     Limit,
@@ -15,7 +16,6 @@ from commonrail.plugins.tolerance.study import (
     Triangular,
     Trim,
     Uniform,
-    load_tolerances,
 )
 
 CASE = Path(__file__).resolve().parents[3] / "cases" / "tolerance" / "tolerances.toml"

@@ -12,12 +12,11 @@ from scipy import stats
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK, Status
-from commonrail.plugins.tolerance.parts import GROUPS, Shares, VarianceShares, binomial_interval, spread_of
+from commonrail.plugins.tolerance.parts import GROUPS, Draws, Shares, VarianceShares, spread_of
 from commonrail.plugins.tolerance.study import (
     Correlation,
     Dimension,
     Distribution,
-    Draws,
     Limit,
     Normal,
     TolerancePoint,
@@ -162,12 +161,6 @@ def test_a_quantity_that_does_not_scatter_has_no_shares() -> None:
     sums = VarianceShares(study, np.array([1.0]))
     sums.add(0, Draws(study).take(256), np.ones((256, 1)))
     assert sums.shares(0, 0.95) is None
-
-
-@pytest.mark.parametrize(("hits", "tries"), [(0, 50), (3, 50), (50, 50), (700, 1_000_000)])
-def test_the_interval_of_a_share_is_that_of_clopper_and_pearson(hits: int, tries: int) -> None:
-    theirs = stats.binomtest(hits, tries).proportion_ci(0.95, "exact")
-    assert binomial_interval(hits, tries, 0.95) == pytest.approx((theirs.low, theirs.high), rel=1e-9, abs=1e-15)
 
 
 def test_a_part_that_fails_is_out_of_limits_and_not_in_the_mean() -> None:

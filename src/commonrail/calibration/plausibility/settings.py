@@ -18,7 +18,7 @@ from commonrail.data.base import DataSet, widths_of
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.injector import Injector, parameter_quantities
-from commonrail.physics.meters.meter import known_quantity
+from commonrail.physics.meters import known_quantity
 
 _PRESSURES = (
     ("rail_pressure", "rail pressure", finding.RAIL),

@@ -35,9 +35,9 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
-from commonrail.physics.reads import reader_of, unread_parameters
+from commonrail.physics.variants import reader_of, unread_parameters
 from commonrail.readers.fields import UNSTATED
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.injector.meters import installed_meters, meters_of_tables

@@ -22,7 +22,7 @@ from commonrail.calibration.study_file.keys import (
 )
 from commonrail.data.study_block import Name
 from commonrail.physics.injector import Injector, Source, parameter_quantities
-from commonrail.physics.reads import unread_parameters
+from commonrail.physics.variants import unread_parameters
 from commonrail.readers.fields import UNSTATED, FileModel, Mark, Text
 from commonrail.readers.injector.file import injector_catalogue, load_injector
 from commonrail.readers.limits import Reach

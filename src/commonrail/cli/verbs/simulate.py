@@ -16,7 +16,7 @@ from commonrail.cli.options import Json, OutFile, PlotFile, check_distinct, chec
 
 if TYPE_CHECKING:
     from commonrail.cli.injection import Run
-    from commonrail.physics.meters.meter import Meter
+    from commonrail.physics.meters import Meter
     from commonrail.runs.model_name import NamedModel
 
 
@@ -121,7 +121,7 @@ def simulate(
     solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))
     run = injection.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
     if seen is not None:
-        from commonrail.engine.metered import metered
+        from commonrail.engine.solution import metered
 
         run = run._replace(shown=metered(solution, seen, chosen, point))
     files = _write(run, out, plot)

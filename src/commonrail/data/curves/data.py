@@ -35,11 +35,10 @@ from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.sampling import sampled_rates
+from commonrail.engine.simulate import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
-from commonrail.physics.meters.meter import QUANTITIES, Meter
-from commonrail.physics.meters.signal import Given, shown_rates
+from commonrail.physics.meters import QUANTITIES, Given, Meter, shown_rates
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 
 NO_FEATURE = "NO_FEATURE"
 

@@ -46,8 +46,7 @@ from commonrail.data.study_block import Context
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
-from commonrail.physics.meters.meter import Meter
-from commonrail.physics.meters.signal import Given, shown_quantities
+from commonrail.physics.meters import Given, Meter, shown_quantities
 from commonrail.readers.location import Place, located
 
 _Map = TypeVar("_Map", bound="QuantityData")

@@ -20,9 +20,9 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.solution import Batch
 from commonrail.physics.connections import guide_leak
-from commonrail.physics.flow.leakage import gap_conductance
+from commonrail.physics.flow import gap_conductance
 from commonrail.physics.injector import FUEL_TEMPERATURE
-from commonrail.physics.meters.signal import Given
+from commonrail.physics.meters import Given
 from commonrail.readers.fields import Unit
 
 PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]

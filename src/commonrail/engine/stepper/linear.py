@@ -10,9 +10,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
-from commonrail.engine.stepper.inputs import COLUMNS
-from commonrail.engine.stepper.loop import Loop
-from commonrail.physics.flow.volume import contents
+from commonrail.engine.stepper.loop import COLUMNS, Loop
+from commonrail.physics.flow import contents
 from commonrail.physics.model import Waves
 from commonrail.physics.variants import Variant
 
@@ -43,31 +42,17 @@ KINK = 0.01  # share by which slopes to both sides may differ before a state is 
 
 
 class Operation(NamedTuple):
-    """State that is linearised, and how to continue from one like it.
-
-    Attributes
-    ----------
-    loop : Loop
-    memory : (numbers,)
-    ring : int
-        Slots of a ring of waves.
-    steps : int
-        Taken so far.
-    inputs : (steps of a sample, 6)
-    march : function (memory, inputs)
-    outputs : function (memory, inputs) -> mapping
-        Outputs after a march, by name.
-    coefficients, variant
-        Of the injector.
-    """
+    """State that is linearised, and how to continue from one like it."""
 
     loop: Loop
-    memory: Floats
-    ring: int
-    steps: int
-    inputs: Floats
-    march: Callable[[Floats, Floats], None]
+    memory: Floats  # (numbers,)
+    ring: int  # slots of a ring of waves
+    steps: int  # taken so far
+    inputs: Floats  # (steps of a sample, 6)
+    march: Callable[[Floats, Floats], None]  # function (memory, inputs)
+    # function (memory, inputs) -> mapping: outputs after a march, by name
     outputs: Callable[[Floats, Floats], Mapping[str, float]]
+    # of the injector
     coefficients: Any
     variant: Variant
 
@@ -122,15 +107,7 @@ class _Coordinate(NamedTuple):
 
 
 def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearModel:
-    """Linear model of a sample.
-
-    Parameters
-    ----------
-    o : Operation
-    dt : float
-        Time step [s].
-    inputs, outputs : tuple of str
-    """
+    """Linear model of a sample."""
     states = _states(o, o.steps)
     after = [one.at for one in _states(o, o.steps + len(o.inputs))]
     driven = [_Coordinate(name, COLUMNS[name], _difference(name, 0.0)) for name in inputs]

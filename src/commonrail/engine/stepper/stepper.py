@@ -15,12 +15,20 @@ from commonrail.engine.operating_point import LONGEST, OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.solution import all_channels
 from commonrail.engine.status import Status
-from commonrail.engine.stepper.inputs import COLUMNS, CoursePlan, Held, names_of, refuse_pressures, traced_input
 from commonrail.engine.stepper.linear import LinearModel, Operation, linearise
-from commonrail.engine.stepper.loop import Loop, make_loop
+from commonrail.engine.stepper.loop import (
+    COLUMNS,
+    CoursePlan,
+    Held,
+    Loop,
+    make_loop,
+    names_of,
+    refuse_pressures,
+    traced_input,
+)
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step, step_advice
 from commonrail.physics.injector import Injector
-from commonrail.physics.reads import COMMAND, RAIL, RETURN, reader_of, unread_inputs
+from commonrail.physics.variants import COMMAND, RAIL, RETURN, Variant, reader_of, unread_inputs
 
 # State of a stepper that its caller keeps.
 
@@ -98,16 +106,12 @@ class Stepper:
         self._ring = self._plan.ring
         self._loop: Loop = make_loop(self._variant)
         self._coefficients = coefficients_at(injector, prepared.points[0], self.time_step)
+        self._made_of = self._coefficients, self._variant, self._loop
         self._settings = np.array([*prepared.courses.settings[0], self.time_step])
-        self._refuse_long_steps()
-        self.reset()
-
-    def _refuse_long_steps(self) -> None:
-        longest = longest_step(self.injector, self._theta[0], self._plan.prepared.medium)
+        longest = longest_step(injector, self._theta[0], prepared.medium)
         if self.time_step > longest:
-            raise SimulationError(
-                f"{self.injector.name}: {Status.STEP_UNSTABLE.sentence} {step_advice(longest)}",
-            )
+            raise SimulationError(f"{injector.name}: {Status.STEP_UNSTABLE.sentence} {step_advice(longest)}")
+        self.reset()
 
     def reset(self) -> None:
         """Return to rest at the time and the pressures of the operating point's start."""
@@ -132,7 +136,7 @@ class Stepper:
     @property
     def channels(self) -> dict[str, float]:
         """Channels of a `Solution` at this instant, SI, by name."""
-        return self._channels(self._memory, self._inputs(max(self._steps - 1, 0), 1)[0])
+        return _channels(*self._made_of, self._memory, self._inputs(max(self._steps - 1, 0), 1)[0])
 
     def step(
         self,
@@ -174,7 +178,7 @@ class Stepper:
         SimulationError
             If the simulation fails; the state is then that of before the call.
         """
-        count = self._count(duration)
+        count = _count(duration, self.time_step)
         given = {
             "rail_pressure": rail_pressure,
             "cylinder_pressure": cylinder_pressure,
@@ -187,7 +191,7 @@ class Stepper:
         refuse_pressures(self.injector, inputs)
         memory = self._memory.copy()
         self._march(memory, inputs)
-        self._refuse_failed(memory)
+        _refuse_failed(self.injector, self._loop.rows, memory)
         before = self._memory[self._loop.rows.injected]
         self._memory, self._held, self._steps = memory, held, self._steps + count
         injected, returned = memory[self._loop.rows.injected], memory[self._loop.rows.returned]
@@ -196,7 +200,7 @@ class Stepper:
             "mass_rate": float(injected - before) / (count * self.time_step),
             "injected_mass": float(injected),
             "returned_mass": float(returned),
-            **self._channels(memory, inputs[-1]),
+            **_channels(*self._made_of, memory, inputs[-1]),
         }
 
     def save(self) -> Kept:
@@ -242,10 +246,10 @@ class Stepper:
         ConfigurationError
             If a name is unknown or not one of this injector's, or the names are no list.
         """
-        count = self._count(sample)
+        count = _count(sample, self.time_step)
         inputs = names_of(inputs, tuple(COLUMNS), "input")
         for name in inputs:
-            self._refuse_foreign(name)
+            _refuse_foreign(self.injector, name)
         outputs = names_of(outputs, ("mass_rate", *self.channels), "output")
         operation = Operation(
             self._loop,
@@ -254,55 +258,20 @@ class Stepper:
             self._steps,
             self._inputs(self._steps, count),
             self._march,
-            lambda memory, u: {"mass_rate": 0.0, **self._channels(memory, u)},
+            lambda memory, u: {"mass_rate": 0.0, **_channels(*self._made_of, memory, u)},
             self._coefficients,
             self._variant,
         )
         return linearise(operation, self.time_step, inputs, outputs)
 
-    def _count(self, duration: Quantity) -> int:
-        seconds = number(duration, "s", "duration of a step")
-        if seconds > LONGEST:
-            raise ConfigurationError(
-                f"The duration of a step must be at most {LONGEST:g} s, and {seconds:g} s was given; take several."
-            )
-        steps = seconds / self.time_step
-        count = round(steps)
-        if count < 1 or abs(steps - count) > ROUNDING * count:
-            raise ConfigurationError(
-                f"The duration must be a whole number of time steps of {self.time_step * 1e6:g} us, "
-                f"and {seconds * 1e6:g} us is {steps:.4g} of them."
-            )
-        return count
-
-    def _refuse_foreign(self, name: str) -> None:
-        """Refuse an input that this injector has not."""
-        if name in _UNITS and name != traced_input(self.injector):
-            raise ConfigurationError(
-                f"{self.injector.name} has a {self._variant.drive.value} drive, which takes no {name}; give "
-                f'command, or set the drive of the injector to "{name} trace".'
-            )
-        if name == RETURN and name in unread_inputs(self._variant):
-            raise ConfigurationError(f"{self.injector.name} is a direct injector, without a return: omit {name}.")
-        if name == COMMAND and name in unread_inputs(self._variant):
-            raise ConfigurationError(
-                f"{self.injector.name} is driven by a {self._variant.drive.value} and does not read a command; give "
-                f"{traced_input(self.injector)}, or take {reader_of(COMMAND)}."
-            )
-        if name == RAIL and name in unread_inputs(self._variant):
-            raise ConfigurationError(
-                f"{self.injector.name} is fed from a rail volume, whose pressure is simulated; set rail_boundary to "
-                '"ideal" to give it.'
-            )
-
     def _holding(self, given: dict[str, Any], command: bool | None) -> Held:
         """Inputs that are held from now on."""
         held = self._held.copy()
         for name, value in given.items():
-            self._refuse_foreign(name)
+            _refuse_foreign(self.injector, name)
             held.values[COLUMNS[name]] = number(value, _UNITS.get(name, "Pa"), name.replace("_", " "))
         if command is not None:
-            self._refuse_foreign(COMMAND)
+            _refuse_foreign(self.injector, COMMAND)
             planned = self._plan.inputs(self._steps, 1)[0]
             lasts = planned[4] if planned[4] >= 0.0 > planned[5] else -1.0
             held.command(flag(command, "command"), self.time, float(lasts))
@@ -317,19 +286,60 @@ class Stepper:
         """Take a memory on from the present step, or put it to rest where there are no inputs."""
         self._loop.march(memory, self._ring, self._steps, self._theta, self._settings, inputs)
 
-    def _refuse_failed(self, memory: Floats) -> None:
-        rows = self._loop.rows
-        state = memory[rows.state : rows.leaving]
-        if not np.isfinite(state).all():
-            raise SimulationError(f"{self.injector.name}: {Status.NOT_FINITE.sentence}")
-        if max(abs(memory[rows.tip]), abs(memory[rows.top])) > memory[rows.farthest_lift]:
-            raise SimulationError(f"{self.injector.name}: {Status.RAN_AWAY.sentence}")
 
-    def _channels(self, memory: Floats, u: Floats) -> dict[str, float]:
-        first = self._loop.rows.state
-        states = {name: memory[first + i : first + i + 1] for i, name in enumerate(self._loop.state)}
-        pressures = {name: states[path] for name, path in _PRESSURES.items() if path in states}
-        volume = self._variant.boundary is Boundary.VOLUME and self._variant.actuation is Actuation.SERVO
-        pressures["rail_pressure"] = states["rail.pressure"] if volume else u[:1]
-        channels = all_channels(self._coefficients, self._variant, states, pressures)
-        return {name: float(values[0]) for name, values in channels.items()}
+def _count(duration: Quantity, time_step: float) -> int:
+    """Number of time steps [s] that a duration has."""
+    seconds = number(duration, "s", "duration of a step")
+    if seconds > LONGEST:
+        raise ConfigurationError(
+            f"The duration of a step must be at most {LONGEST:g} s, and {seconds:g} s was given; take several."
+        )
+    steps = seconds / time_step
+    count = round(steps)
+    if count < 1 or abs(steps - count) > ROUNDING * count:
+        raise ConfigurationError(
+            f"The duration must be a whole number of time steps of {time_step * 1e6:g} us, "
+            f"and {seconds * 1e6:g} us is {steps:.4g} of them."
+        )
+    return count
+
+
+def _refuse_foreign(injector: Injector, name: str) -> None:
+    """Refuse an input that this injector has not."""
+    if name in _UNITS and name != traced_input(injector):
+        raise ConfigurationError(
+            f"{injector.name} has a {injector.variant.drive.value} drive, which takes no {name}; give "
+            f'command, or set the drive of the injector to "{name} trace".'
+        )
+    if name == RETURN and name in unread_inputs(injector.variant):
+        raise ConfigurationError(f"{injector.name} is a direct injector, without a return: omit {name}.")
+    if name == COMMAND and name in unread_inputs(injector.variant):
+        raise ConfigurationError(
+            f"{injector.name} is driven by a {injector.variant.drive.value} and does not read a command; give "
+            f"{traced_input(injector)}, or take {reader_of(COMMAND)}."
+        )
+    if name == RAIL and name in unread_inputs(injector.variant):
+        raise ConfigurationError(
+            f"{injector.name} is fed from a rail volume, whose pressure is simulated; set rail_boundary to "
+            '"ideal" to give it.'
+        )
+
+
+def _refuse_failed(injector: Injector, rows: Any, memory: Floats) -> None:
+    """Refuse a state that is not finite or beyond the stops."""
+    state = memory[rows.state : rows.leaving]
+    if not np.isfinite(state).all():
+        raise SimulationError(f"{injector.name}: {Status.NOT_FINITE.sentence}")
+    if max(abs(memory[rows.tip]), abs(memory[rows.top])) > memory[rows.farthest_lift]:
+        raise SimulationError(f"{injector.name}: {Status.RAN_AWAY.sentence}")
+
+
+def _channels(c: Any, variant: Variant, loop: Loop, memory: Floats, u: Floats) -> dict[str, float]:
+    """Channels of a `Solution` after a step with the inputs `u`."""
+    first = loop.rows.state
+    states = {name: memory[first + i : first + i + 1] for i, name in enumerate(loop.state)}
+    pressures = {name: states[path] for name, path in _PRESSURES.items() if path in states}
+    volume = variant.boundary is Boundary.VOLUME and variant.actuation is Actuation.SERVO
+    pressures["rail_pressure"] = states["rail.pressure"] if volume else u[:1]
+    channels = all_channels(c, variant, states, pressures, u[1:2])
+    return {name: float(values[0]) for name, values in channels.items()}

@@ -5,9 +5,7 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.orifice import laminar_offset, square
-from commonrail.physics.flow.pipe import pipe_area
-from commonrail.physics.flow.volume import Contents
+from commonrail.physics.flow import Contents, laminar_offset, pipe_area, square
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
@@ -66,15 +64,7 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
-    """Coefficients of the holes, Eq. (4).
-
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    dynamic_viscosity : float
-        η at the rail pressure of time zero [Pa s].
-    """
+    """Coefficients of the holes, Eq. (4); `dynamic_viscosity`: η at the rail pressure of time zero [Pa s]."""
     z_area = pipe_area(p.z_hole_diameter)
     a_area = pipe_area(p.a_hole_diameter)
     reynolds = p.transition_reynolds

@@ -11,11 +11,70 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.components import armature
+from commonrail.physics.components.contact import Contact, mean_overlap
 from commonrail.physics.components.plunger_needle import Motion, SeatContact
-from commonrail.physics.flow.contact import Contact, mean_overlap
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
+
+
+class ArmatureParameters(NamedTuple):
+    """Mass, travel, spring and contacts of the armature."""
+
+    mass: Annotated[float, Q("kg", "mass of the armature", usual=(0.1e-3, 0.1))]
+    idle_stroke: Annotated[
+        float, Q("m", "travel of the armature until it meets the needle", Domain.NON_NEGATIVE, usual=(2e-6, 1e-3))
+    ]
+    lift: Annotated[float, Q("m", "travel from the needle to the stop", usual=(5e-6, 1e-3))]
+    spring_preload: Annotated[
+        float, Q("N", "force of the armature's spring at rest", Domain.NON_NEGATIVE, usual=(0.1, 300.0))
+    ]
+    spring_stiffness: Annotated[
+        float, Q("N/m", "stiffness of the armature's spring", Domain.NON_NEGATIVE, 0.0, usual=(100.0, 5e5))
+    ]
+    damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
+    contact_stiffness: Annotated[
+        float, Q("N/m", "stiffness of rest, stop and needle contact", Domain.POSITIVE, 3e7, usual=(1e6, 1e10))
+    ]
+    contact_damping: Annotated[
+        float, Q("s/m", "Hunt–Crossley factor of rest, stop and needle contact", Domain.NON_NEGATIVE, 0.5)
+    ]
+
+
+class ArmatureCoefficients(NamedTuple):
+    """Inverse mass [1/kg], idle stroke and travel to the stop [m], spring, damper, contacts."""
+
+    per_mass: float
+    idle_stroke: float
+    travel: float
+    spring_preload: float
+    spring_stiffness: float
+    damping: float
+    contact_stiffness: float
+    contact_damping: float
+
+
+@physics
+def armature_coefficients(p: ArmatureParameters) -> ArmatureCoefficients:
+    """Coefficients of the armature."""
+    return ArmatureCoefficients(
+        per_mass=1.0 / p.mass,
+        idle_stroke=p.idle_stroke,
+        travel=p.idle_stroke + p.lift,
+        spring_preload=p.spring_preload,
+        spring_stiffness=p.spring_stiffness,
+        damping=p.damping,
+        contact_stiffness=p.contact_stiffness,
+        contact_damping=p.contact_damping,
+    )
+
+
+@physics
+def armature_force(c: ArmatureCoefficients, position: float, magnetic_force: float) -> float:
+    """Force of magnet and spring [N], positive when opening.
+
+    `position`: travel from the rest [m]; `magnetic_force`: magnetic force [N], ≥ 0.
+    """
+    return magnetic_force - c.spring_preload - c.spring_stiffness * position
 
 
 class Parameters(NamedTuple):
@@ -55,7 +114,7 @@ class State(NamedTuple):
 class Masses(NamedTuple):
     """Coefficients of the two masses."""
 
-    armature: armature.Coefficients
+    armature: ArmatureCoefficients
     needle: Coefficients
 
 
@@ -89,10 +148,7 @@ def coefficients(p: Parameters) -> Coefficients:
 def lifts(z: Pair) -> Motion:
     """Lifts of the armature, as the top, and of the needle, as shoulder and tip; also their velocities [m/s].
 
-    Parameters
-    ----------
-    z : Pair
-        Positions [m].
+    `z`: positions [m].
     """
     return Motion(z.armature, z.needle, z.needle)
 
@@ -101,16 +157,8 @@ def lifts(z: Pair) -> Motion:
 def contact_along_path(depth: float, move: float, stiffness: float, factor: float) -> Contact:
     """Contact force and damping with the overlap averaged along the path of a leapfrog step.
 
-    Parameters
-    ----------
-    depth : float
-        Overlap δ in the middle of the path [m], negative where the bodies are apart.
-    move : float
-        Half the path [m]; zero for the contact at an instant.
-    stiffness : float
-        k [N/m].
-    factor : float
-        Hunt–Crossley factor β [s/m].
+    `depth`: overlap δ in the middle of the path [m], negative where the bodies are apart; `move`: half the path [m];
+    zero for the contact at an instant; `stiffness`: k [N/m]; `factor`: Hunt–Crossley factor β [s/m].
     """
     elastic = stiffness * mean_overlap(depth, move)
     return Contact(elastic, elastic * factor)
@@ -118,19 +166,7 @@ def contact_along_path(depth: float, move: float, stiffness: float, factor: floa
 
 @physics
 def contacts(m: Masses, seat: SeatContact, z: Pair, path: Pair) -> Contacts:
-    """All four contacts.
-
-    Parameters
-    ----------
-    m : Masses
-        The two masses.
-    seat : SeatContact
-        Contact of the needle seat.
-    z : Pair
-        Positions [m].
-    path : Pair
-        Half the paths of the step [m], zero at an instant.
-    """
+    """All four contacts; `z`: positions [m]; `path`: half the paths of the step [m], zero at an instant."""
     a = m.armature
     k, factor = a.contact_stiffness, a.contact_damping
     return Contacts(
@@ -143,43 +179,17 @@ def contacts(m: Masses, seat: SeatContact, z: Pair, path: Pair) -> Contacts:
 
 @physics
 def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
-    """Forces on both masses without damping [N], positive when opening.
-
-    Parameters
-    ----------
-    m : Masses
-        The two masses.
-    z : Pair
-        Positions [m].
-    load : Loads
-        Of magnet and pressures.
-    at : Contacts
-        Their contacts.
-    """
+    """Forces on both masses without damping [N], positive when opening; `z`: positions [m]."""
     spring = m.needle.spring_preload + m.needle.spring_stiffness * z.needle
     return Pair(
-        armature.free_force(m.armature, z.armature, load.magnetic) + at.rest.force - at.stop.force - at.push.force,
+        armature_force(m.armature, z.armature, load.magnetic) + at.rest.force - at.stop.force - at.push.force,
         load.pressure - spring + at.push.force + at.seat.force,
     )
 
 
 @physics
 def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step.
-
-    Parameters
-    ----------
-    m : Masses
-        The two masses.
-    seat : SeatContact
-        Contact of the needle seat.
-    s : State
-        State before.
-    load : Loads
-        Forces of magnet and pressures at t_n.
-    dt : float
-        Step [s].
-    """
+    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step."""
     at = contacts(m, seat, s.z, Pair(dt * s.v.armature, dt * s.v.needle))
     force = forces(m, s.z, load, at)
     a, n = dt * m.armature.per_mass, dt * m.needle.per_mass
@@ -200,14 +210,7 @@ def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> S
 def accelerations(m: Masses, seat: SeatContact, z: Pair, v: Pair, load: Loads) -> Pair:
     """Accelerations [m/s²], for a solver that has positions and velocities at one time.
 
-    Parameters
-    ----------
-    m, seat, load
-        As in `advance`.
-    z : Pair
-        Positions [m].
-    v : Pair
-        Velocities [m/s].
+    `z`: positions [m]; `v`: velocities [m/s].
     """
     at = contacts(m, seat, z, Pair(0.0, 0.0))
     force = forces(m, z, load, at)
@@ -221,14 +224,7 @@ def accelerations(m: Masses, seat: SeatContact, z: Pair, v: Pair, load: Loads) -
 def at_rest(m: Masses, seat: SeatContact, load: Loads) -> State:
     """Both masses at rest, armature on its rest and needle on its seat, in closed form.
 
-    Parameters
-    ----------
-    m : Masses
-        The two masses; the idle stroke keeps them apart.
-    seat : SeatContact
-        Contact of the needle seat.
-    load : Loads
-        Of the pressures; no magnetic force.
+    `m`: the two masses; the idle stroke keeps them apart; `load`: of the pressures; no magnetic force.
     """
     a, n = m.armature, m.needle
     held_a = a.spring_preload / (a.contact_stiffness + a.spring_stiffness)

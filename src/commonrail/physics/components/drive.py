@@ -100,12 +100,7 @@ class Supply(NamedTuple):
 def clamp(x: float, low: float, high: float) -> float:
     """Value nearest to x between two limits.
 
-    Parameters
-    ----------
-    x : float
-        In any unit.
-    low, high : float
-        Limits in the same unit; `high` prevails where they contradict.
+    `x`: in any unit; `low`, `high`: limits in the same unit; `high` prevails where they contradict.
     """
     return min(max(x, low), high)
 
@@ -114,14 +109,7 @@ def clamp(x: float, low: float, high: float) -> float:
 def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> Schedule:
     """Mean of the schedule over a step.
 
-    Parameters
-    ----------
-    p : Parameters
-        Current profile.
-    since_start, since_end : float
-        Start of the step after start and end of energising [s]; negative before them.
-    dt : float
-        Step [s].
+    `since_start`, `since_end`: start of the step after start and end of energising [s]; negative before them.
     """
     per_step = 1.0 / dt
     begun = clamp(since_start * per_step + 1.0, 0.0, 1.0)
@@ -134,12 +122,7 @@ def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> 
 def during(share: float, rate: Rate) -> Rate:
     """Rate that holds for a share of the step, as a mean over the step.
 
-    Parameters
-    ----------
-    share : float
-        Share of the step [1], from 0 to 1.
-    rate : Rate
-        Rate during that share.
+    `share`: share of the step [1], from 0 to 1; `rate`: rate during that share.
     """
     return Rate(share * rate.flux_rate, share * rate.at_end, share * rate.decay)
 
@@ -152,37 +135,20 @@ def relaxed(rate: Rate, dt: float) -> float:
     by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
     (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
 
-    Parameters
-    ----------
-    rate : Rate
-        Rate at the start of the step, its value with the gap of the end, and its decay.
-    dt : float
-        Step [s].
+    `rate`: rate at the start of the step, its value with the gap of the end, and its decay.
     """
     return risen(rate, dt) / damped(rate, dt)
 
 
 @physics
 def risen(rate: Rate, dt: float) -> float:
-    """Numerator of `relaxed` [V].
-
-    Parameters
-    ----------
-    rate, dt
-        As in `relaxed`.
-    """
+    """Numerator of `relaxed` [V]."""
     return rate.flux_rate + dt * rate.decay * (1.0 / 6.0) * rate.at_end
 
 
 @physics
 def damped(rate: Rate, dt: float) -> float:
-    """Denominator of `relaxed` [1].
-
-    Parameters
-    ----------
-    rate, dt
-        As in `relaxed`.
-    """
+    """Denominator of `relaxed` [1]."""
     y = dt * rate.decay
     return 1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0))
 
@@ -191,14 +157,7 @@ def damped(rate: Rate, dt: float) -> float:
 def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> Rate:
     """Flux rate under a given voltage, Eq. (11).
 
-    Parameters
-    ----------
-    c : solenoid.Coefficients
-        Magnetic circuit.
-    voltage : float
-        v at the coil [V].
-    now : solenoid.Circuit
-        Current with the gap of mid-step.
+    `voltage`: v at the coil [V]; `now`: current with the gap of mid-step.
     """
     resistance = c.resistance * c.per_turn
     rate = voltage * c.per_turn - resistance * now.current
@@ -214,20 +173,7 @@ def regulated(
     Peak, hold and off count by their shares of the step, so a switching may fall anywhere inside it: the
     current is a smooth function of the parameters, as a fit needs it.
 
-    Parameters
-    ----------
-    p : Parameters
-        Current profile.
-    c : solenoid.Coefficients
-        Magnetic circuit.
-    s : State
-        State of the output stage.
-    supply : Supply
-        Schedule, and measured trace.
-    now : solenoid.Circuit
-        Current with the gap of mid-step.
-    dt : float
-        Step [s].
+    `supply`: schedule, and measured trace; `now`: current with the gap of mid-step.
     """
     return _held(p, c, Backward(p.quench_voltage, p.boost_voltage), supply, now, dt)
 
@@ -239,11 +185,6 @@ def free_wheel(
     """Ideal regulator without a voltage backwards: a current that must fall decays through a diode.
 
     It does so from the peak to the hold current and after the end of energising: N dφ/dt = −R i − V_d until i = 0.
-
-    Parameters
-    ----------
-    p, c, s, supply, now, dt
-        As in `regulated`.
     """
     return _held(p, c, Backward(p.diode_voltage, p.diode_voltage), supply, now, dt)
 
@@ -254,12 +195,7 @@ def _held(
 ) -> Change:
     """Mean flux rate of an ideal regulator with given voltages backwards.
 
-    Parameters
-    ----------
-    p, c, supply, now, dt
-        As in `regulated`.
-    backward : Backward
-        Voltages that reduce the current.
+    `backward`: voltages that reduce the current.
     """
     plan = supply.schedule
     peak = _towards(c, p.peak_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
@@ -281,18 +217,8 @@ def _towards(
 ) -> Rate:
     """Flux rate of a regulator with limits of voltage.
 
-    Parameters
-    ----------
-    c : solenoid.Coefficients
-        Magnetic circuit.
-    target : float
-        Wanted current i* [A].
-    gain : float
-        Gain G [V/A], > 0.
-    low, high : float
-        Limits of the voltage [V].
-    now : solenoid.Circuit
-        Current with the gap of mid-step.
+    `target`: wanted current i* [A]; `gain`: gain G [V/A], > 0; `low`, `high`: limits of the voltage [V]; `now`: current
+    with the gap of mid-step.
     """
     stiff = c.resistance + gain
     free = stiff * (target - now.current) * c.per_turn
@@ -307,41 +233,20 @@ def _towards(
 def switched_off(p: Parameters, c: solenoid.Coefficients, now: solenoid.Circuit) -> Rate:
     """Flux rate after the end of energising: −boost until the current has gone.
 
-    Parameters
-    ----------
-    p : Parameters
-        Current profile.
-    c : solenoid.Coefficients
-        Magnetic circuit.
-    now : solenoid.Circuit
-        Current with the gap of mid-step.
+    `now`: current with the gap of mid-step.
     """
     return _towards(c, 0.0, p.regulator_gain, -p.boost_voltage, 0.0, now)
 
 
 @physics
 def pwm_voltage(p: Parameters, conducting: float) -> float:
-    """Voltage that a state of the PWM applies [V].
-
-    Parameters
-    ----------
-    p : Parameters
-        Current profile.
-    conducting : float
-        State of the PWM [1]: 2 boost, 1 supply, 0 off.
-    """
+    """Voltage that a state of the PWM applies [V]; `conducting`: state of the PWM [1]: 2 boost, 1 supply, 0 off."""
     return p.boost_voltage if conducting > 1.5 else (p.supply_voltage if conducting > 0.5 else -p.quench_voltage)
 
 
 @physics
 def turned(conducting: float) -> float:
-    """State of the PWM after its current has met a limit [1].
-
-    Parameters
-    ----------
-    conducting : float
-        State before [1].
-    """
+    """State of the PWM after its current has met a limit [1]; `conducting`: state before [1]."""
     return 0.0 if conducting > 0.5 else 1.0
 
 
@@ -353,11 +258,6 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     its limit where the step begins and where energising or the step ends. The instant at which it meets the limit is
     interpolated between them, and the voltage averaged. Where the rest of the step would carry the current past the
     other limit too, it switches in turn there: on the average it stays at that limit.
-
-    Parameters
-    ----------
-    p, c, s, supply, now, dt
-        As in `regulated`.
     """
     plan = supply.schedule
     in_peak = plan.peak >= 0.5 * plan.on
@@ -388,13 +288,7 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
 def voltage_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
-    """Mean flux rate under a measured coil voltage v(t).
-
-    Parameters
-    ----------
-    p, c, s, supply, now, dt
-        As in `regulated`.
-    """
+    """Mean flux rate under a measured coil voltage v(t)."""
     return Change(relaxed(applied(c, supply.trace, now), dt), 1.0)
 
 
@@ -402,11 +296,5 @@ def voltage_trace(
 def current_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
-    """Mean flux rate that follows a measured coil current i(t), by the regulator without limits of voltage.
-
-    Parameters
-    ----------
-    p, c, s, supply, now, dt
-        As in `regulated`.
-    """
+    """Mean flux rate that follows a measured coil current i(t), by the regulator without limits of voltage."""
     return Change(relaxed(_towards(c, supply.trace, p.regulator_gain, -UNLIMITED, UNLIMITED, now), dt), 1.0)

@@ -1,12 +1,37 @@
-"""Feed pipe: from the injector's inlet (or the rail) to the accumulation volume, Eq. (6)."""
+"""Rail, a volume behind a throttle or an ideal source, and the feed pipe to the accumulation volume, Eq. (6)."""
 
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.pipe import friction_resistance, impedance, pipe_area
+from commonrail.physics.flow import friction_resistance, impedance, pipe_area
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
+
+
+class RailParameters(NamedTuple):
+    """Drawing of the rail; used only where the injector's `rail_boundary` is "volume"."""
+
+    volume: Annotated[float, Q("m3", "volume of the rail", Domain.POSITIVE, 22e-6, usual=(2e-6, 2e-3))]
+    throttle_diameter: Annotated[
+        float, Q("m", "throttle at the rail's outlet", Domain.POSITIVE, 0.85e-3, usual=(0.2e-3, 10e-3))
+    ]
+    throttle_discharge: Annotated[float, Q("1", "discharge coefficient of the throttle", Domain.COEFFICIENT, 0.8)]
+
+
+class RailCoefficients(NamedTuple):
+    """Volume [m³] and (c_d A)² of the throttle [m⁴]."""
+
+    volume: float
+    throttle_cda2: float
+
+
+@physics
+def rail_coefficients(p: RailParameters) -> RailCoefficients:
+    """Coefficients of the rail, Eq. (3) and (4)."""
+    effective = p.throttle_discharge * pipe_area(p.throttle_diameter)
+    return RailCoefficients(p.volume, effective * effective)
+
 
 SIXTH = 1.0 / 6.0  # weight of each end in Simpson's rule; the middle has four
 
@@ -46,14 +71,7 @@ class Travelling(NamedTuple):
 def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficients:
     """Coefficients of the pipe, Eq. (6), constant during a simulation.
 
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    density : float
-        ρ at the rail pressure of time zero [kg/m³].
-    sound_speed : float
-        a at that pressure [m/s].
+    `density`: ρ at the rail pressure of time zero [kg/m³]; `sound_speed`: a at that pressure [m/s].
     """
     z = impedance(sound_speed, pipe_area(p.diameter))
     return Coefficients(
@@ -68,12 +86,7 @@ def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficie
 def end_loss(c: Coefficients, flow: float) -> float:
     """Share of the friction ∫ R q|q| dx/L that Simpson's rule gives to the flow at one end [Pa].
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    flow : float
-        q at that end [kg/s]; the loss has its sign.
+    `flow`: q at that end [kg/s]; the loss has its sign.
     """
     return SIXTH * c.resistance * flow * abs(flow)
 
@@ -86,14 +99,7 @@ def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
     flow there, (down − up)/(2 Z), corrected for the friction up to the middle. That friction is computed
     from the flows at the ends: exact for a steady flow.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    ends : State
-        Flows at both ends [kg/s].
-    down, up : float
-        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    `ends`: flows at both ends [kg/s]; `down`, `up`: waves p + Z q and p − Z q [Pa] that arrive, as they left.
     """
     near = end_loss(c, ends.inlet_flow) + end_loss(c, ends.end_flow)
     flow = 0.5 * c.admittance * (down - up - 2.0 * near)
@@ -104,14 +110,7 @@ def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
 def arrive(c: Coefficients, ends: State, down: float, up: float) -> Travelling:
     """Waves at the ends that they reach, the friction of Eq. (6) taken off but for that of the flow there now.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    ends : State
-        Flows at both ends [kg/s].
-    down, up : float
-        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    `ends`: flows at both ends [kg/s]; `down`, `up`: waves p + Z q and p − Z q [Pa] that arrive, as they left.
     """
     mid_pipe_loss = middle_loss(c, ends, down, up)
     return Travelling(
@@ -123,14 +122,8 @@ def arrive(c: Coefficients, ends: State, down: float, up: float) -> Travelling:
 def leave(c: Coefficients, ends: State, inlet: float, end: float) -> Travelling:
     """Waves that leave both ends, the friction of the flow there taken off.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this pipe.
-    ends : State
-        Mean flows at both ends over the step [kg/s].
-    inlet, end : float
-        Mean pressures at both ends over the step [Pa].
+    `ends`: mean flows at both ends over the step [kg/s]; `inlet`, `end`: mean pressures at both ends over the step
+    [Pa].
     """
     z = c.impedance
     return Travelling(

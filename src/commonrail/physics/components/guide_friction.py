@@ -1,8 +1,10 @@
 """Friction of plunger and needle in their guides: F = −v (c_v + F_c/(|v| + v_0)), on mass 1 and on mass 7.
 
 The viscous part stands for the oil film, the dry part for lateral forces; v_0 rounds the dry part at standstill, so
-that a needle at rest is not held. The rigid body carries both. The paper neglects it. The virtual test bench, whose
-truth no fitted model holds, rounds otherwise (`bench_friction`).
+that a needle at rest is not held. The rigid body carries both. The paper neglects it.
+
+The virtual test bench rounds otherwise (`bench_friction`), and on any mass: on purpose. Its truth must be none that a
+fitted model can reach, or the bench would not show how a calibration copes with a wrong model.
 """
 
 from __future__ import annotations
@@ -10,8 +12,7 @@ from __future__ import annotations
 import math
 
 from commonrail.physics.components import plunger_needle, rigid_body
-from commonrail.physics.components.chain import Nine
-from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, SeatContact
+from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, Nine, SeatContact
 from commonrail.physics.law import physics, reciprocals
 
 ROUNDED = 0.01  # v_0: half of the dry friction acts at this speed [m/s]
@@ -21,41 +22,20 @@ ROUNDED = 0.01  # v_0: half of the dry friction acts at this speed [m/s]
 def bench_friction(dry: float, viscous: float, v: float) -> float:
     """Friction of the virtual test bench on one mass, against the motion [N]: F_c tanh(v/v_0) + c_v v.
 
-    Parameters
-    ----------
-    dry : float
-        F_c [N].
-    viscous : float
-        c_v [N s/m].
-    v : float
-        Velocity [m/s].
+    `dry`: F_c [N]; `viscous`: c_v [N s/m]; `v`: velocity [m/s].
     """
     return dry * math.tanh(v / ROUNDED) + viscous * v
 
 
 @physics
 def guide_damping(g: Guides, per_speed: float) -> float:
-    """Damping coefficient of one guide c_v + F_c/(|v| + v_0) [N s/m].
-
-    Parameters
-    ----------
-    g : Guides
-        Of plunger and needle.
-    per_speed : float
-        1/(|v| + v_0) [s/m].
-    """
+    """Damping coefficient of one guide c_v + F_c/(|v| + v_0) [N s/m]; `per_speed`: 1/(|v| + v_0) [s/m]."""
     return g.viscous + g.friction * per_speed
 
 
 @physics
 def speed_at_step(v: float, v_before: float) -> float:
-    """|v| + v_0 at t_n [m/s], extrapolated.
-
-    Parameters
-    ----------
-    v, v_before : float
-        Velocities at t_n − dt/2 and t_n − 3dt/2 [m/s].
-    """
+    """|v| + v_0 at t_n [m/s], extrapolated; `v`, `v_before`: velocities at t_n − dt/2 and t_n − 3dt/2 [m/s]."""
     return abs(1.5 * v - 0.5 * v_before) + ROUNDED
 
 
@@ -67,13 +47,6 @@ def advance_chain(
 
     Friction is implicit and never makes the step unstable: the damping coefficient of the speed at t_n times the mean
     of the velocities half a step before and after.
-
-    Parameters
-    ----------
-    c, seat, s, load
-        As in `plunger_needle.advance`.
-    dt : float
-        Step [s].
     """
     after, m = plunger_needle.advance(c, seat, s, load, dt), c.impulse
     per1, per7 = reciprocals(speed_at_step(s.v.i1, s.v_before.i1), speed_at_step(s.v.i7, s.v_before.i7))
@@ -91,12 +64,7 @@ def advance_chain(
 def with_guided(x: Nine, top: float, head: float) -> Nine:
     """Velocities of the chain [m/s] with those of the guided masses 1 and 7 replaced; positions alike.
 
-    Parameters
-    ----------
-    x : Nine
-        Velocities [m/s].
-    top, head : float
-        Of mass 1 and of mass 7 [m/s].
+    `x`: velocities [m/s]; `top`, `head`: of mass 1 and of mass 7 [m/s].
     """
     return Nine(i1=top, i2=x.i2, i3=x.i3, i4=x.i4, i5=x.i5, i6=x.i6, i7=head, i8=x.i8, i9=x.i9)
 
@@ -105,14 +73,7 @@ def with_guided(x: Nine, top: float, head: float) -> Nine:
 def accelerate_chain(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
     """Right-hand side of Eq. (10) [m/s²] with seat, stop and friction, for a solver that has z and v at one time.
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `plunger_needle.advance`.
-    z : Nine
-        Positions [m].
-    v : Nine
-        Velocities [m/s].
+    `z`: positions [m]; `v`: velocities [m/s].
     """
     a = plunger_needle.accelerations(c, seat, z, v, load)
     top = guide_damping(c.guides, 1.0 / (abs(v.i1) + ROUNDED)) * v.i1
@@ -125,13 +86,6 @@ def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: 
     """State of the rigid body after one leapfrog step [m], [m/s], friction of both guides implicit.
 
     The body keeps no older velocity: the speed at t_n is the mean of those before the step and after a first one.
-
-    Parameters
-    ----------
-    c, seat, s, load
-        As in `rigid_body.advance`.
-    dt : float
-        Step [s].
     """
     free = rigid_body.advance(c, seat, s, load, dt).v
     per_mass = dt / c.total_mass
@@ -146,16 +100,9 @@ def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: 
 def _slowed(g: Guides, v: float, free: float, touching: float, friction: tuple[float, float]) -> float:
     """Velocity after a step [m/s] in which both guides rub.
 
-    Parameters
-    ----------
-    g : Guides
-        Of plunger and needle.
-    v, free : float
-        Velocity before the step, and after one without friction times `touching` [m/s].
-    touching : float
-        One plus what the contacts' damping takes in half a step [1].
-    friction : (float, float)
-        Step over mass [s/kg], and velocity at which friction is taken [m/s].
+    `v`, `free`: velocity before the step, and after one without friction times `touching` [m/s]; `touching`: one plus
+    what the contacts' damping takes in half a step [1]; `friction` (float, float): step over mass [s/kg], and velocity
+    at which friction is taken [m/s].
     """
     per_mass, at = friction
     both = per_mass * guide_damping(g, 1.0 / (abs(at) + ROUNDED))
@@ -166,14 +113,7 @@ def _slowed(g: Guides, v: float, free: float, touching: float, friction: tuple[f
 def accelerate_body(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
     """Acceleration of the rigid body with seat, stop and friction of both guides [m/s²].
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `rigid_body.advance`.
-    z : float
-        Lift [m].
-    v : float
-        Velocity [m/s].
+    `z`: lift [m]; `v`: velocity [m/s].
     """
     both = 2.0 * guide_damping(c.guides, 1.0 / (abs(v) + ROUNDED)) * v
     return rigid_body.accelerations(c, seat, z, v, load) - both / c.total_mass

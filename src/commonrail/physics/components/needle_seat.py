@@ -1,4 +1,4 @@
-"""Needle seat: flow section between needle cone and body, and their contact."""
+"""Needle seat, and the volumes before and behind it: accumulation volume and SAC, Eq. (3)."""
 
 from __future__ import annotations
 
@@ -6,14 +6,42 @@ import math
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.orifice import laminar_offset
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.flow import Contents, laminar_offset, pipe_area
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
 
+class AccumulationParameters(NamedTuple):
+    """Drawing of the accumulation volume around the needle, fed by the pipe."""
+
+    volume: Annotated[float, Q("m3", "accumulation volume, needle unloaded on its seat", usual=(5e-9, 2e-5))]
+
+
+class AccumulationState(NamedTuple):
+    """Fuel in the volume, and its pressure one step before [Pa]."""
+
+    fuel: Contents
+    pressure_before: float
+
+
+class SacParameters(NamedTuple):
+    """Drawing of the SAC, the small volume between needle seat and nozzle holes."""
+
+    volume: Annotated[float, Q("m3", "SAC volume, needle on its seat", usual=(0.01e-9, 50e-9))]
+
+
+@physics
+def sac_volume(p: SacParameters, seat_area: float, tip_lift: float) -> float:
+    """SAC volume V of Eq. (3) [m³].
+
+    `seat_area`: area inside the seat line [m²]; `tip_lift`: lift of the needle's tip [m]; below zero it is elastic
+    flattening of the seat and does not shrink the SAC.
+    """
+    return p.volume + seat_area * max(tip_lift, 0.0)
+
+
 class Parameters(NamedTuple):
-    """Drawing of the seat."""
+    """Drawing of the seat between needle cone and body."""
 
     diameter: Annotated[float, Q("m", "seat diameter", usual=(0.3e-3, 10e-3))]
     cone_angle: Annotated[float, Q("rad", "full angle of the seat cone", Domain.CONE, usual=(0.35, 2.6))]
@@ -40,15 +68,7 @@ class Coefficients(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
-    """Coefficients of gap and contact.
-
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    dynamic_viscosity : float
-        η at the rail pressure of time zero [Pa s].
-    """
+    """Coefficients of gap and contact; `dynamic_viscosity`: η at the rail pressure of time zero [Pa s]."""
     sine, cosine = math.sin(0.5 * p.cone_angle), math.cos(0.5 * p.cone_angle)
     return Coefficients(
         pipe_area(p.diameter),
@@ -64,12 +84,7 @@ def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
 def gap_cda2(c: Coefficients, lift: float) -> float:
     """(c_d A)² of the seat gap, for Eq. (4) [m⁴]: frustum A = π z sin(α/2) (d − z sin(α/2) cos(α/2)).
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this seat.
-    lift : float
-        z of the needle's tip [m]; shut at zero and below.
+    `lift`: z of the needle's tip [m]; shut at zero and below.
     """
     z = max(lift, 0.0)
     effective = z * (c.gap_slope - c.gap_curvature * z)

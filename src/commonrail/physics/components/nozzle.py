@@ -5,8 +5,7 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.orifice import laminar_offset, square
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.flow import laminar_offset, pipe_area, square
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
@@ -112,14 +111,7 @@ class State(NamedTuple):
 def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) -> Coefficients:
     """Coefficients of Eq. (4) and (9).
 
-    Parameters
-    ----------
-    p : Parameters
-        Drawing and constants of Eq. (9).
-    rail_pressure : float
-        p_CR of time zero [Pa].
-    dynamic_viscosity : float
-        η at that pressure [Pa s].
+    `rail_pressure`: p_CR of time zero [Pa]; `dynamic_viscosity`: η at that pressure [Pa s].
     """
     area = p.holes * pipe_area(p.hole_diameter)
     # K1…K4 may have any sign: keep 0 < z0 < zM, whatever a search proposes
@@ -144,12 +136,7 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
 def grown_discharge(p: Parameters, rail_pressure: float) -> float:
     """Coefficient c_d(zM) with its growth [1], before it is held between 0 and 1.
 
-    Parameters
-    ----------
-    p : Parameters
-        Constants of Eq. (9).
-    rail_pressure : float
-        p_CR of time zero [Pa].
+    `rail_pressure`: p_CR of time zero [Pa].
     """
     return p.discharge_maximum + p.discharge_growth * (rail_pressure - CATALOGUE_PRESSURE)
 
@@ -160,11 +147,6 @@ def shape(p: Parameters) -> Shape:
 
     A knot of lift zero behind the first is none: the value of the knot before it holds on. Knots that do not rise are
     moved apart, whatever a search proposes.
-
-    Parameters
-    ----------
-    p : Parameters
-        Knots and values.
     """
     s1 = p.shape_1
     s2 = p.shape_2 if p.knot_2 > 0.0 else s1
@@ -193,32 +175,22 @@ def shape(p: Parameters) -> Shape:
 
 @physics
 def quarter_sine(s: float) -> float:
-    """sin(π s/2) [1]: odd Taylor polynomial of degree 9, error < 4e-6.
-
-    Parameters
-    ----------
-    s : float
-        Lift over z0 [1], from 0 to 1.
-    """
+    """sin(π s/2) [1]: odd Taylor polynomial of degree 9, error < 4e-6; `s`: lift over z0 [1], from 0 to 1."""
     x = 0.5 * pi * s
     y = x * x
     return x * (1.0 + y * (-1.0 / 6.0 + y * (1.0 / 120.0 + y * (-1.0 / 5040.0 + y * (1.0 / 362880.0)))))
 
 
 @physics
-def discharge(c: Coefficients, lift_reached: float) -> float:
+def discharge(c: Coefficients, lift_reached: float, sac: float = 0.0, cylinder: float = 0.0) -> float:
     """Discharge coefficient c_d of Eq. (9) [1].
 
     A needle that turns before zM closes with the coefficient it had reached, which Eq. (9), written for a
     full opening, leaves open.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this nozzle.
-    lift_reached : float
-        Largest lift of this injection [m], ≥ 0: while the needle rises it is the lift itself (opening
-        branches), after that it stays (closing branch, c_d constant).
+    `lift_reached`: largest lift of this injection [m], ≥ 0: while the needle rises it is the lift itself (opening
+    branches), after that it stays (closing branch, c_d constant); `sac`, `cylinder`: pressures [Pa], not read by this
+    law; one of another package may.
     """
     z = max(lift_reached, RESIDUAL_LIFT)
     rising = quarter_sine(min(z * c.per_lift_transition, 1.0))
@@ -230,12 +202,7 @@ def discharge(c: Coefficients, lift_reached: float) -> float:
 def change(s: Shape, lift_reached: float) -> float:
     """Relative change of c_d [1]: linear between the knots, constant before the first and behind the last.
 
-    Parameters
-    ----------
-    s : Shape
-        Of this nozzle.
-    lift_reached : float
-        As in `discharge` [m].
+    `lift_reached`: as in `discharge` [m].
     """
     z, at, turn = lift_reached, s.knots, s.slope_changes
     low = turn.i1 * max(z - at.i1, 0.0) + turn.i2 * max(z - at.i2, 0.0)
@@ -246,14 +213,11 @@ def change(s: Shape, lift_reached: float) -> float:
 
 
 @physics
-def shaped_discharge(c: Coefficients, lift_reached: float) -> float:
+def shaped_discharge(c: Coefficients, lift_reached: float, sac: float = 0.0, cylinder: float = 0.0) -> float:
     """Discharge coefficient c_d of Eq. (9) times 1 + its change over lift, at most 1 [1].
 
     Eq. (9) rises as a sine and then as a ramp; measured quantity maps show a finer shape.
 
-    Parameters
-    ----------
-    c, lift_reached
-        As in `discharge`.
+    Arguments as in `discharge`.
     """
-    return min(discharge(c, lift_reached) * (1.0 + change(c.shape, lift_reached)), 1.0)
+    return min(discharge(c, lift_reached, sac, cylinder) * (1.0 + change(c.shape, lift_reached)), 1.0)

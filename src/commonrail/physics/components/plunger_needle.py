@@ -10,14 +10,113 @@ there is only contact: the plunger can leave its needle. Friction of the guides:
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from collections.abc import Callable
+from typing import Annotated, Any, NamedTuple
 
-from commonrail.physics.components.chain import Nine, Seven, across, around, each, nodal_forces
-from commonrail.physics.flow.contact import Contact, contact, next_velocity
-from commonrail.physics.flow.leakage import gap_conductance
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.components.contact import Contact, contact, next_velocity
+from commonrail.physics.flow import gap_conductance, pipe_area
 from commonrail.physics.law import physics, reciprocals
 from commonrail.physics.parameters import Domain, Q
+
+# Chain of nine masses on seven cylinders: a law of one mass or one cylinder, unrolled over all of them.
+#
+# Masses 1…6 stand at the ends of the plunger's five cylinders, masses 7…9 at the ends of the needle's two. Kernels see
+# straight-line code: no loop, no array.
+
+
+class Nine(NamedTuple):
+    """One value for each of the nine masses: positions [m], velocities [m/s] or forces [N]."""
+
+    i1: float
+    i2: float
+    i3: float
+    i4: float
+    i5: float
+    i6: float
+    i7: float
+    i8: float
+    i9: float
+
+
+class Seven(NamedTuple):
+    """One value for each cylinder: stiffness [N/m], mass [kg] or damping [N s/m]."""
+
+    i1: float
+    i2: float
+    i3: float
+    i4: float
+    i5: float
+    i6: float
+    i7: float
+
+
+def each(kind: type, law: Callable[..., float], shared: str = "") -> Callable[..., Any]:
+    """Function of the same arguments as `law` that takes `kind`s, applies it field by field, and returns a `kind`.
+
+    `kind`: `Nine` or `Seven`; `law` (function of float): law of one mass or one cylinder; `shared`: names of the
+    arguments that are one number for all.
+    """
+    arguments = law.__code__.co_varnames[: law.__code__.co_argcount]
+    one = ", ".join(name if name in shared.split() else f"{name}.{{0}}" for name in arguments)
+    values = ", ".join(f"law({one})".format(field) for field in kind._fields)  # type: ignore[attr-defined]
+    names: dict[str, Any] = {"__name__": __name__, "law": physics(law), "kind": kind}
+    text = f"def unrolled({', '.join(arguments)}):\n    return kind({values})\n"
+    exec(compile(text, f"<{law.__name__} of each of {kind.__name__}>", "exec"), names)
+    return physics(names["unrolled"])  # type: ignore[no-any-return]
+
+
+@physics
+def across(z: Nine) -> Seven:
+    """Differences over each cylinder: the upper mass's value less the lower's, in its unit.
+
+    `z`: positions [m] or velocities [m/s].
+    """
+    return Seven(
+        i1=z.i1 - z.i2,
+        i2=z.i2 - z.i3,
+        i3=z.i3 - z.i4,
+        i4=z.i4 - z.i5,
+        i5=z.i5 - z.i6,
+        i6=z.i7 - z.i8,
+        i7=z.i8 - z.i9,
+    )
+
+
+@physics
+def around(m: Seven) -> Nine:
+    """Sums over the cylinders that end at each mass, in the unit of the cylinders' values; `m`: masses [kg]."""
+    return Nine(
+        i1=m.i1,
+        i2=m.i1 + m.i2,
+        i3=m.i2 + m.i3,
+        i4=m.i3 + m.i4,
+        i5=m.i4 + m.i5,
+        i6=m.i5,
+        i7=m.i6,
+        i8=m.i6 + m.i7,
+        i9=m.i7,
+    )
+
+
+@physics
+def nodal_forces(s: Seven, joint: float) -> Nine:
+    """Forces on the masses [N], positive when opening, from those in the cylinders and in the joint.
+
+    `s`: forces in the cylinders [N], positive in tension; `joint`: force between plunger and needle [N], positive in
+    tension; masses that touch give zero or less.
+    """
+    return Nine(
+        i1=-s.i1,
+        i2=s.i1 - s.i2,
+        i3=s.i2 - s.i3,
+        i4=s.i3 - s.i4,
+        i5=s.i4 - s.i5,
+        i6=s.i5 - joint,
+        i7=joint - s.i6,
+        i8=s.i6 - s.i7,
+        i9=s.i7,
+    )
+
 
 _MASS = "mass of cylinder"
 _USUAL_STIFFNESS, _USUAL_MASS = (2e6, 5e9), (2e-5, 0.3)  # [N/m], [kg]: see `furniture.Q`
@@ -143,14 +242,7 @@ class SeatContact(NamedTuple):
 def cylinder_stiffness(elastic_modulus: float, diameter: float, length: float) -> float:
     """Axial stiffness of a cylinder k = E A/l0 [N/m], Eq. (8).
 
-    Parameters
-    ----------
-    elastic_modulus : float
-        E [Pa].
-    diameter : float
-        Of the cylinder [m].
-    length : float
-        l0 [m].
+    `elastic_modulus`: E [Pa]; `diameter`: of the cylinder [m]; `length`: l0 [m].
     """
     return elastic_modulus * pipe_area(diameter) / length
 
@@ -159,14 +251,7 @@ def cylinder_stiffness(elastic_modulus: float, diameter: float, length: float) -
 def cylinder_mass(density: float, diameter: float, length: float) -> float:
     """Mass of a cylinder ρ A l0 [kg].
 
-    Parameters
-    ----------
-    density : float
-        ρ of the steel [kg/m³].
-    diameter : float
-        Of the cylinder [m].
-    length : float
-        l0 [m].
+    `density`: ρ of the steel [kg/m³]; `diameter`: of the cylinder [m]; `length`: l0 [m].
     """
     return density * pipe_area(diameter) * length
 
@@ -175,14 +260,7 @@ def cylinder_mass(density: float, diameter: float, length: float) -> float:
 def damper(damping_ratio: float, stiffness: float, mass: float) -> float:
     """Damping coefficient of a cylinder c = 2 ξ sqrt(k M) [N s/m], text below Eq. (8).
 
-    Parameters
-    ----------
-    damping_ratio : float
-        ξ [1], ≥ 0.
-    stiffness : float
-        k [N/m].
-    mass : float
-        M of the cylinder [kg].
+    `damping_ratio`: ξ [1], ≥ 0; `stiffness`: k [N/m]; `mass`: M of the cylinder [kg].
     """
     return 2.0 * damping_ratio * math.sqrt(stiffness * mass)
 
@@ -194,15 +272,7 @@ _scaled = each(Nine, lambda factor, x: factor * x, shared="factor")
 
 @physics
 def coefficients(p: Parameters, dt: float) -> Coefficients:
-    """Coefficients of chain, guides, spring and stop.
-
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    dt : float
-        Step of the leapfrog [s].
-    """
+    """Coefficients of chain, guides, spring and stop."""
     k = Seven(i1=p.k1, i2=p.k2, i3=p.k3, i4=p.k4, i5=p.k5, i6=p.k6, i7=p.k7)
     m = Seven(i1=p.m1, i2=p.m2, i3=p.m3, i4=p.m4, i5=p.m5, i6=p.m6, i7=p.m7)
     per_mass = _inverse(around(m))
@@ -235,20 +305,9 @@ def coefficients(p: Parameters, dt: float) -> Coefficients:
 def loads(g: Guides, seat_area: float, control: float, accumulation: float, sac: float, low: float) -> Loads:
     """Forces F1…F9 of Eq. (10): pressure on every area normal to the axis, positive when opening.
 
-    Parameters
-    ----------
-    g : Guides
-        Areas and spring.
-    seat_area : float
-        Of the needle seat [m²].
-    control : float
-        Pressure in the control chamber [Pa].
-    accumulation : float
-        Pressure in the accumulation volume [Pa].
-    sac : float
-        Pressure in the SAC [Pa].
-    low : float
-        Return pressure, between plunger and needle [Pa].
+    `seat_area`: of the needle seat [m²]; `control`: pressure in the control chamber [Pa]; `accumulation`: pressure in
+    the accumulation volume [Pa]; `sac`: pressure in the SAC [Pa]; `low`: return pressure, between plunger and needle
+    [Pa].
     """
     return Loads(
         -control * g.plunger_area,
@@ -266,16 +325,7 @@ _in_cylinders = each(Seven, lambda k, c, stretch, speed: k * stretch + c * speed
 def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
     """Sum of spring, damper and pressure forces on each mass [N], Eq. (10), without seat and stop.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the chain.
-    z : Nine
-        Positions [m].
-    v : Nine
-        Velocities [m/s] at the same time.
-    load : Loads
-        Pressure forces.
+    `z`: positions [m]; `v`: velocities [m/s] at the same time.
     """
     joint = c.joint_stiffness * min(z.i6 - z.i7, 0.0)
     f = nodal_forces(_in_cylinders(c.k, c.c, across(z), across(v)), joint)
@@ -297,14 +347,7 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
 def with_ends(f: Nine, top: float, tip: float) -> Nine:
     """Forces [N] with those on the ends, where stop and seat act, replaced.
 
-    Parameters
-    ----------
-    f : Nine
-        Forces on the masses [N].
-    top : float
-        Force on mass 1 [N].
-    tip : float
-        Force on mass 9 [N].
+    `f`: forces on the masses [N]; `top`: force on mass 1 [N]; `tip`: force on mass 9 [N].
     """
     return Nine(i1=top, i2=f.i2, i3=f.i3, i4=f.i4, i5=f.i5, i6=f.i6, i7=f.i7, i8=f.i8, i9=tip)
 
@@ -319,18 +362,7 @@ def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, 
     Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger rings on after an injection;
     the phase of its waves decides the pressure in the control chamber at which the next one begins.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the chain.
-    seat : SeatContact
-        Contact of the needle seat.
-    z : Nine
-        Positions [m].
-    gain : Nine
-        dt times the accelerations [m/s].
-    dt : float
-        Step [s].
+    `z`: positions [m]; `gain`: dt times the accelerations [m/s].
     """
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
     rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
@@ -343,29 +375,13 @@ _extrapolated = each(Nine, lambda v, before: 1.5 * v - 0.5 * before)
 
 @physics
 def at_stop(g: Guides, top: float) -> Contact:
-    """Contact with the upper stop.
-
-    Parameters
-    ----------
-    g : Guides
-        Of plunger and needle.
-    top : float
-        Lift of the plunger's top [m].
-    """
+    """Contact with the upper stop; `top`: lift of the plunger's top [m]."""
     return contact(top - g.stop_lift, g.stop_stiffness, g.stop_damping)
 
 
 @physics
 def on_seat(seat: SeatContact, tip: float) -> Contact:
-    """Contact with the needle seat.
-
-    Parameters
-    ----------
-    seat : SeatContact
-        Contact of the needle seat.
-    tip : float
-        Lift of the needle's tip [m].
-    """
+    """Contact with the needle seat; `tip`: lift of the needle's tip [m]."""
     return contact(-tip, seat.stiffness, seat.damping)
 
 
@@ -376,21 +392,7 @@ _sum = each(Nine, lambda x, y: x + y)
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; dampers see the velocity extrapolated to t_n.
-
-    Parameters
-    ----------
-    c : Coefficients
-        Of the chain.
-    seat : SeatContact
-        Contact of the needle seat.
-    s : State
-        State before.
-    load : Loads
-        Pressure forces at t_n.
-    dt : float
-        Step [s].
-    """
+    """State after one leapfrog step; dampers see the velocity extrapolated to t_n; `load`: pressure forces at t_n."""
     f = forces(c, s.z, _extrapolated(s.v, s.v_before), load)
     stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
     m = c.impulse
@@ -410,14 +412,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
     """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that has z and v at one time.
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `advance`.
-    z : Nine
-        Positions [m].
-    v : Nine
-        Velocities [m/s].
+    `z`: positions [m]; `v`: velocities [m/s].
     """
     f = forces(c, z, v, load)
     stop, rest = at_stop(c.guides, z.i1), on_seat(seat, z.i9)
@@ -431,13 +426,7 @@ Positions = Nine
 
 @physics
 def lifts(z: Nine) -> Motion:
-    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses.
-
-    Parameters
-    ----------
-    z : Nine
-        Positions [m].
-    """
+    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses; `z`: positions [m]."""
     return Motion(z.i1, z.i8, z.i9)
 
 
@@ -445,10 +434,7 @@ def lifts(z: Nine) -> Motion:
 def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
     """Chain at rest on its seat under static loads, in closed form (spring by spring).
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `advance`; the loads press the needle into its seat.
+    `c`, `seat`, `load`: as in `advance`; the loads press the needle into its seat.
     """
     k = c.k
     push = -load.top  # compression of k1…k5

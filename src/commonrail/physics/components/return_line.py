@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.pipe import impedance, pipe_area
+from commonrail.physics.flow import impedance, pipe_area
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
@@ -32,24 +32,12 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Coefficients of the line; all are zero but the last without a line.
+    """Coefficients of the line; all are zero but the last without a line."""
 
-    Attributes
-    ----------
-    impedance : float
-        Z [Pa s/kg].
-    per_cavity : float
-        Z/dt, pressure that fills a cavity within a step, per missing mass [Pa/kg].
-    per_pressure : float
-        Its inverse [kg/Pa].
-    round_trip : float
-        Travel time of a wave to the tank and back [s].
-    """
-
-    impedance: float
-    per_cavity: float
-    per_pressure: float
-    round_trip: float
+    impedance: float  # Z [Pa s/kg]
+    per_cavity: float  # Z/dt, pressure that fills a cavity within a step, per missing mass [Pa/kg]
+    per_pressure: float  # its inverse [kg/Pa]
+    round_trip: float  # travel time of a wave to the tank and back [s]
 
 
 class State(NamedTuple):
@@ -61,32 +49,14 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, sound_speed: float, dt: float) -> Coefficients:
-    """Coefficients of the line, Eq. (6) without friction.
-
-    Parameters
-    ----------
-    p : Parameters
-        Drawing.
-    sound_speed : float
-        a at the return pressure [m/s].
-    dt : float
-        Step [s].
-    """
+    """Coefficients of the line, Eq. (6) without friction; `sound_speed`: a at the return pressure [m/s]."""
     z = impedance(sound_speed, pipe_area(p.diameter)) if p.length > 0.0 else 0.0
     return Coefficients(z, z / dt, dt / z if p.length > 0.0 else 0.0, 2.0 * p.length / sound_speed)
 
 
 @physics
 def without_flow(c: Coefficients, s: State, back: float) -> float:
-    """Pressure p' behind a valve that nothing flows through [Pa].
-
-    Parameters
-    ----------
-    c, s
-        Coefficients and state.
-    back : float
-        Wave that arrives [Pa].
-    """
+    """Pressure p' behind a valve that nothing flows through [Pa]; `back`: wave that arrives [Pa]."""
     return back - c.per_cavity * s.cavity
 
 
@@ -94,16 +64,7 @@ def without_flow(c: Coefficients, s: State, back: float) -> float:
 def advance(c: Coefficients, without: float, vapour: float, flow: float) -> State:
     """State after a step.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of the line.
-    without : float
-        As of `without_flow` [Pa].
-    vapour : float
-        p_v [Pa].
-    flow : float
-        Mean flow through the valve [kg/s].
+    `without`: as of `without_flow` [Pa]; `vapour`: p_v [Pa]; `flow`: mean flow through the valve [kg/s].
     """
     filling = without + c.impedance * flow
     pressure = max(filling, vapour)

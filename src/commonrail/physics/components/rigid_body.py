@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from commonrail.physics.components.contact import next_velocity
 from commonrail.physics.components.plunger_needle import Coefficients, Loads, Motion, SeatContact, at_stop, on_seat
-from commonrail.physics.flow.contact import next_velocity
 from commonrail.physics.law import physics
 
 
@@ -21,37 +21,13 @@ class State(NamedTuple):
 
 @physics
 def force(c: Coefficients, z: float, load: Loads) -> float:
-    """Sum of pressure and spring forces [N], positive when opening, without seat and stop.
-
-    Parameters
-    ----------
-    c : Coefficients
-        Of plunger and needle.
-    z : float
-        Lift [m].
-    load : Loads
-        Pressure forces.
-    """
+    """Sum of pressure and spring forces [N], positive when opening, without seat and stop; `z`: lift [m]."""
     return load.top + load.foot + load.head + load.shoulder + load.tip - c.guides.spring_stiffness * z
 
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step.
-
-    Parameters
-    ----------
-    c : Coefficients
-        Of plunger and needle.
-    seat : SeatContact
-        Contact of the needle seat.
-    s : State
-        State before.
-    load : Loads
-        Pressure forces at t_n.
-    dt : float
-        Step [s].
-    """
+    """State after one leapfrog step; `load`: pressure forces at t_n."""
     stop, rest = at_stop(c.guides, s.z), on_seat(seat, s.z)
     per_mass = dt / c.total_mass
     impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
@@ -64,14 +40,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 def accelerations(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
     """Acceleration with seat and stop [m/s²], for a solver that has z and v at one time.
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `advance`.
-    z : float
-        Lift [m], positive when opening.
-    v : float
-        Velocity [m/s].
+    `z`: lift [m], positive when opening; `v`: velocity [m/s].
     """
     stop, rest = at_stop(c.guides, z), on_seat(seat, z)
     resting = rest.force - stop.force - (rest.damping + stop.damping) * v
@@ -84,13 +53,7 @@ Positions = float
 
 @physics
 def lifts(z: float) -> Motion:
-    """Lifts at top, shoulder and tip: all equal. Also their velocities [m/s], from that of the body.
-
-    Parameters
-    ----------
-    z : float
-        Lift [m].
-    """
+    """Lifts at top, shoulder and tip: all equal. Also their velocities [m/s], from that of the body; `z`: lift [m]."""
     return Motion(z, z, z)
 
 
@@ -98,9 +61,6 @@ def lifts(z: float) -> Motion:
 def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
     """Body at rest on its seat under static loads, in closed form.
 
-    Parameters
-    ----------
-    c, seat, load
-        As in `advance`; the loads press the needle into its seat.
+    `c`, `seat`, `load`: as in `advance`; the loads press the needle into its seat.
     """
     return State(force(c, 0.0, load) / (seat.stiffness + c.guides.spring_stiffness), 0.0)

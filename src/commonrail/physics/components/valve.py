@@ -6,8 +6,8 @@ import math
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.flow.contact import contact, contact_over_step, next_velocity
-from commonrail.physics.flow.pipe import pipe_area
+from commonrail.physics.components.contact import contact, contact_over_step, next_velocity
+from commonrail.physics.flow import pipe_area
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
@@ -91,12 +91,7 @@ def coefficients(p: Parameters) -> Coefficients:
 def at_rest(c: Coefficients, seat_pressure: float) -> State:
     """Closed valve at rest, its lift below zero by what spring and pressure press into the seat.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this valve.
-    seat_pressure : float
-        Excess over the return pressure on the seat area [Pa].
+    `seat_pressure`: excess over the return pressure on the seat area [Pa].
     """
     held = c.spring_preload - c.seat_area * seat_pressure
     return State(-held / (c.contact_stiffness + c.spring_stiffness), 0.0)
@@ -104,15 +99,7 @@ def at_rest(c: Coefficients, seat_pressure: float) -> State:
 
 @physics
 def air_gap(c: Coefficients, s: State) -> float:
-    """Air gap that the armature leaves above the residual one [m].
-
-    Parameters
-    ----------
-    c : Coefficients
-        Of this valve.
-    s : State
-        Lift and velocity.
-    """
+    """Air gap that the armature leaves above the residual one [m]."""
     return c.lift - s.lift
 
 
@@ -120,18 +107,8 @@ def air_gap(c: Coefficients, s: State) -> float:
 def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, dt: float) -> State:
     """State after one leapfrog step.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this valve.
-    s : State
-        Lift at t_n, velocity half a step before.
-    magnetic_force : float
-        Magnetic force F_ev at t_n [N].
-    seat_pressure : float
-        Excess over the return pressure on the seat area [Pa].
-    dt : float
-        Step [s].
+    `s`: lift at t_n, velocity half a step before; `magnetic_force`: magnetic force F_ev at t_n [N]; `seat_pressure`:
+    excess over the return pressure on the seat area [Pa].
     """
     force, damping = forces_over_step(c, s, magnetic_force, seat_pressure, dt)
     per_mass = dt * c.per_mass
@@ -144,12 +121,7 @@ def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: flo
 def rates(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float) -> State:
     """Rates of lift and velocity [m/s], [m/s²], for a solver that has both at one time.
 
-    Parameters
-    ----------
-    c, magnetic_force, seat_pressure
-        As in `forces`.
-    s : State
-        Lift and velocity at one time.
+    `s`: lift and velocity at one time; `c`, `magnetic_force`, `seat_pressure`: as in `forces`.
     """
     force, damping = forces(c, s.lift, magnetic_force, seat_pressure)
     return State(s.velocity, c.per_mass * (force - damping * s.velocity))
@@ -159,16 +131,8 @@ def rates(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float
 def forces(c: Coefficients, lift: float, magnetic_force: float, seat_pressure: float) -> tuple[float, float]:
     """Force [N], positive when opening, without the damping, and damping coefficient [N s/m].
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this valve.
-    lift : float
-        Lift [m], negative where it is pressed into its seat.
-    magnetic_force : float
-        Magnetic force F_ev [N].
-    seat_pressure : float
-        Excess over the return pressure on the seat area [Pa].
+    `lift`: lift [m], negative where it is pressed into its seat; `magnetic_force`: magnetic force F_ev [N];
+    `seat_pressure`: excess over the return pressure on the seat area [Pa].
     """
     seat = contact(-lift, c.contact_stiffness, c.contact_damping)
     stop = contact(lift - c.lift, c.contact_stiffness, c.contact_damping)
@@ -182,14 +146,8 @@ def forces_over_step(
 ) -> tuple[float, float]:
     """Force [N] and damping coefficient [N s/m] over a leapfrog step: `forces` with the nearer contact averaged.
 
-    Parameters
-    ----------
-    c, magnetic_force, seat_pressure
-        As in `forces`.
-    s : State
-        Lift at the start of the step, velocity half a step before.
-    dt : float
-        Step [s].
+    `s`: lift at the start of the step, velocity half a step before; `c`, `magnetic_force`, `seat_pressure`: as in
+    `forces`.
     """
     middle = 0.5 * c.lift
     side = s.lift - middle
@@ -205,10 +163,7 @@ def forces_over_step(
 def free_force(c: Coefficients, lift: float, magnetic_force: float, seat_pressure: float) -> float:
     """Force of magnet, spring and pressure [N], positive when opening.
 
-    Parameters
-    ----------
-    c, lift, magnetic_force, seat_pressure
-        As in `forces`.
+    Arguments as in `forces`.
     """
     return magnetic_force - (c.spring_preload + c.spring_stiffness * lift) + c.seat_area * seat_pressure
 
@@ -217,12 +172,7 @@ def free_force(c: Coefficients, lift: float, magnetic_force: float, seat_pressur
 def gap_cda2(c: Coefficients, lift: float) -> float:
     """(c_d A)² of the seat gap, for Eq. (4) [m⁴].
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this valve.
-    lift : float
-        Lift [m], small against the seat's diameter; shut at zero and below.
+    `lift`: lift [m], small against the seat's diameter; shut at zero and below.
     """
     effective = c.gap_slope * max(lift, 0.0)
     return effective * effective
@@ -234,14 +184,7 @@ def land_resistance(c: Coefficients, lift: float, fluidity: float) -> float:
 
     Reynolds' equation for a film whose thickness h = lift · sin θ is small against the seat's diameter d.
 
-    Parameters
-    ----------
-    c : Coefficients
-        Of this valve.
-    lift : float
-        Lift [m].
-    fluidity : float
-        1/ν of the fuel in the film [s/m²].
+    `lift`: lift [m]; `fluidity`: 1/ν of the fuel in the film [s/m²].
     """
     h = max(lift, TINY_GAP)
     return c.land / (fluidity * h * h * h)

@@ -17,7 +17,7 @@ from commonrail.base.text import number
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
 from commonrail.physics.injector import Source
-from commonrail.physics.meters.meter import is_of_meter, known_quantity
+from commonrail.physics.meters import is_of_meter, known_quantity
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit
 from commonrail.plugins.certainty.nuisance_fit import Within

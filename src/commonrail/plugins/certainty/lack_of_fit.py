@@ -29,7 +29,7 @@ from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
 from commonrail.data.kinds import of_role
 from commonrail.data.noise import Correlation
-from commonrail.physics.meters.meter import Meter, is_of_meter, parts_of
+from commonrail.physics.meters import Meter, is_of_meter, parts_of
 from commonrail.plugins.certainty.ascent import Ascent, climb
 from commonrail.plugins.certainty.covariance import Covariance, covariance_of, moved_by
 from commonrail.plugins.certainty.estimate import Estimate

@@ -22,7 +22,7 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role
 from commonrail.data.kinds import of_role
-from commonrail.physics.meters.meter import known_quantity
+from commonrail.physics.meters import known_quantity
 from commonrail.plugins.certainty.noise import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
 from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
 

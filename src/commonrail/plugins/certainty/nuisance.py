@@ -19,7 +19,7 @@ from commonrail.data.base import DataSet, Role
 from commonrail.data.kinds import of_role
 from commonrail.data.noise import OF_METER, TEMPERATURE, uncertain_unit
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.physics.meters.meter import QUANTITIES, Meter, known_quantity
+from commonrail.physics.meters import QUANTITIES, Meter, known_quantity
 from commonrail.physics.parameters import Domain, Q
 
 _UNNAMED = "unnamed"  # meter of a data set that has none

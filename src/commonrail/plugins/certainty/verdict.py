@@ -12,7 +12,7 @@ from commonrail.base.text import listed, significant
 from commonrail.base.units import to_text
 from commonrail.calibration.identifiability import LIMIT, ParameterVerdict
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
-from commonrail.physics.meters.meter import is_of_meter, parts_of
+from commonrail.physics.meters import is_of_meter, parts_of
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit

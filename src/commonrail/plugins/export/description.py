@@ -13,7 +13,7 @@ from xml.etree import ElementTree as Xml
 from commonrail.base.choices import Drive
 from commonrail.engine.operating_point import OTHER_PRESSURES, RAIL_PRESSURES
 from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS
-from commonrail.physics import reads
+from commonrail.physics import variants
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.plugins.export.entries import channels
 from commonrail.plugins.export.sources import Model, bounds_of
@@ -109,7 +109,7 @@ def variables(injector: Injector) -> list[Variable]:
 
 
 def _parameters(injector: Injector) -> list[Variable]:
-    found, unread = [], reads.unread_parameters(injector.variant)
+    found, unread = [], variants.unread_parameters(injector.variant)
     for i, path in enumerate((*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)):
         if path in unread:
             continue
@@ -155,22 +155,22 @@ def _inputs(injector: Injector) -> list[Variable]:
     other = max(low, OTHER_PRESSURES.low), min(high, OTHER_PRESSURES.high)
     what, unit = ("voltage", "V") if injector.variant.drive is Drive.VOLTAGE else ("current", "A")
     given = [
-        (reads.RAIL, "Pa", RAIL, *rail, "rail pressure"),
+        (variants.RAIL, "Pa", RAIL, *rail, "rail pressure"),
         ("cylinder_pressure", "Pa", CYLINDER, *other, "pressure in the cylinder"),
-        (reads.RETURN, "Pa", RETURN, *other, "pressure at the end of the return line"),
-        (reads.DRIVE, unit, 0.0, -math.inf, math.inf, f"measured coil {what}, which drives the injector"),
+        (variants.RETURN, "Pa", RETURN, *other, "pressure at the end of the return line"),
+        (variants.DRIVE, unit, 0.0, -math.inf, math.inf, f"measured coil {what}, which drives the injector"),
     ]
-    unread = reads.unread_inputs(injector.variant)
+    unread = variants.unread_inputs(injector.variant)
     found = [
         Variable(f"boundary.{name}", _INPUT + i, _INPUT_KIND, own, start, least, most, meaning)
         for i, (name, own, start, least, most, meaning) in enumerate(given)
         if name not in unread
     ]
-    if reads.RAIL in unread:
+    if variants.RAIL in unread:
         meaning = "rail pressure at rest; from then on that of the rail's volume is simulated"
         found.insert(0, Variable(AT_REST, _INPUT, _FIXED, "Pa", RAIL, *rail, meaning))
     command = "true: the solenoid is energised"
-    if reads.COMMAND in unread:
+    if variants.COMMAND in unread:
         command = "true: an injection begins, of which the instants are; the coil is driven by boundary.drive"
     kind = Kind("Boolean", "input", "discrete")
     return [*found, Variable("command", _COMMAND, kind, "", 0.0, -math.inf, math.inf, command)]

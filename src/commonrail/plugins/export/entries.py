@@ -26,10 +26,19 @@ from numba.np.arrayobj import make_array, populate_array
 
 from commonrail.base.choices import Actuation
 from commonrail.compiler.numba import widest_vectors
-from commonrail.engine.block import FUEL, INPUTS, Law, make_advance, make_begin, make_own_inputs
-from commonrail.engine.feed import Memory, copy_number, make_wave_transport
+from commonrail.engine.block import (
+    FUEL,
+    INPUTS,
+    Law,
+    Memory,
+    copy_number,
+    make_advance,
+    make_begin,
+    make_own_inputs,
+    make_wave_transport,
+)
+from commonrail.engine.entry import row_copier, row_gatherer
 from commonrail.engine.recorder import Outcome, make_rows, report_remaining
-from commonrail.engine.registers import row_copier, row_gatherer
 from commonrail.physics import fuel_kernel
 from commonrail.physics.components import solenoid
 from commonrail.physics.law import physics
@@ -183,7 +192,7 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
     rows, size, wired = make_rows(variant, 1), sizes(variant), wiring(variant)
     load_coefficients, load_state = wired.coefficients.load, wired.state.load
     working, seen, noted, discharge = size.work, size.channels, size.figures, wired.laws.discharge
-    tip, top, state = rows.tip, rows.top, rows.state
+    tip, top, state, cylinder = rows.tip, rows.top, rows.state, rows.cylinder
     observe_rest = _observe_direct if variant.actuation is Actuation.DIRECT else _observe_servo
 
     def observe(work, channels):  # type: ignore[no-untyped-def]
@@ -192,7 +201,10 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
         out[0], out[1], out[2] = s.nozzle.injected, s.cumulative_flows.returned, s.cumulative_flows.supplied
         out[3], out[4], out[5] = numbers[tip], s.accumulation.fuel.pressure, s.sac.pressure
         out[7] = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
-        out[8], out[9] = discharge(c.nozzle, s.nozzle.lift_reached), s.feed_pipe.inlet_flow
+        out[8], out[9] = (
+            discharge(c.nozzle, s.nozzle.lift_reached, s.sac.pressure, numbers[cylinder]),
+            s.feed_pipe.inlet_flow,
+        )
         out[6] = solenoid.circuit(c.solenoid, s.solenoid.flux, observe_rest(c, s, numbers[top], out), 0.0).current
 
     def figures(work, cylinder, out):  # type: ignore[no-untyped-def]

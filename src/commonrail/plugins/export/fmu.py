@@ -19,9 +19,9 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import ALL_ENTRIES, lasting
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
-from commonrail.physics.reads import DRIVE, unread_inputs
-from commonrail.physics.reads import RAIL as RAIL_INPUT
-from commonrail.physics.reads import RETURN as BACK
+from commonrail.physics.variants import DRIVE, unread_inputs
+from commonrail.physics.variants import RAIL as RAIL_INPUT
+from commonrail.physics.variants import RETURN as BACK
 from commonrail.plugins.export.description import (
     CYLINDER,
     RAIL,

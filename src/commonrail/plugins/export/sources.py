@@ -24,8 +24,7 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.physics.parameters import Domain
-from commonrail.physics.reads import COMMAND, DRIVE, RAIL, RETURN, unread_inputs
-from commonrail.physics.variants import Variant
+from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, unread_inputs
 from commonrail.plugins.export.c_source import kernel_source
 from commonrail.plugins.export.entries import channels, sizes
 from commonrail.plugins.export.objects import linked_text

@@ -19,11 +19,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.cache import kept_or_made
 from commonrail.compiler.target import Processor, compiler_settings
-from commonrail.physics.variants import Variant
+from commonrail.physics.variants import Variant, kernel_name
 
 _SINGLE, _BLOCK = "single", "block"
 _LONGEST = 900.0  # for the child process that compiles [s]
@@ -61,7 +60,7 @@ def _kept(variant: Variant, which: str) -> dict[str, str]:
 
 
 def _file_name(variant: Variant, which: str) -> str:
-    key = repr((variant.label, which, _own_stamp(which), compiler_settings(), platform.machine()))
+    key = repr((kernel_name(variant), which, _own_stamp(which), compiler_settings(), platform.machine()))
     return hashlib.sha256(key.encode()).hexdigest()[:24] + ".entries"
 
 
@@ -82,7 +81,7 @@ def _compile(variant: Variant, which: str) -> bytes:
         "NUMBA_LOOP_VECTORIZE": "0",
         "NUMBA_SLP_VECTORIZE": "0",
     }
-    words = [choice.value for choice in variant]
+    words = [str(getattr(choice, "value", choice)) for choice in variant]
     command = [sys.executable, "-m", __name__, which, *words]
     try:
         done = subprocess.run(command, capture_output=True, timeout=_LONGEST, env=environment, check=False)
@@ -123,9 +122,8 @@ def _optimised(variant: Variant, which: str) -> dict[str, str]:
 
 
 def _main(words: list[str]) -> None:
-    which, body, boundary, drive, laws, actuation = words
-    variant = Variant(Body(body), Boundary(boundary), Drive(drive), Laws(laws), Actuation(actuation))
-    sys.stdout.write(json.dumps(_optimised(variant, which)))
+    which, *choices = words
+    sys.stdout.write(json.dumps(_optimised(Variant(*choices), which)))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from commonrail.calibration.study_file.type import load_type
 from commonrail.data.base import Role
 from commonrail.data.kinds import of_role
 from commonrail.data.study_block import Name
-from commonrail.physics.meters.meter import known_quantity
+from commonrail.physics.meters import known_quantity
 from commonrail.plugins.family.adapt import FLOW
 from commonrail.readers.fields import FileModel, Text, Unit
 from commonrail.readers.limits import Reach

@@ -18,7 +18,7 @@ from commonrail.base.output import check_sum
 from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.calibration.study_file.file import load_study
 from commonrail.physics.injector import Injector, Source, parameter_quantities
-from commonrail.physics.meters.meter import is_of_meter
+from commonrail.physics.meters import is_of_meter
 from commonrail.plugins.family.fixed import PartValues, fixed_values
 from commonrail.readers.columns import name_and_unit
 from commonrail.readers.csv import CsvFile

@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
-from commonrail.base.units import compatible, to_text
+from commonrail.base.units import fits, to_text
 from commonrail.data.features.rate_trace import RATE_UNITS, RateTrace, bounds_around
 from commonrail.engine.operating_point import Energising
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, unit_of
@@ -24,19 +24,9 @@ MOST_SHOTS = 500
 class RateColumns(NamedTuple):
     """Columns of a file that hold rates, and what their samples are.
 
-    Attributes
-    ----------
-    time : str
-    rates : tuple of str
-        Empty: every column whose header has a unit of a rate.
-    time_unit, rate_unit : str or None
-        Where the file gives none.
-    centred : bool
-        Whether a sample is the mean around its time; else over the interval that ends at it.
-    window : (float, float) or None
-        Times between which samples count [s].
-    form : FileForm
-        Encoding and decimal sign of a text, sheet of a workbook.
+    Without names every column whose header has a unit of a rate; units are those where the file gives none. `centred`:
+    a sample is the mean around its time, else over the interval that ends at it. Samples between two times of the
+    window [s] count.
     """
 
     time: str = "time"
@@ -51,17 +41,9 @@ class RateColumns(NamedTuple):
 def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energising] = ()) -> dict[str, RateTrace]:
     """Rates of a file by the names of their columns.
 
-    Parameters
-    ----------
-    path : Path
-    columns : RateColumns
-    energisings : sequence of Energising
-        Of every shot; where there is none, an energising time in the names of all columns is taken, from time 0.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has no rate, or no samples in the window, or a name states another energising time.
+    The energisings are those of every shot; where there is none, an energising time in the names of all columns is
+    taken, from time 0. InputError if the file has no rate, or no samples in the window, or a name states another
+    energising time.
     """
     sheet = open_sheet(path, columns.form)
     names = columns.rates or _found(sheet)
@@ -113,20 +95,13 @@ def _energised(path: Path, names: Sequence[str], given: tuple[Energising, ...]) 
 
 def _found(sheet: Sheet) -> tuple[str, ...]:
     """Columns that have a unit of a rate."""
-    found = tuple(name for name in sheet.names if (unit := unit_of(sheet, name)) and _is_rate(unit))
+    found = tuple(name for name in sheet.names if any(fits(unit_of(sheet, name), one) for one in RATE_UNITS))
     if not found:
         raise InputError(
             f'{sheet.path}: no column has the unit of a rate in its header, as in "rate [mm3/ms]"; name the columns '
             "and state their unit."
         )
     return found
-
-
-def _is_rate(unit: str) -> bool:
-    try:
-        return any(compatible(unit, one) for one in RATE_UNITS)
-    except InputError:
-        return False
 
 
 def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> IndexArray:

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
-
-import click
+from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
-from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.console import print_result, print_table, print_text
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, check_file, read_energisings
+from commonrail.cli.options import Json, check_file, read_energisings, read_pair
 
 if TYPE_CHECKING:
+    from commonrail.data.features.result import Features
     from commonrail.data.features.settings import FeatureSettings
     from commonrail.engine.operating_point import Energising
-    from commonrail.plugins.features.file import RateColumns
     from commonrail.readers.columns import FileForm
 
 
@@ -77,8 +75,9 @@ def features(
       commonrail features bench.txt --encoding cp1252 --decimal , --energising-time 700us
       commonrail features runs/first --threshold 2mm3/ms
     """
+    from commonrail.data.features.features import features as find
     from commonrail.data.features.settings import FeatureSettings
-    from commonrail.plugins.features.file import RateColumns
+    from commonrail.plugins.features.file import RateColumns, are_repeated, read_rates
 
     check_file(out, "--out")
     settings = FeatureSettings(
@@ -90,9 +89,12 @@ def features(
             raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
         _print_run(source, model, settings, out, json)
         return
-    form = _form(encoding, decimal, sheet)
-    columns = RateColumns(time, rate, time_unit, rate_unit, centred, _window(window), form)
-    _print_file(source, _Wanted(columns, pulses, settings, not separate), out, json)
+    between = None
+    if window is not None:
+        between = read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
+    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, _form(encoding, decimal, sheet))
+    found = {name: find(trace, settings=settings) for name, trace in read_rates(source, columns, pulses).items()}
+    _print_file(found, repeated=not separate and are_repeated(list(found)), out=out, json=json)
 
 
 def _energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...]:
@@ -111,50 +113,24 @@ def _form(encoding: str | None, decimal: str, sheet: str | None) -> FileForm:
     return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal, sheet or "")
 
 
-def _window(text: str | None) -> tuple[float, float] | None:
-    if text is None:
-        return None
-    begin, colon, end = text.partition(":")
-    if not colon:
-        raise InputError(f"--window {text}: expected BEGIN:END, such as 0us:3000us.")
-    return parse(begin, "s", "--window"), parse(end, "s", "--window")
-
-
-class _Wanted(NamedTuple):
-    """Columns of a file, energisings, settings, and whether several rates are repeated shots."""
-
-    columns: RateColumns
-    energisings: tuple[Energising, ...]
-    settings: FeatureSettings
-    repeated: bool
-
-
-def _print_file(path: Path, wanted: _Wanted, out: Path | None, json: bool) -> None:
-    from commonrail.data.features.features import features as find
+def _print_file(found: dict[str, Features], *, repeated: bool, out: Path | None, json: bool) -> None:
     from commonrail.data.features.shots import shot_statistics
-    from commonrail.plugins.features.file import are_repeated, read_rates
     from commonrail.plugins.features.page import feature_sentences, feature_table, shot_table
     from commonrail.runs.features import features_record, write_features
 
-    traces = read_rates(path, wanted.columns, wanted.energisings)
-    found = {name: find(trace, settings=wanted.settings) for name, trace in traces.items()}
-    repeated = wanted.repeated and len(found) > 1 and are_repeated(list(found))
-    shots = shot_statistics(list(found.values())) if repeated else ()
+    shots = shot_statistics(list(found.values())) if repeated and len(found) > 1 else ()
     if out is not None:
         write_features(out, found)
-    if json:
-        print_json(features_record(found, shots) | {"files": [str(out)] if out else []})
-        return
-    for name, one in found.items():
-        if not shots and one.injections:
-            print_table(feature_table(name, one))
-        for line in feature_sentences(name, one):
-            click.echo(line)
-    if shots:
-        click.echo("")
-        print_table(shot_table(shots, len(found)))
-    if out is not None:
-        say(f"wrote {out}")
+
+    def show() -> None:
+        for name, one in found.items():
+            if not shots and one.injections:
+                print_table(feature_table(name, one))
+            print_text(feature_sentences(name, one))
+        if shots:
+            print_text((), [shot_table(shots, len(found))])
+
+    print_result(json, lambda: features_record(found, shots), show, [out])
 
 
 def _print_run(folder: Path, model: str, settings: FeatureSettings, out: Path | None, json: bool) -> None:
@@ -164,13 +140,11 @@ def _print_run(folder: Path, model: str, settings: FeatureSettings, out: Path | 
     found = run_features(folder, model, settings)
     if out is not None:
         write_compared(out, found)
-    if json:
-        print_json(compared_record(found) | {"files": [str(out)] if out else []})
-        return
-    for one in found:
-        print_table(compared_table(one))
-        for line in (*feature_sentences(one.name, one.measured), *feature_sentences("simulated", one.simulated)):
-            click.echo(line)
-        click.echo("")
-    if out is not None:
-        say(f"wrote {out}")
+
+    def show() -> None:
+        for one in found:
+            print_table(compared_table(one))
+            print_text(feature_sentences(one.name, one.measured))
+            print_text([*feature_sentences("simulated", one.simulated), ""])
+
+    print_result(json, lambda: compared_record(found), show, [out])

@@ -66,21 +66,9 @@ class MapAxes:
 
 
 def increasing(values: ArrayLike, unit: str, what: str) -> Floats:
-    """Axis (n,) of SI values.
+    """Axis (n,) of SI values, from numbers or texts with units; `what` names it in messages.
 
-    Parameters
-    ----------
-    values : (n,)
-        Numbers, or texts with their units.
-    unit : str
-        SI unit.
-    what : str
-        Name of the axis, for messages.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is empty, longer than `MOST_POINTS`, or does not increase strictly.
+    ConfigurationError if it is empty, longer than `MOST_POINTS`, or does not increase strictly.
     """
     found = array(values, unit, what, 1)
     if not 1 <= len(found) <= MOST_POINTS:

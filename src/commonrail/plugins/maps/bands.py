@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
-from commonrail.base.chart import Band, HeatMap, points
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.text import fixed, significant
 from commonrail.plugins.maps.response import LONGEST_AFTER
-from commonrail.plugins.maps.run import Edges, InjectionMap, MapBands
+from commonrail.plugins.maps.run import InjectionMap, MapBands
 
 if TYPE_CHECKING:
     from commonrail.calibration.study import Study
@@ -24,26 +22,13 @@ SAME = 1e-6  # relative difference of a parameter from the fit's value that is r
 def with_bands(
     found: InjectionMap, study: Study, best: Mapping[str, float], draws: Floats | None = None
 ) -> InjectionMap:
-    """Map of a calibrated injector with bands by `predict`.
+    """Map of an injector that a study has calibrated, with bands by `predict`; `best` are the values [SI] of the fit.
 
-    The bands are predicted with the conditions and the time step of the map, and lie about its quantities.
+    The bands are predicted with the conditions and the time step of the map, and lie about its quantities: from `draws`
+    (m, d), parameters [SI] of the posterior, or from the linear approximation about the best values.
 
-    Parameters
-    ----------
-    found : InjectionMap
-        Of the injector that the study has calibrated.
-    study : Study
-    best : mapping of str to float
-        Values [SI] of the fit.
-    draws : (m, d), optional
-        Parameters [SI] drawn from the posterior; by default the linear approximation about the best values.
-
-    Raises
-    ------
-    ConfigurationError
-        If the injector of the map does not have the values of the fit, or the study fits no quantity map.
-    SimulationError
-        If the best values cannot be simulated.
+    ConfigurationError if the injector of the map does not have the values of the fit, or the study fits no quantity
+    map; SimulationError if the best values cannot be simulated.
     """
     from commonrail.plugins.prediction.run import LEVELS, predict
 
@@ -57,7 +42,8 @@ def with_bands(
     study = replace(study, time_step=conditions.time_step)
     predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
     (band,) = predicted.bands
-    factor = _volume_factor(float(np.asarray(band.data.mass_density)), found.density)
+    stated = float(np.asarray(band.data.mass_density))  # of the data; NaN for the injector's
+    factor = stated / found.density if np.isfinite(stated) else 1.0
     count = int(forward.sum())
     quantity, delivered = {}, {}
     for level, edges in band.edges.items():
@@ -68,12 +54,12 @@ def with_bands(
 
 
 def _check_values(found: InjectionMap, best: Mapping[str, float]) -> None:
-    own = found.injector.values
+    values = found.injector.values
     for name, value in best.items():
-        if name in own and not np.isclose(own[name], value, rtol=SAME, atol=0.0):
+        if name in values and not np.isclose(values[name], value, rtol=SAME, atol=0.0):
             raise ConfigurationError(
-                f"{found.injector.name} has {name} = {own[name]:g} and the fit {value:g}: the bands of a fit are those "
-                "of the injector that it has calibrated; omit the changes or the bands."
+                f"{found.injector.name} has {name} = {values[name]:g} and the fit {value:g}: the bands of a fit are "
+                "those of the injector that it has calibrated; omit the changes or the bands."
             )
 
 
@@ -83,99 +69,9 @@ def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[floa
     return list(zip(rail[which].tolist(), time[which].tolist(), strict=True))
 
 
-def _volume_factor(stated: float, density: float) -> float:
-    """Factor from volumes at the density that the data state, NaN for the injector's own, to those of the map."""
-    return stated / density if np.isfinite(stated) else 1.0
-
-
 def _tables(volume: Floats, which: Bools, apart: list[Floats]) -> tuple[Floats, Floats]:
     """Edges of all cells, from their distances from the quantities of marked ones; none is injected backwards."""
     low, high = np.full((2, *volume.shape), np.nan)
-    own = volume[which]
-    low[which], high[which] = np.maximum(own + apart[0], np.minimum(own, 0.0)), own + apart[1]
+    centre = volume[which]
+    low[which], high[which] = np.maximum(centre + apart[0], np.minimum(centre, 0.0)), centre + apart[1]
     return low, high
-
-
-# Bands of measured quantities about a map: a sentence, heat maps of their half widths, and areas about curves.
-
-MPA, MM3, MICRO = 1e-6, 1e9, 1e6
-DIGITS = 2  # significant ones of a half width: more would pretend that bands are known so well
-
-
-def band_sentences(m: InjectionMap) -> list[str]:
-    """Sentence on the widest band of a map and where it is; none where the map has no bands."""
-    if m.bands is None:
-        return []
-    level = _widest(m.bands)
-    half = _half(m.bands.delivered, level)
-    if not np.isfinite(half).any():
-        return ["No cell of the inverse has a band."]
-    i, j = np.unravel_index(int(np.nanargmax(half)), half.shape)
-    return [
-        f"{fixed(level, 0, 100.0)} % of measured quantities are expected within "
-        f"±{significant(float(np.nanmedian(half)), DIGITS, MM3)} mm³ of the inverse's quantities in the median, within "
-        f"±{significant(float(half[i, j]), DIGITS, MM3)} mm³ at most "
-        f"({significant(m.axes.quantity[j], 4, MM3)} mm³ at {significant(m.axes.rail_pressure[i], 4, MPA)} MPa)."
-    ]
-
-
-def band_heats(m: InjectionMap, label: str) -> list[HeatMap]:
-    """Half widths of the widest band, of the inverse and of the quantity map; none where the map has no bands.
-
-    Parameters
-    ----------
-    m : InjectionMap
-    label : str
-        Of the model.
-    """
-    if m.bands is None:
-        return []
-    level = _widest(m.bands)
-    title = f"{{}} of {label}: half width of the {fixed(level, 0, 100.0)} % band, mm³"
-    caption = f"Share of measured quantities that are expected inside. Bands: {m.bands.estimator}."
-    rails = m.axes.rail_pressure.tolist()
-    quantities = tuple(significant(v, 6, MM3) for v in m.axes.quantity.tolist())
-    times = tuple(significant(v, 6, MICRO) for v in m.axes.energising_time.tolist())
-    empty = HeatMap(
-        "", caption, "rail pressure, MPa", "", tuple(significant(v, 6, MPA) for v in rails), (), (), (), "mm³"
-    )
-    inverse = replace(empty, title=title.format("Inverse"), y_title="quantity, mm³", y=quantities)
-    forward = replace(empty, title=title.format("Quantity map"), y_title="energising time, µs", y=times)
-    return [_filled(inverse, _half(m.bands.delivered, level)), _filled(forward, _half(m.bands.quantity, level))]
-
-
-def band_about(m: InjectionMap, row: int, family: int, largest: float) -> tuple[Band, ...]:
-    """Area of the widest band about the curve of a rail pressure, at the energising times of the axis.
-
-    Parameters
-    ----------
-    m : InjectionMap
-    row : int
-        Of the rail pressure.
-    family : int
-        Of the curve.
-    largest : float
-        Largest quantity that is drawn [m³].
-    """
-    if m.bands is None:
-        return ()
-    low, high = (edge[row] for edge in m.bands.quantity[_widest(m.bands)])
-    shown = np.isfinite(low) & np.isfinite(high) & (m.volume[row] <= largest)
-    x = points(m.axes.energising_time[shown] * MICRO)
-    return (Band("solid", x, points(low[shown] * MM3), points(high[shown] * MM3), family),) if x else ()
-
-
-def _widest(bands: MapBands) -> float:
-    return max(bands.quantity)
-
-
-def _half(edges: Edges, level: float) -> Floats:
-    low, high = edges[level]
-    return np.asarray(0.5 * (high - low))
-
-
-def _filled(heat: HeatMap, half: Floats) -> HeatMap:
-    """Heat map with half widths (pressures, y) [m³] in its cells."""
-    values = half.T * MM3
-    texts = tuple(tuple(significant(v, DIGITS) if np.isfinite(v) else "" for v in row) for row in values.tolist())
-    return replace(heat, values=tuple(points(row) for row in values.tolist()), texts=texts)

@@ -8,12 +8,11 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
-from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes
-from commonrail.plugins.maps.inverse import Inverse, Rules, invert
-from commonrail.plugins.maps.response import Conditions, Line, Response, knots_of, simulate_many
+from commonrail.plugins.maps.inverse import Inverse, invert, sampled
+from commonrail.plugins.maps.response import Conditions, Response, knots_of, simulate_many
 from commonrail.plugins.maps.run import InjectionMap, injection_map
 from commonrail.plugins.maps.sweep import Base, fused_of
 
@@ -22,20 +21,11 @@ NARROW = 1e-6  # bracket of the dwell at which two injections fuse [s]
 
 @dataclass(frozen=True)
 class Compensation:
-    """Energising times of a second injection over rail pressure, quantity and dwell.
+    """Energising times of a second injection over dwell, rail pressure and quantity.
 
-    Attributes
-    ----------
-    alone : InjectionMap
-        Map of a single injection over the same pressures and quantities.
-    first_energising_time : float
-        [s].
-    dwell : (d,)
-        End of the first energising to the start of the second [s].
-    energising_time : (d, pressures, quantities)
-        That holds the quantity of the second injection [s].
-    inverses : tuple of Inverse
-        Of each dwell.
+    `alone` is the map of a single injection over the same pressures and quantities; `first_energising_time` [s];
+    `dwell` (d,) lies from the end of the first energising to the start of the second [s]; `energising_time` (d,
+    pressures, quantities) holds the quantity of the second injection [s]; `inverses` has one of each dwell.
     """
 
     alone: InjectionMap
@@ -46,106 +36,53 @@ class Compensation:
 
 
 def compensation(
-    injector: Injector,
-    axes: MapAxes,
-    first_energising_time: float,
-    dwell: Floats,
-    conditions: Conditions,
-    rules: Rules = Rules(),
+    injector: Injector, axes: MapAxes, first_energising_time: float, dwell: Floats, conditions: Conditions
 ) -> Compensation:
-    """Energising times of a second injection that hold its quantity.
+    """Energising times of a second injection that hold its quantity, at dwells (d,) [s].
 
-    The quantity is the total less that of the first injection alone; where both are fused there is none.
-
-    Parameters
-    ----------
-    injector : Injector
-    axes : MapAxes
-        Pressures and quantities of the second injection.
-    first_energising_time : float
-        [s].
-    dwell : (d,)
-        [s], not negative.
-    conditions : Conditions
-    rules : Rules
-
-    Raises
-    ------
-    ConfigurationError
-        If a dwell is negative or the first energising time is not greater than zero.
-    SimulationError
-        If no point could be simulated.
+    The quantity is the total less that of the first injection alone; where both are fused there is none. `axes` are
+    those of the second injection. ConfigurationError if a dwell is negative or the first energising time [s] is not
+    greater than zero.
     """
     if not (first_energising_time > 0.0 and np.all(dwell >= 0.0)):
         raise ConfigurationError("The first energising time must be greater than zero, the dwells zero or greater.")
-    alone = injection_map(injector, axes, conditions, rules)
+    alone = injection_map(injector, axes, conditions)
     pressures, count = axes.rail_pressure, len(axes.rail_pressure)
-    first = _first(injector, pressures, first_energising_time, conditions)
+    base = Base(float(pressures[0]), 0.0, first_energising_time, 0.0, conditions)
+    first = simulate_many(injector, base.points({"rail_pressure": pressures}, alone=True), conditions)
     rows_pressure, rows_dwell = np.tile(pressures, len(dwell)), np.repeat(dwell, count)
     rows_first, delay = np.tile(first.injected_volume[0], len(dwell)), np.tile(first.opening[0], len(dwell))
 
     def simulate(rows: IndexArray, times: Floats) -> Response:
-        places = zip(rows_pressure[rows].tolist(), rows_dwell[rows].tolist(), times.tolist(), strict=True)
-        points = [Base(p, t, first_energising_time, pause, conditions).point({}) for p, pause, t in places]
-        found = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
-        fused = fused_of(found, first_energising_time + rows_dwell[rows], delay[None, rows])[0]
+        changed = {"rail_pressure": rows_pressure[rows], "dwell": rows_dwell[rows], "energising_time": times}
+        points = base.points(changed)
+        found = simulate_many(injector, points, conditions)
+        fused = fused_of(found, points.last_starts, delay[None, rows])[0]
         apart = ~fused & (found.status[0] == OK)
         return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
 
-    knots = knots_of(axes.energising_time)
-    rows = np.repeat(np.arange(len(rows_pressure)), len(knots))
-    grid = simulate(rows, np.tile(knots, len(rows_pressure)))
-    shape = len(rows_pressure), len(knots)
-    samples = zip(rows_pressure.tolist(), grid.volume.reshape(shape), grid.lift.reshape(shape), strict=True)
-    lines = [Line(p, knots, volume, lift) for p, volume, lift in samples]
-    inverse, _ = invert(simulate, lines, axes.quantity, rules)
-    parts = [_rows(inverse, slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
+    lines = sampled(simulate, rows_pressure, knots_of(axes.energising_time))
+    inverse, _ = invert(simulate, lines, axes.quantity, alone.rules)
+    parts = [inverse.rows(slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
     times = np.array([part.energising_time for part in parts])
     return Compensation(alone, first_energising_time, dwell, times, tuple(parts))
 
 
-def _first(injector: Injector, rail_pressure: Floats, time: float, conditions: Conditions) -> Batch:
-    """First injections alone, at each rail pressure."""
-    points = [Base(rail, time, 0.0, 0.0, conditions).point({}) for rail in rail_pressure.tolist()]
-    return simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
+def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest: float) -> Floats:
+    """Longest dwell (n,) at which two injections of a base fuse into one [s], at rail pressures (n,) [Pa].
 
-
-def _rows(inverse: Inverse, rows: slice) -> Inverse:
-    """Some rows of an inverse."""
-    delivered, lift, state = inverse.delivered[rows], inverse.lift[rows], inverse.state[rows]
-    return Inverse(inverse.energising_time[rows], delivered, lift, state)
-
-
-def fusion_dwell(
-    injector: Injector, rail_pressure: Floats, times: tuple[float, float], longest: float, conditions: Conditions
-) -> Floats:
-    """Longest dwell (n,) at which two injections fuse into one [s].
-
-    NaN where they do so at the longest that is tried, and where a simulation failed. Halved to 1 us, taking for granted
-    that injections which fuse also fuse at any shorter dwell.
-
-    Parameters
-    ----------
-    injector : Injector
-    rail_pressure : (n,)
-        [Pa].
-    times : (float, float)
-        Energising times of the two injections [s].
-    longest : float
-        Longest dwell that is tried [s].
-    conditions : Conditions
+    NaN where they do so at the longest that is tried [s], and where a simulation failed. Halved to 1 us, taking for
+    granted that injections which fuse also fuse at any shorter dwell.
     """
     low, high = np.zeros(len(rail_pressure)), np.full(len(rail_pressure), longest)
-
-    first = _first(injector, rail_pressure, times[0], conditions)
+    first = simulate_many(injector, base.points({"rail_pressure": rail_pressure}, alone=True), base.conditions)
     delay, lost = first.opening, first.status[0] != OK
 
     def fused(dwell: Floats) -> Bools:
-        places = zip(rail_pressure.tolist(), dwell.tolist(), strict=True)
-        points = [Base(rail, times[1], times[0], pause, conditions).point({}) for rail, pause in places]
-        batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
+        points = base.points({"rail_pressure": rail_pressure, "dwell": dwell})
+        batch = simulate_many(injector, points, base.conditions)
         lost[batch.status[0] != OK] = True
-        found: Bools = fused_of(batch, times[0] + dwell, delay)[0]
+        found: Bools = fused_of(batch, points.last_starts, delay)[0]
         return found
 
     beyond, never = fused(high), ~fused(low)

@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
+from commonrail.base.units import convert, fits
 from commonrail.plugins.maps.table import Axis, MapTable
 from commonrail.readers.limits import read_text
 
@@ -27,20 +29,7 @@ _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg",
 
 
 def write_dcm(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-    tables : sequence of MapTable
-
-    Raises
-    ------
-    InputError
-        If a cell has no number.
-    OutputError
-        If it cannot be written.
-    """
+    """Write maps into one file, whole or not at all; InputError if a cell has no number."""
     for table in tables:
         table.require_numbers("A DCM file")
     write_text(path, "\n".join(_lines(tables)) + "\n")
@@ -87,17 +76,9 @@ def _plain(text: str) -> str:
 
 
 def read_dcm(path: Path) -> list[MapTable]:
-    """Maps of a file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; whatever else it holds is passed over.
+    """Maps of a DCM 2.0 file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; whatever else it holds is passed over.
 
-    Parameters
-    ----------
-    path : Path
-        DCM 2.0 in UTF-8 or ASCII.
-
-    Raises
-    ------
-    InputError
-        If it is not DCM, or a map in it is damaged; the message names the line.
+    InputError if it is not DCM in UTF-8 or ASCII, or a map in it is damaged; the message names the line.
     """
     lines = enumerate(read_text(path, LARGEST).splitlines(), start=1)
     content = ((n, line.strip()) for n, line in lines if line.strip() and line.strip()[0] not in "*!.")
@@ -164,14 +145,22 @@ def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: t
     return MapTable(label, texts.get("LANGNAME", ""), "value", texts.get("EINHEIT_W", ""), x, y, values, states)
 
 
-def facts_of(file: Path) -> dict[str, str]:
-    """Maps in a DCM file, for `commonrail inspect`: size, axes and unit of each by its label.
+def axes_of_dcm(path: Path, density: float) -> tuple[Floats, Floats]:
+    """Rail pressures [Pa] and quantities [m³] of the first map of a DCM file that has such axes.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, or holds no map.
+    InputError if none has. Quantities by mass are divided by the reference density [kg/m³].
     """
+    for table in read_dcm(path):
+        for pressure, quantity in ((table.x, table.y), (table.y, table.x)):
+            by_mass = fits(quantity.unit, "kg")
+            if fits(pressure.unit, "Pa") and (by_mass or fits(quantity.unit, "m3")):
+                values = convert(quantity.values, quantity.unit, "kg" if by_mass else "m3")
+                return convert(pressure.values, pressure.unit, "Pa"), values / density if by_mass else values
+    raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units.")
+
+
+def facts_of(file: Path) -> dict[str, str]:
+    """Size, axes and unit of each map of a DCM file by its label, for `inspect`; InputError if it holds none."""
     maps = read_dcm(file)
     if not maps:
         raise InputError(f"{file}: there is no map in this DCM file; single values and curves are passed over.")

@@ -48,26 +48,15 @@ class Comparison(NamedTuple):
 
 
 def compare_with(found: InjectionMap, measured: MeasuredMap, source: str) -> Comparison:
-    """Simulate a map's injector at the points of a measured map.
-
-    Parameters
-    ----------
-    found : InjectionMap
-    measured : MeasuredMap
-    source : str
-        Name of its file.
-    """
+    """Simulate a map's injector at the points of a measured map; `source` is the name of its file."""
     response = respond(found.injector, measured.rail_pressure, measured.energising_time, found.conditions)
     return Comparison(measured, source, response.volume)
 
 
 def difference(first: InjectionMap, second: InjectionMap) -> tuple[Floats, Floats]:
-    """Second less first: energising times (pressures, quantities) [s] and volumes (pressures, times) [m³].
+    """Second less first, over the same axes.
 
-    Raises
-    ------
-    ConfigurationError
-        If their axes differ.
+    Energising times (pressures, quantities) [s] and volumes (pressures, times) [m³].
     """
     for name in ("rail_pressure", "quantity", "energising_time"):
         if not np.array_equal(getattr(first.axes, name), getattr(second.axes, name)):
@@ -79,19 +68,9 @@ def difference(first: InjectionMap, second: InjectionMap) -> tuple[Floats, Float
 
 
 def read_measured_map(path: Path, density: float) -> MeasuredMap:
-    """Measured quantities of a file.
+    """Measured quantities of a CSV file or workbook; the density [kg/m³] makes volumes of masses.
 
-    Parameters
-    ----------
-    path : Path
-        CSV or workbook.
-    density : float
-        Density that makes volumes of masses [kg/m³].
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or no map is found in it.
+    InputError if it has no map.
     """
     return in_si(find_map(read_grid(path)), density)
 

@@ -13,45 +13,28 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.output import neutralised, replacing, write_csv, write_text
-from commonrail.base.text import number
-from commonrail.plugins.maps.cdfx import write_cdfx
+from commonrail.base.text import number, numbers
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.dcm import number_text, write_dcm
 from commonrail.plugins.maps.difference import Comparison
 from commonrail.plugins.maps.run import InjectionMap, MapBands
-from commonrail.plugins.maps.table import MapTable
+from commonrail.plugins.maps.table import Axis, Layer, MapTable
+from commonrail.report.html import render
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
 
 
 def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all, in the format of its name's end.
+    """Write maps into one file, whole or not at all, in the format of its name's end (`ENDINGS`); CSV holds one map.
 
-    Parameters
-    ----------
-    path : Path
-        See `ENDINGS`. CSV holds one map.
-    tables : sequence of MapTable
-
-    Raises
-    ------
-    InputError
-        If the ending is unknown, the format cannot hold the maps, or its library is not installed.
-    OutputError
-        If it cannot be written.
+    InputError if the ending is unknown, the format cannot hold the maps, or its library is not installed.
     """
     check_map_file(path)
     _WRITERS[path.suffix.lower()](path, tables)
 
 
 def check_map_file(path: Path) -> None:
-    """Refuse a name whose end tells no format, and a format whose library is missing.
-
-    Raises
-    ------
-    InputError
-        In both cases.
-    """
+    """Refuse a name whose end tells no format, and a format whose library is missing."""
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         raise InputError(f"{path}: maps are written as {', '.join(ENDINGS)}; name a file that ends so.")
@@ -73,8 +56,8 @@ def _cells(table: MapTable) -> list[list[str]]:
     rows = []
     for i, x in enumerate(table.x.values.tolist()):
         for j, y in enumerate(table.y.values.tolist()):
-            own = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
-            rows.append(own + [_cell(layer.values[j, i]) for layer in table.layers])
+            cells = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
+            rows.append(cells + [_cell(layer.values[j, i]) for layer in table.layers])
     return rows
 
 
@@ -82,30 +65,18 @@ def _cell(value: float) -> str:
     return number_text(float(value)) if np.isfinite(value) else ""
 
 
-def _with_gaps(values: Floats) -> list[list[float | None]]:
-    """Rows of numbers, None where there is none."""
-    return [[v if np.isfinite(v) else None for v in row] for row in values.tolist()]
-
-
 def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
     maps = [
-        {
-            "label": table.label,
-            "title": table.title,
-            "name": table.name,
-            "unit": table.unit,
-            "x": {"name": table.x.name, "unit": table.x.unit, "values": table.x.values.tolist()},
-            "y": {"name": table.y.name, "unit": table.y.unit, "values": table.y.values.tolist()},
-            "values": _with_gaps(table.values),
-            "states": table.states,
-            "notes": table.notes,
-            "layers": [
-                {"name": layer.name, "unit": layer.unit, "values": _with_gaps(layer.values)} for layer in table.layers
-            ],
-        }
+        vars(table)
+        | {name: _named_values(axis) for name, axis in (("x", table.x), ("y", table.y))}
+        | {"values": numbers(table.values), "layers": list(map(_named_values, table.layers))}
         for table in tables
     ]
     write_text(path, json.dumps({"kind": "maps", "schema": 1, "maps": maps}, indent=1, allow_nan=False) + "\n")
+
+
+def _named_values(part: Axis | Layer) -> dict[str, Any]:
+    return part._asdict() | {"values": numbers(part.values)}
 
 
 def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
@@ -156,8 +127,8 @@ def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
     for table in tables:
         for line in (f"{table.label}: {table.title}", *table.notes):
             notes.append([neutralised(line)])
-        layers = [(layer.name, _with_gaps(layer.values)) for layer in table.layers]
-        for what, cells in ((table.name, _with_gaps(table.values)), ("states", table.states), *layers):
+        layers = [(layer.name, numbers(layer.values)) for layer in table.layers]
+        for what, cells in ((table.name, numbers(table.values)), ("states", table.states), *layers):
             sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
             corner = f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]"
             sheet.append([corner, *table.x.values.tolist()])
@@ -175,13 +146,21 @@ def _sheet_name(wanted: str, taken: Sequence[str]) -> str:
     return name
 
 
+def _write_cdfx(path: Path, tables: Sequence[MapTable]) -> None:
+    """ASAM CDF 2.0, the XML format of calibration data of control units; InputError if a cell has no number."""
+    for table in tables:
+        table.require_numbers("A CDFX file")
+    notes = dict.fromkeys(note for table in tables for note in table.notes)
+    write_text(path, render("cdfx.xml", __package__, tables=tables, notes="; ".join(notes), text=number_text) + "\n")
+
+
 _WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
     ".csv": _write_csv,
     ".xlsx": _write_xlsx,
     ".mat": _write_mat,
     ".json": _write_json,
     ".dcm": write_dcm,
-    ".cdfx": write_cdfx,
+    ".cdfx": _write_cdfx,
 }
 ENDINGS = tuple(_WRITERS)
 
@@ -190,14 +169,7 @@ ENDINGS = tuple(_WRITERS)
 
 
 def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
-    """Record of maps by the labels of their models; null where there is no number.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-        Of the first map with measured data.
-    """
+    """Record [SI] of maps by label, the first one compared with measured data; null where there is no number."""
     record: dict[str, Any] = {"schema": 1, "kind": "map", "maps": [_one(label, m) for label, m in found.items()]}
     if compared is not None:
         record["measured"] = {
@@ -205,7 +177,7 @@ def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = 
             "rail_pressure": compared.measured.rail_pressure.tolist(),
             "energising_time": compared.measured.energising_time.tolist(),
             "measured": compared.measured.volume.tolist(),
-            "simulated": _numbers(compared.simulated),
+            "simulated": numbers(compared.simulated),
             "rms_large": number(compared.rms_large),
             "rms_small": number(compared.rms_small),
         }
@@ -230,12 +202,12 @@ def _one(label: str, found: InjectionMap) -> dict[str, Any]:
         "rail_pressure": found.axes.rail_pressure.tolist(),
         "quantity": found.axes.quantity.tolist(),
         "energising_time": found.axes.energising_time.tolist(),
-        "injected_volume": _numbers(found.volume),
+        "injected_volume": numbers(found.volume),
         "ballistic": found.ballistic.tolist(),
         "falls_with_pressure": found.falls_with_pressure.tolist(),
         "inverse": {
-            "energising_time": _numbers(inverse.energising_time),
-            "delivered": _numbers(inverse.delivered),
+            "energising_time": numbers(inverse.energising_time),
+            "delivered": numbers(inverse.delivered),
             "state": [[CellState(state).name for state in row] for row in inverse.state.tolist()],
             "ballistic": found.inverse_ballistic.tolist(),
         },
@@ -255,10 +227,4 @@ def _bands(bands: MapBands) -> dict[str, Any]:
 
 
 def _edges(pair: tuple[Floats, Floats]) -> dict[str, Any]:
-    return {"lower": _numbers(pair[0]), "upper": _numbers(pair[1])}
-
-
-def _numbers(values: Floats) -> list[Any]:
-    if values.ndim == 1:
-        return [number(value) for value in values.tolist()]
-    return [_numbers(row) for row in values]
+    return {"lower": numbers(pair[0]), "upper": numbers(pair[1])}

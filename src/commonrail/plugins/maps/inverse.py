@@ -44,6 +44,10 @@ class Inverse(NamedTuple):
     lift: Floats
     state: States
 
+    def rows(self, which: slice) -> Inverse:
+        """Inverse at some of the pressures."""
+        return Inverse(self.energising_time[which], self.delivered[which], self.lift[which], self.state[which])
+
 
 class _Cells(NamedTuple):
     """Open cells (n,): their places (2, n), wanted volumes, and simulated times with their misses (3, n) [s], [m³].
@@ -61,43 +65,36 @@ class _Cells(NamedTuple):
         return _Cells(self.place[:, kept], self.wanted[kept], self.time[:, kept], self.miss[:, kept])
 
 
+def sampled(simulate: Simulate, rail_pressure: Floats, times: Floats) -> list[Line]:
+    """Lines at rail pressures (n,) [Pa], simulated at the same energising times (m,) [s]."""
+    shape = len(rail_pressure), len(times)
+    found = simulate(np.repeat(np.arange(shape[0]), shape[1]), np.tile(times, shape[0]))
+    samples = zip(rail_pressure.tolist(), found.volume.reshape(shape), found.lift.reshape(shape), strict=True)
+    return [Line(pressure, times, volume, lift) for pressure, volume, lift in samples]
+
+
 def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules) -> tuple[Inverse, list[Line]]:
-    """Energising times for quantities at each of some lines.
+    """Energising times for quantities (k,) [m³] at some lines, and the lines with the samples that were added.
 
-    Parameters
-    ----------
-    simulate : function
-        Simulates lines, given by their indices (n,), at energising times (n,) [s].
-    lines : list of Line
-        Samples of each line.
-    quantity : (k,)
-        Wanted volumes [m³].
-    rules : Rules
-
-    Returns
-    -------
-    inverse : Inverse
-        (lines, quantities).
-    lines : list of Line
-        With the samples that the search has added.
+    `simulate` takes the indices of lines (n,) and energising times (n,) [s].
     """
     shape = len(lines), len(quantity)
     number = np.full(shape, np.nan)
     found = Inverse(number, number.copy(), number.copy(), np.full(shape, int(CellState.FAILED)))
     open_ = []
     for cell in np.ndindex(shape):
-        around = _settled(found, (cell[0], cell[1]), lines[cell[0]], float(quantity[cell[1]]), rules)
+        around = _bracket(found, (cell[0], cell[1]), lines[cell[0]], float(quantity[cell[1]]), rules)
         if around is not None:
             open_.append((cell, around))
     if open_:
         place = np.array([cell for cell, _ in open_], np.intp).T
         around = np.array([found for _, found in open_]).transpose(1, 2, 0)
-        lines = _searched(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
+        lines = _search(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
     _mark_several(found, lines, quantity)
     return found, lines
 
 
-def _settled(found: Inverse, cell: tuple[int, int], line: Line, wanted: float, rules: Rules) -> Floats | None:
+def _bracket(found: Inverse, cell: tuple[int, int], line: Line, wanted: float, rules: Rules) -> Floats | None:
     """Three times around a cell and their misses (2, 3), as in `_Cells`; None where its number needs no search."""
     if wanted == 0.0:
         found.energising_time[cell], found.delivered[cell], found.state[cell] = 0.0, 0.0, CellState.ZERO
@@ -126,20 +123,20 @@ def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
     return float(time[-1] - miss[-1] / slope)
 
 
-def _searched(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
+def _search(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
     """Search all open cells in `found`; return the lines with the samples that were simulated."""
-    seen: list[tuple[IndexArray, Floats, Response]] = []
+    simulated: list[tuple[IndexArray, Floats, Response]] = []
     while cells.place.size:
         near, far, _ = cells.time
         narrow = np.abs(far - near) <= NARROWEST
-        time = np.where(narrow, np.maximum(near, far), near + _share(cells, first=not seen) * (far - near))
+        time = np.where(narrow, np.maximum(near, far), near + _share(cells, first=not simulated) * (far - near))
         response = simulate(cells.place[0], time)
-        seen.append((cells.place[0], time, response))
+        simulated.append((cells.place[0], time, response))
         miss = response.volume - cells.wanted
         done = (np.abs(miss) <= TOLERANCE) | narrow | ~np.isfinite(miss)
-        _take(found, cells.only(done), time[done], Response(response.volume[done], response.lift[done]))
+        _store(found, cells.only(done), time[done], response.only(done))
         cells = _narrowed(cells, time, miss).only(~done)
-    return _with_samples(lines, seen)
+    return _with_samples(lines, simulated)
 
 
 def _share(cells: _Cells, first: bool) -> Floats:
@@ -167,7 +164,7 @@ def _narrowed(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
     return cells._replace(time=moved(time, cells.time), miss=moved(miss, cells.miss))
 
 
-def _take(found: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
+def _store(found: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
     """Write cells that are done into `found`."""
     at = cells.place[0], cells.place[1]
     sound = np.isfinite(response.volume)
@@ -177,13 +174,10 @@ def _take(found: Inverse, cells: _Cells, time: Floats, response: Response) -> No
     found.state[at] = np.select([~sound, met], [int(CellState.FAILED), int(CellState.REACHED)], int(CellState.JUMP))
 
 
-def _with_samples(lines: list[Line], seen: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
-    rows, times = np.concatenate([s[0] for s in seen]), np.concatenate([s[1] for s in seen])
-    volume, lift = (np.concatenate([getattr(s[2], name) for s in seen]) for name in ("volume", "lift"))
-    return [
-        line.joined(times[rows == row], Response(volume[rows == row], lift[rows == row]))
-        for row, line in enumerate(lines)
-    ]
+def _with_samples(lines: list[Line], simulated: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
+    rows, times = np.concatenate([s[0] for s in simulated]), np.concatenate([s[1] for s in simulated])
+    both = Response(*(np.concatenate([getattr(s[2], name) for s in simulated]) for name in ("volume", "lift")))
+    return [line.joined(times[rows == row], both.only(rows == row)) for row, line in enumerate(lines)]
 
 
 def _mark_several(found: Inverse, lines: list[Line], quantity: Floats) -> None:

@@ -2,73 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
+from commonrail.base.arrays import Floats, Ints
 from commonrail.base.chart import BOTH, MARKERS, Band, Figure, HeatMap, Panel, Series, points
 from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, listed, significant
-from commonrail.plugins.maps.bands import band_about, band_heats, band_sentences
+from commonrail.base.text import counted, fixed, listed, megapascal, pressure, significant
+from commonrail.data.records import MICROSECOND, MM3, MPA
+from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.difference import Comparison, difference
 from commonrail.plugins.maps.inverse import TOLERANCE
 from commonrail.plugins.maps.response import FALL
-from commonrail.plugins.maps.run import InjectionMap
+from commonrail.plugins.maps.run import InjectionMap, MapBands
 from commonrail.plugins.maps.table import notes_of
 from commonrail.report.draw.figure import drawings
 from commonrail.report.draw.heat_map import heat_map_html
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
-MPA, MM3, MICRO = 1e-6, 1e9, 1e6
+TIME = "energising_time"
 ZOOM = 10e-9  # largest quantity of the enlarged curves [m³]
 CURVES = 8  # rail pressures whose curves are drawn
 MARKS = {CellState.SEVERAL: "‡", CellState.JUMP: "*", CellState.BEYOND: "†", CellState.FAILED: "–"}
+REFERENCE = "At the reference density; cells without a number could not be simulated."
 LEGEND = (
     "† unreachable, by the stated rule; ‡ several energising times deliver the quantity; * the quantity jumps past it."
 )
 
 
 def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
-    """Page of one map, or of two with their difference.
+    """Page of one map, the first compared with measured data, or of two with their difference; maps by their labels."""
+    heats, curves = map_figures(found, compared)
+    return page(
+        f"Quantity map: {' and '.join(found)}",
+        [m.injector for m in found.values()],
+        map_lines(found, compared),
+        curves,
+        map_tables(found, compared),
+        facts=[("Conditions", note) for note in notes_of(next(iter(found.values())))],
+        heats=heats,
+        kind="Map",
+    )
 
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-        By label.
-    compared : Comparison, optional
-        Of the first map with measured data.
-    """
-    maps, curves = map_figures(found, compared)
-    first = next(iter(found.values()))
-    synthetic = [m.injector.synthetic for m in found.values() if m.injector.synthetic]
-    heats = [(figure, heat_map_html(figure, f"map-{i}")) for i, figure in enumerate(maps)]
+
+def page(
+    title: str,
+    injectors: Sequence[Injector],
+    lines: Sequence[str],
+    curves: Sequence[Figure],
+    tables: Sequence[Table],
+    *,
+    facts: Sequence[tuple[str, str]],
+    heats: Sequence[HeatMap] = (),
+    kind: str = "Sweep",
+) -> str:
+    """Page of maps or of a sweep."""
     return render(
         "map.html",
         package=__package__,
-        title=f"Quantity map: {' and '.join(found)}",
-        kind="Map",
-        record={},
-        synthetic=synthetic,
-        lines=map_lines(found, compared),
-        heats=heats,
+        title=title,
+        kind=kind,
+        synthetic=[injector.synthetic for injector in injectors if injector.synthetic],
+        lines=lines,
+        heats=[(heat, heat_map_html(heat, f"map-{i}")) for i, heat in enumerate(heats)],
         curves=drawings(curves, 460),
-        tables=map_tables(found, compared),
+        tables=tables,
         commands=[],
-        facts=[("Conditions", note) for note in notes_of(first)],
+        facts=facts,
     )
 
 
 def map_lines(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[str]:
-    """Sentences: size of the map, what its cells deliver, and which cells are named.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-    """
+    """Sentences: size of the map, what its cells deliver, and which cells are named."""
     lines = [sentence for label, m in found.items() for sentence in _lines(label if len(found) > 1 else "", m)]
     if compared is not None:
         large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
@@ -101,27 +109,21 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
         named.append(f"{int(m.inverse_ballistic.sum())} are ballistic: the needle turns round below its largest lift")
     if named:
         lines.append(f"Of the cells {listed(named)}.")
-    return [*lines, *band_sentences(m), _monotonicity(m)]
+    return [*lines, *_band_sentences(m), _monotonicity(m)]
 
 
 def _monotonicity(m: InjectionMap) -> str:
     if not m.falls:
         return f"Monotone: the quantity never falls by more than {fixed(FALL, 2, MM3)} mm³ with longer energising."
-    pressures = sorted({fall.rail_pressure for fall in m.falls})
+    pressures = listed([megapascal(p) for p in sorted({fall.rail_pressure for fall in m.falls})])
     return (
-        f"Not monotone: the quantity falls with longer energising at {counted(len(m.falls), 'place')}, "
-        f"at {listed([significant(p, 4, MPA) for p in pressures])} MPa; the table names them."
+        f"Not monotone: the quantity falls with longer energising at {counted(len(m.falls), 'place')}, at {pressures} "
+        "MPa; the table names them."
     )
 
 
 def map_tables(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[Table]:
-    """Falls, cells that are named, and largest differences.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-    """
+    """Falls, cells that are named, and largest differences."""
     tables = [_falls(found), _named_cells(found), _falls_with_pressure(found)]
     if compared is not None:
         tables.append(_measured_table(compared))
@@ -135,9 +137,9 @@ def _falls(found: Mapping[str, InjectionMap]) -> Table:
         rows,
         [
             ("model", lambda r: r[0]),
-            ("rail pressure, MPa", lambda r: significant(r[1].rail_pressure, 4, MPA)),
-            ("from, µs", lambda r: fixed(r[1].start, 1, MICRO)),
-            ("to, µs", lambda r: fixed(r[1].end, 1, MICRO)),
+            ("rail pressure, MPa", lambda r: megapascal(r[1].rail_pressure)),
+            ("from, µs", lambda r: fixed(r[1].start, 1, MICROSECOND)),
+            ("to, µs", lambda r: fixed(r[1].end, 1, MICROSECOND)),
             ("largest, mm³", lambda r: fixed(r[1].high, 2, MM3)),
             ("smallest, mm³", lambda r: fixed(r[1].low, 2, MM3)),
         ],
@@ -158,9 +160,9 @@ def _named_cells(found: Mapping[str, InjectionMap]) -> Table:
         [
             ("model", lambda r: r[0]),
             ("meaning", lambda r: CellState(r[3].state[r[4]]).sentence),
-            ("rail pressure, MPa", lambda r: significant(r[1], 4, MPA)),
+            ("rail pressure, MPa", lambda r: megapascal(r[1])),
             ("quantity, mm³", lambda r: significant(r[2], 4, MM3)),
-            ("energising time, µs", lambda r: fixed(r[3].energising_time[r[4]], 1, MICRO)),
+            ("energising time, µs", lambda r: fixed(r[3].energising_time[r[4]], 1, MICROSECOND)),
             ("delivered, mm³", lambda r: fixed(r[3].delivered[r[4]], 3, MM3)),
         ],
         f"All other cells deliver their quantity within {TOLERANCE * MM3:g} mm³.",
@@ -178,8 +180,8 @@ def _falls_with_pressure(found: Mapping[str, InjectionMap]) -> Table:
         rows,
         [
             ("model", lambda r: r[0]),
-            ("rail pressure, MPa", lambda r: significant(r[1], 4, MPA)),
-            ("energising time, µs", lambda r: fixed(r[2], 1, MICRO)),
+            ("rail pressure, MPa", lambda r: megapascal(r[1])),
+            ("energising time, µs", lambda r: fixed(r[2], 1, MICROSECOND)),
             ("at the pressure before, mm³", lambda r: fixed(r[3], 2, MM3)),
             ("here, mm³", lambda r: fixed(r[4], 2, MM3)),
         ],
@@ -194,8 +196,8 @@ def _measured_table(compared: Comparison) -> Table:
         "Measured and simulated quantities",
         list(rows),
         [
-            ("rail pressure, MPa", lambda r: significant(r[0], 4, MPA)),
-            ("energising time, µs", lambda r: fixed(r[1], 1, MICRO)),
+            ("rail pressure, MPa", lambda r: megapascal(r[0])),
+            ("energising time, µs", lambda r: fixed(r[1], 1, MICROSECOND)),
             ("measured, mm³", lambda r: fixed(r[2], 2, MM3)),
             ("simulated, mm³", lambda r: fixed(r[3], 2, MM3)),
             ("difference, mm³", lambda r: fixed(r[3] - r[2], 2, MM3)),
@@ -208,84 +210,116 @@ def _measured_table(compared: Comparison) -> Table:
 def map_figures(
     found: Mapping[str, InjectionMap], compared: Comparison | None = None
 ) -> tuple[list[HeatMap], list[Figure]]:
-    """Heat maps and curves of maps.
-
-    Parameters
-    ----------
-    found : mapping of str to InjectionMap
-    compared : Comparison, optional
-    """
+    """Heat maps and curves of maps."""
     labels = list(found)
     first = found[labels[0]]
-    heats = [_inverse_heat(first, labels[0]), _quantity_heat(first, labels[0]), *band_heats(first, labels[0])]
+    heats = list(_heats(first, labels[0]))
     if len(labels) == 2:
-        times, volumes = difference(first, found[labels[1]])
-        what = f"{labels[1]} less {labels[0]}"
-        heats += [_inverse_difference(first, times, what), _quantity_difference(first, volumes, what)]
+        heats += _differences(first, found[labels[1]], f"{labels[1]} less {labels[0]}")
     curves = [_curves(first, compared), _curves(first, compared, ZOOM), _inverse_curves(first)]
     return heats, curves
+
+
+def _heats(m: InjectionMap, label: str) -> Iterator[HeatMap]:
+    """Energising times, quantities, and half widths of the widest band where the map has bands."""
+    inverse = m.inverse
+    yield _heat(m, "quantity", inverse.energising_time, f"Energising time of {label}", LEGEND, states=inverse.state)
+    yield _heat(m, TIME, m.volume, f"Injected quantity of {label}", REFERENCE, 1)
+    if m.bands is not None:
+        level = _widest(m.bands)
+        caption = f"Share of measured quantities that are expected inside. Bands: {m.bands.estimator}."
+        for over, what, edges in (
+            ("quantity", "Inverse", m.bands.delivered),
+            (TIME, "Quantity map", m.bands.quantity),
+        ):
+            title = f"{what} of {label}: half width of the {fixed(level, 0, 100.0)} % band"
+            yield _heat(m, over, _half_widths(edges[level]), title, caption, None)
+
+
+def _differences(first: InjectionMap, second: InjectionMap, what: str) -> Iterator[HeatMap]:
+    times, volumes = difference(first, second)
+    caption = "Unreachable quantities by the stated rule in both."
+    yield _heat(first, "quantity", times, f"Difference of the energising times, {what}", caption, 1, diverging=True)
+    yield _heat(first, TIME, volumes, f"Difference of the quantities, {what}", REFERENCE, 2, diverging=True)
+
+
+def _heat(
+    m: InjectionMap,
+    over: str,
+    values: Floats,
+    title: str,
+    caption: str,
+    decimals: int | None = 0,
+    *,
+    states: Ints | None = None,
+    diverging: bool = False,
+) -> HeatMap:
+    """Heat map of values (pressures, y) over an axis of the map: energising times [s] or volumes [m³].
+
+    Cells have so many decimals; half widths of bands have two significant digits, more would pretend that bands are
+    known so well. The state of a cell is added as its mark.
+    """
+    unit, scale = ("mm³", MM3) if over == TIME or decimals is None else ("µs", MICROSECOND)
+    y_title, y_scale = ("energising time, µs", MICROSECOND) if over == TIME else ("quantity, mm³", MM3)
+    marks = np.zeros(values.shape, np.int64) if states is None else states
+    cells = (scale * values).T.tolist()
+
+    def text(value: float, state: int) -> str:
+        if decimals is None:
+            return significant(value, 2) if np.isfinite(value) else ""
+        return f"{fixed(value, decimals)}{MARKS.get(CellState(state), '')}"
+
+    return HeatMap(
+        f"{title}, {unit}",
+        caption,
+        "rail pressure, MPa",
+        y_title,
+        _names(m.axes.rail_pressure, MPA),
+        _names(getattr(m.axes, over), y_scale),
+        tuple(map(points, cells)),
+        tuple(tuple(map(text, *row)) for row in zip(cells, marks.T.tolist(), strict=True)),
+        unit,
+        diverging,
+    )
 
 
 def _names(values: Floats, scale: float) -> tuple[str, ...]:
     return tuple(significant(v, 6, scale) for v in values.tolist())
 
 
-def _inverse_heat(m: InjectionMap, label: str) -> HeatMap:
-    values = m.inverse.energising_time.T * MICRO
-    texts = tuple(
-        tuple(f"{fixed(v, 0)}{MARKS.get(CellState(s), '')}" for v, s in zip(row, states, strict=True))
-        for row, states in zip(values.tolist(), m.inverse.state.T.tolist(), strict=True)
-    )
-    return HeatMap(
-        f"Energising time of {label}, µs",
-        LEGEND,
-        "rail pressure, MPa",
-        "quantity, mm³",
-        _names(m.axes.rail_pressure, MPA),
-        _names(m.axes.quantity, MM3),
-        tuple(points(row) for row in values.tolist()),
-        texts,
-        "µs",
-    )
+def _widest(bands: MapBands) -> float:
+    return max(bands.quantity)
 
 
-def _quantity_heat(m: InjectionMap, label: str) -> HeatMap:
-    return _heat(m, m.volume.T * MM3, f"Injected quantity of {label}, mm³", 1)
+def _half_widths(edges: tuple[Floats, Floats]) -> Floats:
+    return np.asarray(0.5 * (edges[1] - edges[0]))
 
 
-def _quantity_difference(m: InjectionMap, volumes: Floats, what: str) -> HeatMap:
-    return _heat(m, volumes.T * MM3, f"Difference of the quantities, {what}, mm³", 2, diverging=True)
+def _band_sentences(m: InjectionMap) -> list[str]:
+    """Sentence on the widest band of a map and where it is; none where the map has no bands."""
+    if m.bands is None:
+        return []
+    level = _widest(m.bands)
+    half = _half_widths(m.bands.delivered[level])
+    if not np.isfinite(half).any():
+        return ["No cell of the inverse has a band."]
+    i, j = np.unravel_index(int(np.nanargmax(half)), half.shape)
+    median, largest = (significant(float(value), 2, MM3) for value in (np.nanmedian(half), half[i, j]))
+    return [
+        f"{fixed(level, 0, 100.0)} % of measured quantities are expected within ±{median} mm³ of the inverse's "
+        f"quantities in the median, within ±{largest} mm³ at most ({significant(m.axes.quantity[j], 4, MM3)} mm³ at "
+        f"{megapascal(m.axes.rail_pressure[i])} MPa)."
+    ]
 
 
-def _heat(m: InjectionMap, values: Floats, title: str, decimals: int, diverging: bool = False) -> HeatMap:
-    return HeatMap(
-        title,
-        "At the reference density; cells without a number could not be simulated.",
-        "rail pressure, MPa",
-        "energising time, µs",
-        _names(m.axes.rail_pressure, MPA),
-        _names(m.axes.energising_time, MICRO),
-        tuple(points(row) for row in values.tolist()),
-        tuple(tuple(fixed(v, decimals) for v in row) for row in values.tolist()),
-        "mm³",
-        diverging,
-    )
-
-
-def _inverse_difference(m: InjectionMap, times: Floats, what: str) -> HeatMap:
-    values = times.T * MICRO
-    return HeatMap(
-        f"Difference of the energising times, {what}, µs",
-        "Unreachable quantities by the stated rule in both.",
-        "rail pressure, MPa",
-        "quantity, mm³",
-        _names(m.axes.rail_pressure, MPA),
-        _names(m.axes.quantity, MM3),
-        tuple(points(row) for row in values.tolist()),
-        tuple(tuple(fixed(v, 1) for v in row) for row in values.tolist()),
-        "µs",
-        True,
-    )
+def _band_about(m: InjectionMap, row: int, family: int, largest: float) -> tuple[Band, ...]:
+    """Area of the widest band about the curve of a rail pressure, up to the largest quantity that is drawn [m³]."""
+    if m.bands is None:
+        return ()
+    low, high = (edge[row] for edge in m.bands.quantity[_widest(m.bands)])
+    drawn = np.isfinite(low) & np.isfinite(high) & (m.volume[row] <= largest)
+    x = points(m.axes.energising_time[drawn] * MICROSECOND)
+    return (Band("solid", x, points(low[drawn] * MM3), points(high[drawn] * MM3), family),) if x else ()
 
 
 def _chosen(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int]:
@@ -302,18 +336,16 @@ def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.in
     series: list[Series] = []
     bands: list[Band] = []
     for family, row in enumerate(_chosen(m, compared)):
-        bands += band_about(m, row, family, largest)
+        bands += _band_about(m, row, family, largest)
         line = m.lines[row]
         shown = np.flatnonzero(~(line.volume > largest))
         shown = shown[: int(np.argmax(np.diff(shown, append=-1) != 1)) + 1] if np.isfinite(largest) else shown
-        label = f"{significant(line.rail_pressure, 4, MPA)} MPa"
-        series.append(
-            Series(label, "solid", points(line.time[shown] * MICRO), points(line.volume[shown] * MM3), family=family)
-        )
+        x, y = line.time[shown] * MICROSECOND, line.volume[shown] * MM3
+        series.append(Series(pressure(line.rail_pressure), "solid", points(x), points(y), family=family))
         if compared is not None:
             measured = compared.measured
             at = np.isclose(measured.rail_pressure, line.rail_pressure) & (measured.volume <= largest)
-            x, y = measured.energising_time[at] * MICRO, measured.volume[at] * MM3
+            x, y = measured.energising_time[at] * MICROSECOND, measured.volume[at] * MM3
             series.append(Series("", "measured", points(x), points(y), MARKERS, family))
     zoomed = np.isfinite(largest)
     return Figure(
@@ -330,9 +362,8 @@ def _inverse_curves(m: InjectionMap) -> Figure:
     series = []
     for family, row in enumerate(_chosen(m)):
         simulated = m.inverse.state[row] != CellState.BEYOND
-        x, y = m.axes.quantity[simulated] * MM3, m.inverse.energising_time[row, simulated] * MICRO
-        label = f"{significant(m.axes.rail_pressure[row], 4, MPA)} MPa"
-        series.append(Series(label, "solid", points(x), points(y), BOTH, family))
+        x, y = m.axes.quantity[simulated] * MM3, m.inverse.energising_time[row, simulated] * MICROSECOND
+        series.append(Series(pressure(m.axes.rail_pressure[row]), "solid", points(x), points(y), BOTH, family))
     return Figure(
         "Energising time over quantity",
         "The inverse map without its unreachable cells.",

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arrays import Floats, Ints
+from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
-from commonrail.engine.job import Courses
 from commonrail.engine.lanes import compiled
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare, reference_density
@@ -22,46 +21,49 @@ from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 
+# Simulated after the end of energising, a time and a share of the energising; a simulation ends early once its needle
+# has closed, and one whose needle has not is repeated with the longest horizon.
+AFTER = (2e-3, 0.5)  # [s], [1]
+LONGEST_AFTER = 12e-3  # [s]
+
+
+class Conditions(NamedTuple):
+    """Pressures behind the nozzle and of the return line [Pa], time step [s] and threads of all points of a map."""
+
+    cylinder_pressure: float = 5e6
+    return_pressure: float = 0.5e6
+    time_step: float = DEFAULT_STEP
+    threads: int | None = None
+
+    def point(self, rail_pressure: float, energising_time: float) -> OperatingPoint:
+        """Operating point of a single injection: rail pressure [Pa], energising time [s]."""
+        horizon = (1.0 + AFTER[1]) * energising_time + AFTER[0]
+        return OperatingPoint(
+            rail_pressure, energising_time, self.cylinder_pressure, self.return_pressure, horizon=horizon
+        )
+
+
 # Simulation of many operating points that share their pressures and energisings.
 
-AT_A_TIME = 2048  # points of a batch: Ctrl-C is heeded between batches
+AT_A_TIME = 2048  # points of a batch: Ctrl-C takes effect between batches
 ENOUGH = 4  # batches for each thread from which on every thread has batches of its own
 
 
 def simulate_many(
     injector: Injector,
     points: Sequence[OperatingPoint],
+    conditions: Conditions,
     names: Sequence[str] = (),
     values: Floats | None = None,
-    *,
-    time_step: float,
-    threads: int | None = None,
 ) -> Batch:
-    """Simulate all candidates at all points, some points at a time to save memory.
+    """Simulate all candidates at all points without traces, some points at a time to save memory.
 
-    Many batches are prepared and simulated side by side, each by one thread, so that none waits for another one's end.
-    The bits are those of `simulate_batch`.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-        Without traces.
-    names : sequence of str
-        Parameters that vary.
-    values : (candidates, names), optional
-        Their SI values; one candidate, the injector itself, by default.
-    time_step : float
-        [s].
-    threads : int, optional
-        All usable processors by default.
-
-    Raises
-    ------
-    ConfigurationError
-        If the injector's model or its fuel does not cover a point.
+    Of the conditions, the time step and the threads count. Candidates are SI `values` (candidates, names) of
+    parameters; by default the injector itself is the only one. Many batches are prepared and simulated side by side,
+    each by one thread, so that none waits for another one's end. The bits are those of `simulate_batch`.
+    ConfigurationError if the injector's model or its fuel does not cover a point.
     """
-    step, threads = check_step(time_step), threads or usable_threads()
+    step, threads = check_step(conditions.time_step), conditions.threads or usable_threads()
     places = [slice(first, first + AT_A_TIME) for first in range(0, len(points), AT_A_TIME)]
 
     def simulated(place: slice, threads: int) -> Batch:
@@ -71,8 +73,8 @@ def simulate_many(
     if len(places) < ENOUGH * threads:
         return _joined([simulated(place, threads) for place in places])
     compiled(injector.wired(names), Precision.F64, False)  # in the calling thread, where Ctrl-C ends it
-    with ThreadPoolExecutor(threads) as crew:
-        return _joined(list(crew.map(lambda place: simulated(place, 1), places)))
+    with ThreadPoolExecutor(threads) as pool:
+        return _joined(list(pool.map(lambda place: simulated(place, 1), places)))
 
 
 def _joined(parts: Sequence[Batch]) -> Batch:
@@ -82,20 +84,7 @@ def _joined(parts: Sequence[Batch]) -> Batch:
 
 
 def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
-    """`plan.prepare` of points without traces, which works out each set of pressures and each energising once.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    dt : float
-        Time step [s].
-
-    Raises
-    ------
-    ConfigurationError
-        As `plan.prepare`.
-    """
+    """`plan.prepare` of points without traces, which works out each set of pressures and each energising once."""
     pressures: dict[object, int] = {}
     energisings: dict[object, int] = {}
     by_pressure, by_energising = [], []
@@ -111,89 +100,36 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
         by_pressure.append(pressures[pressure])
         by_energising.append(energisings[energising])
     few = prepare(injector, chosen, dt)
+    once = few.courses
     return few._replace(
         points=points,
-        courses=_spread(few.courses, np.array(by_pressure), np.array(by_energising)),
+        courses=once._replace(
+            settings=once.settings[by_pressure],
+            steps=once.steps[by_energising],
+            earliest_end=once.earliest_end[by_energising],
+            clock=once.clock[by_energising],
+            first=once.first[by_energising],
+            trace=once.trace[by_energising],
+        ),
         begin=few.begin[by_energising],
         densities=few.densities[:, by_pressure],
         highest=few.highest[by_pressure],
     )
 
 
-def _spread(few: Courses, by_pressure: Ints, by_energising: Ints) -> Courses:
-    """Boundary conditions of many points from those of a few.
-
-    Parameters
-    ----------
-    few : Courses
-    by_pressure, by_energising : (points,) int
-        Among the few the points of the same pressures, and of the same energisings.
-    """
-    return few._replace(
-        settings=few.settings[by_pressure],
-        steps=few.steps[by_energising],
-        earliest_end=few.earliest_end[by_energising],
-        clock=few.clock[by_energising],
-        first=few.first[by_energising],
-        trace=few.trace[by_energising],
-    )
-
-
-# Simulated after the end of energising, a time and a share of the energising; a simulation ends early once its needle
-# has closed, and one whose needle has not is repeated with the longest horizon.
-AFTER = (2e-3, 0.5)  # [s], [1]
-LONGEST_AFTER = 12e-3  # [s]
-
-
-class Conditions(NamedTuple):
-    """Conditions that all points of a map share.
-
-    Attributes
-    ----------
-    cylinder_pressure, return_pressure : float
-        [Pa].
-    time_step : float
-        [s].
-    threads : int or None
-        All usable processors by default.
-    """
-
-    cylinder_pressure: float = 5e6
-    return_pressure: float = 0.5e6
-    time_step: float = DEFAULT_STEP
-    threads: int | None = None
-
-    def point(self, rail_pressure: float, energisings: Iterable[tuple[float, float]] | float) -> OperatingPoint:
-        """Operating point with these pressures.
-
-        Parameters
-        ----------
-        rail_pressure : float
-            [Pa].
-        energisings : iterable of (start, duration), or float
-            [s]; a number is a single energising time.
-        """
-        pulses = [(0.0, energisings)] if isinstance(energisings, float) else list(energisings)
-        horizon = pulses[-1][0] + (1.0 + AFTER[1]) * pulses[-1][1] + AFTER[0]
-        return OperatingPoint(
-            rail_pressure, tuple(pulses), self.cylinder_pressure, self.return_pressure, horizon=horizon
-        )
-
-
 @dataclass(frozen=True)
 class Response:
-    """Simulated injections, arrays of one shape.
+    """Simulated injections: volume at the reference density [m³] and largest needle lift [m], arrays of one shape.
 
-    Attributes
-    ----------
-    volume : array
-        Injected volume at the reference density [m³], NaN where the simulation failed or the needle did not close.
-    lift : array
-        Largest needle lift [m].
+    A volume is NaN where the simulation failed or the needle did not close.
     """
 
     volume: Floats
     lift: Floats
+
+    def only(self, which: Bools) -> Response:
+        """Injections of a mask."""
+        return Response(self.volume[which], self.lift[which])
 
 
 def density_at(injector: Injector, conditions: Conditions) -> float:
@@ -202,74 +138,26 @@ def density_at(injector: Injector, conditions: Conditions) -> float:
 
 
 def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, conditions: Conditions) -> Response:
-    """Simulate single injections.
+    """Simulate single injections at rail pressures (n,) [Pa] and energising times (n,) [s].
 
-    Parameters
-    ----------
-    injector : Injector
-    rail_pressure, energising_time : arrays of one shape
-        [Pa], [s].
-    conditions : Conditions
-
-    Raises
-    ------
-    ConfigurationError
-        If a point lies outside what the injector's model covers.
+    One whose needle is still open at its end is repeated with a longer horizon. ConfigurationError if a point lies
+    outside what the injector's model covers.
     """
-    pairs = zip(rail_pressure.ravel().tolist(), energising_time.ravel().tolist(), strict=True)
-    found = simulate_points(injector, [conditions.point(rail, time) for rail, time in pairs], conditions)
-    return Response(found.volume.reshape(rail_pressure.shape), found.lift.reshape(rail_pressure.shape))
-
-
-def simulate_points(injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions) -> Response:
-    """Simulate operating points; one whose needle is still open at its end is repeated with a longer horizon.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    conditions : Conditions
-        Time step and number of threads; the pressures are those of the points.
-    """
+    pairs = zip(rail_pressure.tolist(), energising_time.tolist(), strict=True)
+    points = [conditions.point(*pair) for pair in pairs]
     volume, lift, status = _simulated(injector, points, conditions)
     open_ = np.flatnonzero(status == STILL_INJECTING).tolist()
     if open_:
-        longer = [replace(points[i], horizon=_last_end(points[i]) + LONGEST_AFTER) for i in open_]
+        longer = [replace(points[i], horizon=points[i].end_of_energising + LONGEST_AFTER) for i in open_]
         volume[open_], lift[open_], status[open_] = _simulated(injector, longer, conditions)
     return Response(np.where(status == OK, volume, np.nan), lift)
-
-
-def require_some(injector: Injector, points: Sequence[OperatingPoint], found: Response, conditions: Conditions) -> None:
-    """Refuse a response without a single sound simulation, with the reason of its first one.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    found : Response
-    conditions : Conditions
-
-    Raises
-    ------
-    SimulationError
-        If all of them failed.
-    """
-    if np.all(np.isnan(found.volume)):
-        status = _simulated(injector, points[:1], conditions)[2]
-        raise SimulationError(f"{injector.name}: no point could be simulated. {Status(int(status[0])).sentence}")
-
-
-def _last_end(point: OperatingPoint) -> float:
-    """End of the last energising [s]."""
-    last = point.pulses[-1]
-    return last.start + last.duration
 
 
 def _simulated(
     injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions
 ) -> tuple[Floats, Floats, Ints]:
     """Volumes [m³], lifts [m] and statuses of points."""
-    batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
+    batch = simulate_many(injector, points, conditions)
     return batch.injected_volume[0], batch.greatest_lift[0], batch.status[0]
 
 
@@ -286,16 +174,9 @@ FALL = 0.01e-9  # smallest fall of the quantity that is named [m³]: half the to
 
 
 class Fall(NamedTuple):
-    """Energising times between which the quantity falls though the injector is energised longer.
+    """Fall of the quantity, though the injector is energised longer.
 
-    Attributes
-    ----------
-    rail_pressure : float
-        [Pa].
-    start, end : float
-        Energising times at the largest and the smallest quantity [s].
-    high, low : float
-        Quantities there [m³].
+    Rail pressure [Pa], energising times at the largest and at the smallest quantity [s], and these quantities [m³].
     """
 
     rail_pressure: float
@@ -317,15 +198,7 @@ class Line(NamedTuple):
     lift: Floats
 
     def joined(self, time: Floats, found: Response) -> Line:
-        """Line with more samples.
-
-        Parameters
-        ----------
-        time : (n,)
-            [s].
-        found : Response
-            Of those times.
-        """
+        """Line with more samples, at times (n,) [s]."""
         times = np.concatenate([self.time, time])
         order = np.argsort(times, kind="stable")
         volume = np.concatenate([self.volume, found.volume])[order]
@@ -335,6 +208,14 @@ class Line(NamedTuple):
         """Samples at times [s] that are among them."""
         places = np.searchsorted(self.time, times)
         return Response(self.volume[places], self.lift[places])
+
+
+def require_some(injector: Injector, lines: Sequence[Line], conditions: Conditions) -> None:
+    """Refuse lines without a single volume by a SimulationError with the reason at the last sample of the last line."""
+    if all(np.isnan(line.volume).all() for line in lines):
+        point = conditions.point(lines[-1].rail_pressure, float(lines[-1].time[-1]))
+        status = _simulated(injector, [point], conditions)[2]
+        raise SimulationError(f"{injector.name}: no point could be simulated. {Status(int(status[0])).sentence}")
 
 
 def knots_of(times: Floats) -> Floats:
@@ -348,32 +229,24 @@ def knots_of(times: Floats) -> Floats:
     return np.unique(np.concatenate([times, grid[(grid < longest) & apart]]))
 
 
-def falls_of(line: Line, smallest: float = FALL) -> Iterator[Fall]:
-    """Falls of the quantity along a line, each from its largest to its smallest quantity.
-
-    Parameters
-    ----------
-    line : Line
-    smallest : float
-        Smaller falls are passed over [m³].
-    """
+def falls_of(line: Line) -> Iterator[Fall]:
+    """Falls of the quantity along a line from `FALL` on, each from its largest to its smallest quantity."""
     sound = np.flatnonzero(np.isfinite(line.volume))
     time, volume = line.time[sound], line.volume[sound]
     peak = trough = 0
     for i in range(1, len(time)):
         if volume[i] <= volume[trough]:
             trough = i
-        elif volume[i] - volume[trough] > smallest or volume[i] > volume[peak]:  # it rises again
-            yield from _fall(line, time, volume, (peak, trough), smallest)
+        elif volume[i] - volume[trough] > FALL or volume[i] > volume[peak]:  # it rises again
+            yield from _fall(line, time, volume, peak, trough)
             peak = trough = i
         if volume[i] >= volume[peak]:
             peak = trough = i
     if len(time):
-        yield from _fall(line, time, volume, (peak, trough), smallest)
+        yield from _fall(line, time, volume, peak, trough)
 
 
-def _fall(line: Line, time: Floats, volume: Floats, ends: tuple[int, int], smallest: float) -> Iterator[Fall]:
-    peak, trough = ends
-    if volume[peak] - volume[trough] > smallest:
+def _fall(line: Line, time: Floats, volume: Floats, peak: int, trough: int) -> Iterator[Fall]:
+    if volume[peak] - volume[trough] > FALL:
         times, volumes = time[[peak, trough]].tolist(), volume[[peak, trough]].tolist()
         yield Fall(line.rail_pressure, *times, *volumes)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonrail.base.arguments import Quantity, array, instance, number
-from commonrail.base.arrays import Bools, Floats
+from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import counted
@@ -19,11 +19,12 @@ from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
-from commonrail.plugins.maps.inverse import Inverse, Rules, invert
+from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
 from commonrail.plugins.maps.response import (
     Conditions,
     Fall,
     Line,
+    Response,
     density_at,
     falls_of,
     knots_of,
@@ -39,17 +40,11 @@ BALLISTIC = 0.98  # share of the largest lift at a rail pressure below which a n
 
 
 class MapBands(NamedTuple):
-    """Edges between which measured quantities are expected, by the share of them that a band is to hold.
+    """Edges between which measured quantities are expected [m³], by the share of them that a band is to hold.
 
-    Attributes
-    ----------
-    estimator : str
-        Estimator of the bands, as `Prediction.estimator`.
-    quantity : mapping of float to (lower, upper)
-        Of the quantity map, (pressures, energising times) each [m³].
-    delivered : mapping of float to (lower, upper)
-        Of what the energising times of the inverse deliver, (pressures, quantities) each [m³]; NaN in cells that hold
-        no simulated time.
+    `estimator` is that of the `Prediction`; `quantity` are edges (pressures, energising times) of the quantity map,
+    `delivered` edges (pressures, quantities) of what the energising times of the inverse deliver; NaN in cells that
+    hold no simulated time.
     """
 
     estimator: str
@@ -128,38 +123,28 @@ def injection_map(
     rules: Rules = Rules(),
     progress: Callable[[str], None] | None = None,
 ) -> InjectionMap:
-    """Simulate the quantity map of an injector and its inverse.
+    """Simulate the quantity map of an injector and its inverse, by default over the axes of a control unit.
 
-    Parameters
-    ----------
-    injector : Injector
-    axes : MapAxes, optional
-        By default those of a control unit.
-    conditions : Conditions
-        Pressures behind the nozzle and of the return line, time step, threads.
-    rules : Rules
-        For cells with several energising times, and with none.
-    progress : function, optional
-        Called with a line of text before each stage.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, or a pressure lies outside what the model covers.
-    SimulationError
-        If no point could be simulated.
+    `progress` is called with a line of text before each stage. ConfigurationError if an argument is of another kind, or
+    a pressure lies outside what the model covers; SimulationError if no point could be simulated.
     """
     instance(injector, Injector, "injector")
     axes = usual_axes(injector) if axes is None else instance(axes, MapAxes, "axes")
     tell = progress or (lambda _: None)
-    lines = _sampled(injector, axes, conditions, tell)
+
+    def simulate(rows: IndexArray, times: Floats) -> Response:
+        return respond(injector, axes.rail_pressure[rows], times, conditions)
+
+    knots = knots_of(axes.energising_time)
+    at = counted(len(axes.rail_pressure), "rail pressure")
+    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
+    lines = sampled(simulate, axes.rail_pressure, knots)
+    require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([found.volume for found in forward])
     cells = len(axes.rail_pressure) * len(axes.quantity)
     tell(f"inverting {counted(cells, 'cell')} ...")
-    inverse, lines = invert(
-        lambda rows, times: respond(injector, axes.rail_pressure[rows], times, conditions), lines, axes.quantity, rules
-    )
+    inverse, lines = invert(simulate, lines, axes.quantity, rules)
     full = np.array([np.nanmax(line.lift, initial=0.0) for line in lines])[:, None]
     return InjectionMap(
         injector,
@@ -176,23 +161,17 @@ def injection_map(
     )
 
 
-def _sampled(injector: Injector, axes: MapAxes, conditions: Conditions, tell: Callable[[str], None]) -> list[Line]:
-    """Samples on a fine grid of energising times at each rail pressure."""
-    knots = knots_of(axes.energising_time)
-    at = counted(len(axes.rail_pressure), "rail pressure")
-    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
-    rail, time = np.meshgrid(axes.rail_pressure, knots, indexing="ij")
-    found = respond(injector, rail, time, conditions)
-    require_some(injector, [conditions.point(float(rail[-1, 0]), float(knots[-1]))], found, conditions)
-    rows = zip(axes.rail_pressure.tolist(), found.volume, found.lift, strict=True)
-    return [Line(pressure, knots, volume, lift) for pressure, volume, lift in rows]
-
-
 # Maps and sweeps in one call, with units in texts.
 
 # Operating point of a sweep where nothing is said: SI values.
-_USUAL = {"rail_pressure": 100e6, "energising_time": 500e-6, "first_energising_time": 0.0, "dwell": 1e-3}
-_PRESSURES = {"cylinder_pressure": 5e6, "return_pressure": 0.5e6}
+_USUAL = {
+    "rail_pressure": 100e6,
+    "energising_time": 500e-6,
+    "first_energising_time": 0.0,
+    "dwell": 1e-3,
+    "cylinder_pressure": 5e6,
+    "return_pressure": 0.5e6,
+}
 
 
 def map(
@@ -287,11 +266,9 @@ def sweep(
     for name in fixed:
         if name not in OPERATING:
             raise ConfigurationError(f"There is no {name} of an operating point; there are {', '.join(OPERATING)}.")
-    own = {name: number(value, OPERATING[name], name) for name, value in fixed.items()}
-    given = _USUAL | _PRESSURES | own
-    pressures = given["cylinder_pressure"], given["return_pressure"]
-    conditions = Conditions(*pressures, number(time_step, "s", "time step"), threads)
-    base = Base(**{name: given[name] for name in _USUAL}, conditions=conditions)
+    given = _USUAL | {name: number(value, OPERATING[name], name) for name, value in fixed.items()}
+    pressures = given.pop("cylinder_pressure"), given.pop("return_pressure")
+    base = Base(**given, conditions=Conditions(*pressures, number(time_step, "s", "time step"), threads))
     return swept(injector, [_variable(*item) for item in vary.items()], base)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,28 +32,20 @@ from commonrail.engine.operating_point import (
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.physics.reads import reader_of, unread_parameters
+from commonrail.physics.variants import reader_of, unread_parameters
 from commonrail.plugins.maps.response import Conditions, simulate_many
 
 # Operating point around which a sweep moves, and the points of many combinations at once.
 
+TIMES = ("first_energising_time", "energising_time", "dwell")
 AFTER = 5e-3  # simulated after the last energising; it ends early once the needle has closed [s]
 
 
 class Base(NamedTuple):
-    """Operating point around which a sweep moves; SI values.
+    """Operating point around which a sweep moves.
 
-    Attributes
-    ----------
-    rail_pressure : float
-        [Pa].
-    energising_time : float
-        Of the injection, or of the second of two [s].
-    first_energising_time : float
-        Of the first of two injections; 0 for a single one [s].
-    dwell : float
-        End of the first energising to the start of the second [s].
-    conditions : Conditions
+    Rail pressure [Pa]; energising time of the injection, or of the second of two [s]; that of the first of two, 0 for a
+    single one [s]; dwell from the end of the first energising to the start of the second [s].
     """
 
     rail_pressure: float
@@ -63,70 +55,41 @@ class Base(NamedTuple):
     conditions: Conditions
 
     def point(self, changed: Mapping[str, float], alone: bool = False) -> OperatingPoint:
-        """Operating point with some variables changed.
+        """Operating point with some variables changed, or with the first of two injections alone."""
+        return OperatingPoint(**_arguments(self._rows(changed)[0].tolist(), alone))
 
-        Parameters
-        ----------
-        changed : mapping of str to float
-            Values by the names of `OPERATING`.
-        alone : bool
-            With the first of two injections alone.
-        """
-        own = self._asdict() | self.conditions._asdict() | dict(changed)
-        first, second = own["first_energising_time"], own["energising_time"]
-        pulses = [(0.0, first)] if first > 0.0 else []
-        if not alone:
-            pulses.append((first + own["dwell"] if pulses else 0.0, second))
-        end = pulses[-1][0] + pulses[-1][1]
-        pressures = own["rail_pressure"], own["cylinder_pressure"], own["return_pressure"]
-        return OperatingPoint(pressures[0], tuple(pulses), *pressures[1:], horizon=end + AFTER)
-
-    def points(self, changed: Mapping[str, Floats], count: int, alone: bool = False) -> Points:
+    def points(self, changed: Mapping[str, Floats], alone: bool = False) -> Points:
         """Operating points as `point` makes each of them, in a tenth of the time, and made when they are needed.
 
-        All values are compared with the limits of operating points at once. A point outside is made by `point`, which
-        says what is wrong with it.
-
-        Parameters
-        ----------
-        changed : mapping of str to (count,)
-            Values by the names of `OPERATING`.
-        count : int
-        alone : bool
-            With the first of two injections alone.
+        All values (points,) are compared with the limits of operating points at once. A point outside is made by
+        `point`, which says what is wrong with it.
         """
-        own = self._asdict() | self.conditions._asdict() | dict(changed)
-        names = ("rail_pressure", "cylinder_pressure", "return_pressure")
-        pressures = [np.broadcast_to(np.asarray(own[name], float), count) for name in names]
-        first, second, dwell = (
-            np.broadcast_to(np.asarray(own[name], float), count)
-            for name in ("first_energising_time", "energising_time", "dwell")
-        )
-        before = first > 0.0
-        start = np.where(before, first + dwell, 0.0)
-        end = np.where(alone, first, start + second)
-        sound = _within(pressures[0], RAIL_PRESSURES) & _within(first, ENERGISING_TIMES) & (end + AFTER <= LONGEST)
-        for pressure in pressures[1:]:
-            sound &= _within(pressure, OTHER_PRESSURES) & (pressure < pressures[0])
-        sound &= before if alone else _within(second, ENERGISING_TIMES) & (start >= np.where(before, first, 0.0))
+        rows = self._rows(changed)
+        rail, cylinder, back, first, start, second = rows.T
+        end = first if alone else start + second
+        sound = _within(rail, RAIL_PRESSURES) & _within(first, ENERGISING_TIMES) & (end + AFTER <= LONGEST)
+        for pressure in (cylinder, back):
+            sound &= _within(pressure, OTHER_PRESSURES) & (pressure < rail)
+        last = first > 0.0 if alone else _within(second, ENERGISING_TIMES) & ((start >= first) | ~(first > 0.0))
         others = {
             int(i): self.point({name: float(values[i]) for name, values in changed.items()}, alone)
-            for i in np.flatnonzero(~sound)
+            for i in np.flatnonzero(~(sound & last))
         }
-        return Points(np.stack([*pressures, first, start, second, end + AFTER], axis=1), alone, others)
+        return Points(rows, alone, others)
+
+    def _rows(self, changed: Mapping[str, Floats | float]) -> Floats:
+        """Rows (points, 6): three pressures, energising time of the first of two, start and duration of the last."""
+        current = self._asdict() | self.conditions._asdict() | dict(changed)
+        names = ("rail_pressure", "cylinder_pressure", "return_pressure", *TIMES)
+        values = (np.atleast_1d(np.asarray(current[name], float)) for name in names)
+        *pressures, first, second, dwell = np.broadcast_arrays(*values)
+        return np.stack([*pressures, first, np.where(first > 0.0, first + dwell, 0.0), second], axis=1)
 
 
 class Points(Sequence[OperatingPoint]):
     """Operating points of many combinations; those of a slice are made when it is taken.
 
-    Parameters
-    ----------
-    rows : (points, 7)
-        Checked values: three pressures, first energising, start and length of the last, horizon.
-    alone : bool
-        With the first of two injections alone.
-    others : mapping of int to OperatingPoint
-        Points that are not made of their rows.
+    Their rows (points, 6) are checked; `others` are points that are not made of their rows.
     """
 
     def __init__(self, rows: Floats, alone: bool, others: Mapping[int, OperatingPoint]) -> None:
@@ -157,20 +120,25 @@ def _within(values: Floats, limits: Limits) -> Bools:
 
 
 def _made(row: Sequence[float], alone: bool) -> OperatingPoint:
-    """Operating point of checked values: three pressures, first energising, start and length of the last, horizon."""
-    rail, cylinder, back, first, start, second, horizon = row
-    before = (_energising(0.0, first),) if first > 0.0 else ()
+    """Operating point of a row that is checked."""
+    arguments = _arguments(row, alone)
+    energisings = tuple(_energising(*pulse) for pulse in arguments["energisings"])
     point = object.__new__(OperatingPoint)
-    point.__dict__.update(
-        rail_pressure=rail,
-        energisings=before if alone else (*before, _energising(start, second)),
-        cylinder_pressure=cylinder,
-        return_pressure=back,
-        drive=None,
-        horizon=horizon,
-        start=0.0,
-    )
+    point.__dict__.update(arguments | {"energisings": energisings, "drive": None, "start": 0.0})
     return point
+
+
+def _arguments(row: Sequence[float], alone: bool) -> dict[str, Any]:
+    """Arguments of an operating point from its row."""
+    rail, cylinder, back, first, start, second = row
+    pulses = [(0.0, first)] if first > 0.0 else []
+    return {
+        "rail_pressure": rail,
+        "energisings": tuple(pulses if alone else [*pulses, (start, second)]),
+        "cylinder_pressure": cylinder,
+        "return_pressure": back,
+        "horizon": (first if alone else start + second) + AFTER,
+    }
 
 
 @functools.lru_cache(maxsize=10_000)
@@ -178,8 +146,6 @@ def _energising(start: float, duration: float) -> Energising:
     """Energising of checked values: the points of a sweep share most of theirs."""
     return Energising._make((start, duration))
 
-
-_Any = TypeVar("_Any", np.float64, np.bool_, np.int64)
 
 # Variables of the operating point and their SI units.
 OPERATING = {
@@ -270,13 +236,7 @@ def table_unit(unit: str) -> str:
 
 
 def unit_of(name: str) -> tuple[str, str]:
-    """Full name and SI unit of a variable.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such variable or parameter.
-    """
+    """Full name and SI unit of a variable; ConfigurationError if there is no such variable or parameter."""
     plain = name.replace("-", "_")
     if plain in OPERATING:
         return plain, OPERATING[plain]
@@ -290,37 +250,23 @@ def unit_of(name: str) -> tuple[str, str]:
 
 
 def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Sweep:
-    """Simulate all combinations of the values of one to three variables.
+    """Simulate all combinations of the values of one to three variables about a base.
 
-    Parameters
-    ----------
-    injector : Injector
-    variables : sequence of Variable
-    base : Base
-        Values of what is not varied.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are too many variables or combinations, one is named twice, or a point or a value is refused.
-    InputError
-        If the fuel is not defined at a temperature.
-    SimulationError
-        If all simulations failed.
+    ConfigurationError if there are too many variables or combinations, one is named twice, or a point or a value is
+    refused; InputError if the fuel is not defined at a temperature; SimulationError if all simulations failed.
     """
     _check(variables, base)
     _check_values(injector, variables)
-    moving = [v for v in variables if v.name in OPERATING]
-    own = [v for v in variables if v.name not in OPERATING]
-    columns, count = _columns(moving), int(np.prod([len(v.values) for v in moving]))
-    values = np.stack(list(_columns(own).values()), axis=1) if own else None
-    names = [v.name for v in own]
-    _, _, step, threads = base.conditions
+    operating = [v for v in variables if v.name in OPERATING]
+    parameters = [v for v in variables if v.name not in OPERATING]
+    columns = _columns(operating)
+    values = np.stack(list(_columns(parameters).values()), axis=1) if parameters else None
+    names = [v.name for v in parameters]
 
     def simulated(points: Sequence[OperatingPoint]) -> Batch:
-        return simulate_many(injector, points, names, values, time_step=step, threads=threads)
+        return simulate_many(injector, points, base.conditions, names, values)
 
-    whole = base.points(columns, count)
+    whole = base.points(columns)
     both = simulated(whole)
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
@@ -330,16 +276,16 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
     first_status = np.full(total.shape, OK)
     if two:
-        distinct, which = _first_alone(base, columns, count)
+        distinct, which = _first_alone(base, columns, len(whole))
         first = simulated(distinct)
         first_status = first.status[:, which]
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
         fused = fused_of(both, whole.last_starts, first.opening[:, which])
     second = np.where(fused, np.nan, total - alone)
-    sizes = [len(v.values) for v in (*own, *moving)]
-    order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
+    sizes = [len(v.values) for v in (*parameters, *operating)]
+    order = [[v.name for v in (*parameters, *operating)].index(v.name) for v in variables]
 
-    def shaped(table: NDArray[_Any]) -> NDArray[_Any]:
+    def shaped(table: NDArray[Any]) -> NDArray[Any]:
         """Axes in the order of the variables, from (candidates, points)."""
         return np.asarray(table.reshape(sizes).transpose(order))
 
@@ -357,21 +303,13 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
 
 
 def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
-    """Distinct points with the first of two injections alone, and the place of each given point among them.
-
-    Parameters
-    ----------
-    base : Base
-    columns : mapping of str to (count,)
-        Values of the given points by the names of `OPERATING`.
-    count : int
-    """
-    own = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
-    if not own:
+    """Distinct points with the first of two injections alone, and of each given point the index among them."""
+    shared = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
+    if not shared:
         return [base.point({}, alone=True)], np.zeros(count, np.intp)
-    distinct, which = np.unique(np.stack(list(own.values())), axis=1, return_inverse=True)
-    changed = dict(zip(own, distinct, strict=True))
-    return base.points(changed, distinct.shape[1], alone=True), np.asarray(which, np.intp).reshape(-1)
+    distinct, which = np.unique(np.stack(list(shared.values())), axis=1, return_inverse=True)
+    changed = dict(zip(shared, distinct, strict=True))
+    return base.points(changed, alone=True), np.asarray(which, np.intp).reshape(-1)
 
 
 def _two(base: Base, variables: Sequence[Variable]) -> bool:
@@ -436,15 +374,9 @@ def _columns(variables: Sequence[Variable]) -> dict[str, Floats]:
 def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
     """Simulations (candidates, points) whose needle is open when the second of two energisings would open it.
 
-    A needle that bounces when it closes counts as one that closes once.
-
-    Parameters
-    ----------
-    batch : Batch
-    starts : (points,)
-        Starts of the second energising [s]; the first one starts at 0.
-    delay : (candidates, points)
-        From energising to opening, as the first injection alone has it [s]; NaN where it stays shut.
+    `starts` (points,) are those of the second energising [s], the first one starts at 0; `delay` (candidates, points)
+    is from energising to opening, as the first injection alone has it [s], NaN where it stays shut. A needle that
+    bounces when it closes counts as one that closes once.
     """
     return np.asarray(np.isfinite(delay) & (batch.first_closing > starts + delay))
 
@@ -453,16 +385,9 @@ def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
 
 
 class WithoutNumber(NamedTuple):
-    """Combinations that have no number for one reason.
+    """Combinations that have no number for one reason: their number, and the variables [SI] at the first of them.
 
-    Attributes
-    ----------
-    status : Status
-    combinations : int
-    first : mapping of str to float
-        Values of the variables at the first of them [SI].
-    alone : bool
-        The first of two injections failed alone, so that the second one's quantity alone is not known.
+    `alone`: the first of two injections failed alone, so that the second one's quantity alone is not known.
     """
 
     status: Status

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.output import write_csv
-from commonrail.base.text import number
+from commonrail.base.text import number, numbers
 from commonrail.base.units import convert
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
@@ -20,18 +21,7 @@ from commonrail.plugins.maps.table import notes_of
 
 
 def write_sweep(path: Path, found: Sweep) -> None:
-    """Write a row for each combination.
-
-    Parameters
-    ----------
-    path : Path
-    found : Sweep
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a row for each combination."""
     head = [f"{v.name} [{table_unit(v.unit)}]" for v in found.variables] + ["quantity [mm3]"]
     if found.two:
         head += ["second_quantity [mm3]", "fused"]
@@ -51,18 +41,7 @@ def _rows(found: Sweep) -> Iterator[Sequence[str]]:
 
 
 def write_compensation(path: Path, found: Compensation) -> None:
-    """Write a row for each rail pressure, quantity and dwell.
-
-    Parameters
-    ----------
-    path : Path
-    found : Compensation
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a row for each rail pressure, quantity and dwell."""
     head = ["dwell [us]", "rail_pressure [MPa]", "quantity [mm3]", "energising_time [us]", "alone [us]", "state"]
     axes = found.alone.axes
 
@@ -72,8 +51,8 @@ def write_compensation(path: Path, found: Compensation) -> None:
                 f"{found.dwell[d] * 1e6:.9g}",
                 f"{axes.rail_pressure[i] * 1e-6:.9g}",
                 f"{axes.quantity[j] * 1e9:.9g}",
-                _text(found.energising_time[d, i, j] * 1e6),
-                _text(found.alone.inverse.energising_time[i, j] * 1e6),
+                _text(float(found.energising_time[d, i, j]) * 1e6),
+                _text(float(found.alone.inverse.energising_time[i, j]) * 1e6),
                 CellState(int(found.inverses[d].state[i, j])).name.lower(),
             ]
 
@@ -82,13 +61,9 @@ def write_compensation(path: Path, found: Compensation) -> None:
 
 
 def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> dict[str, Any]:
-    """Record of a sweep [SI]; null where there is no number.
+    """Record of a sweep [SI], with rail pressures [Pa] and the dwells below which two injections fuse [s].
 
-    Parameters
-    ----------
-    found : Sweep
-    fusion : sequence of (float, float)
-        Rail pressures [Pa] and the dwells below which two injections fuse [s].
+    Null where there is no number.
     """
     conditions = found.base.conditions
     return {
@@ -99,10 +74,10 @@ def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> di
         "base": {k: v for k, v in found.base._asdict().items() if k != "conditions"}
         | {k: v for k, v in conditions._asdict().items() if k != "threads"},
         "variables": [{"name": v.name, "unit": v.unit, "values": v.values.tolist()} for v in found.variables],
-        "injected_volume": _numbers(found.volume),
-        "second_volume": _numbers(found.second) if found.two else None,
+        "injected_volume": numbers(found.volume),
+        "second_volume": numbers(found.second) if found.two else None,
         "fused": found.fused.tolist() if found.two else None,
-        "opening": _numbers(found.opening),
+        "opening": numbers(found.opening),
         "without_number": [
             {
                 "status": g.status.name,
@@ -129,23 +104,16 @@ def compensation_record(found: Compensation) -> dict[str, Any]:
         "dwell": found.dwell.tolist(),
         "rail_pressure": axes.rail_pressure.tolist(),
         "quantity": axes.quantity.tolist(),
-        "energising_time": _numbers(found.energising_time),
-        "alone": _numbers(found.alone.inverse.energising_time),
+        "energising_time": numbers(found.energising_time),
+        "alone": numbers(found.alone.inverse.energising_time),
         "state": [[[CellState(s).name for s in row] for row in part.state.tolist()] for part in found.inverses],
     }
 
 
 def _texts(volumes: Floats) -> list[str]:
-    """Volumes [m³] as `_text` writes them in mm³, all of them in a row."""
-    values = volumes.ravel() * 1e9
-    return [
-        f"{value:.4f}" if finite else "" for value, finite in zip(values.tolist(), np.isfinite(values), strict=True)
-    ]
+    """Volumes [m³] in mm³, all of them in a row."""
+    return [_text(value) for value in (volumes.ravel() * 1e9).tolist()]
 
 
-def _text(value: float | Floats) -> str:
-    return f"{float(value):.4f}" if np.isfinite(value) else ""
-
-
-def _numbers(values: Floats) -> list[Any]:
-    return [number(v) for v in values.tolist()] if values.ndim == 1 else [_numbers(part) for part in values]
+def _text(value: float) -> str:
+    return f"{value:.4f}" if math.isfinite(value) else ""

@@ -9,36 +9,27 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, Figure, Panel, Series, points
 from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, in_print, quantity, significant
+from commonrail.base.text import counted, fixed, in_print, megapascal, pressure, quantity, significant
 from commonrail.base.units import convert
+from commonrail.data.records import MICROSECOND, MM3
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
+from commonrail.plugins.maps.page import page
 from commonrail.plugins.maps.sweep import Sweep, Variable, WithoutNumber, table_unit, without_number
 from commonrail.plugins.maps.table import notes_of
-from commonrail.report.draw.figure import drawings
-from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
-MPA, MM3, MICRO = 1e-6, 1e9, 1e6
 MOST_FIGURES = 6
 SHORT_NAMES = {FUEL_TEMPERATURE: "temperature"}
 DWELL = "Dwell: from the end of the first energising to the start of the second."
 
 
 def sweep_html(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> str:
-    """Page of a sweep.
-
-    Parameters
-    ----------
-    found : Sweep
-    fusion : sequence of (float, float)
-        Rail pressures [Pa] and the dwells below which two injections fuse [s].
-    """
-    figures = sweep_figures(found)
+    """Page of a sweep, with rail pressures [Pa] and the dwells below which two injections fuse [s]."""
     tables = [fusion_table(fusion)] if fusion else []
-    injector = found.injector
-    return _page(f"Sweep: {injector.name}", injector.synthetic, sweep_lines(found), (figures, tables), _facts(found))
+    title = f"Sweep: {found.injector.name}"
+    return page(title, [found.injector], sweep_lines(found), sweep_figures(found), tables, facts=_facts(found))
 
 
 def _facts(found: Sweep) -> list[tuple[str, str]]:
@@ -71,30 +62,6 @@ def sweep_figures(found: Sweep) -> list[Figure]:
     """Quantities over the first variable; of two injections the second one first."""
     figures = list(_figures(found, found.volume, "Injected quantity"))
     return [*_figures(found, found.second, "Quantity of the second injection"), *figures] if found.two else figures
-
-
-def _page(
-    title: str,
-    synthetic: str,
-    lines: list[str],
-    drawn: tuple[list[Figure], list[Table]],
-    facts: list[tuple[str, str]],
-) -> str:
-    figures, tables = drawn
-    return render(
-        "map.html",
-        package=__package__,
-        title=title,
-        kind="Sweep",
-        record={},
-        synthetic=[synthetic] if synthetic else [],
-        lines=lines,
-        heats=[],
-        curves=drawings(figures, 460),
-        tables=tables,
-        commands=[],
-        facts=facts,
-    )
 
 
 def sweep_lines(found: Sweep) -> list[str]:
@@ -132,8 +99,8 @@ def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
         "Dwell below which the injections fuse",
         fusion,
         [
-            ("rail pressure, MPa", lambda r: significant(r[0], 4, MPA)),
-            ("dwell, µs", lambda r: fixed(r[1], 0, MICRO)),
+            ("rail pressure, MPa", lambda r: megapascal(r[0])),
+            ("dwell, µs", lambda r: fixed(r[1], 0, MICROSECOND)),
         ],
         f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}",
         0,
@@ -177,26 +144,26 @@ def _shown(value: float, unit: str) -> str:
 
 def compensation_html(found: Compensation) -> str:
     """Page of energising times that hold the second of two injections."""
-    axes = found.alone.axes
+    axes, dwells = found.alone.axes, points(found.dwell * MICROSECOND)
     figures = []
     for i in range(min(len(axes.rail_pressure), MOST_FIGURES)):
-        change = (found.energising_time[:, i] - found.alone.inverse.energising_time[i]) * MICRO
+        change = (found.energising_time[:, i] - found.alone.inverse.energising_time[i]) * MICROSECOND
         series = tuple(
-            Series(f"{significant(q, 4, MM3)} mm³", "solid", points(found.dwell * MICRO), points(change[:, j]), BOTH, j)
+            Series(f"{significant(q, 4, MM3)} mm³", "solid", dwells, points(change[:, j]), BOTH, j)
             for j, q in enumerate(axes.quantity.tolist())
         )
         figures.append(
             Figure(
-                f"Correction of the energising time at {significant(float(axes.rail_pressure[i]), 4, MPA)} MPa",
+                f"Correction of the energising time at {pressure(float(axes.rail_pressure[i]))}",
                 "Energising time that holds the second quantity, less that of an injection alone.",
                 "dwell, µs",
                 (Panel("correction, µs", series, zero_line=True),),
             )
         )
-    first = f"Energising time of the first injection: {fixed(found.first_energising_time, 0, MICRO)} µs. {DWELL}"
+    first = f"Energising time of the first injection: {fixed(found.first_energising_time, 0, MICROSECOND)} µs. {DWELL}"
     facts = [("Conditions", note) for note in notes_of(found.alone)]
     title = f"Second injection: {found.alone.injector.name}"
-    return _page(title, found.alone.injector.synthetic, [first], (figures, [compensation_table(found)]), facts)
+    return page(title, [found.alone.injector], [first], figures, [compensation_table(found)], facts=facts)
 
 
 def compensation_table(found: Compensation) -> Table:
@@ -207,11 +174,11 @@ def compensation_table(found: Compensation) -> Table:
         list(np.ndindex(found.energising_time.shape)),
         [
             ("state", lambda p: CellState(int(found.inverses[p[0]].state[p[1:]])).name.lower()),
-            ("dwell, µs", lambda p: fixed(found.dwell[p[0]], 0, MICRO)),
-            ("rail pressure, MPa", lambda p: significant(float(axes.rail_pressure[p[1]]), 4, MPA)),
+            ("dwell, µs", lambda p: fixed(found.dwell[p[0]], 0, MICROSECOND)),
+            ("rail pressure, MPa", lambda p: megapascal(float(axes.rail_pressure[p[1]]))),
             ("quantity, mm³", lambda p: significant(float(axes.quantity[p[2]]), 4, MM3)),
-            ("energising time, µs", lambda p: fixed(found.energising_time[p], 1, MICRO)),
-            ("alone, µs", lambda p: fixed(found.alone.inverse.energising_time[p[1:]], 1, MICRO)),
+            ("energising time, µs", lambda p: fixed(found.energising_time[p], 1, MICROSECOND)),
+            ("alone, µs", lambda p: fixed(found.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
         ],
         DWELL,
     )

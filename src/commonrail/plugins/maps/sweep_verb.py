@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import click
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from commonrail.base.errors import InputError
-from commonrail.base.output import write_text, writing
+from commonrail.base.output import write_text
 from commonrail.base.units import parse
-from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
+from commonrail.cli.options import Json, Threads, check_distinct, check_file, read_axis, with_overrides
+from commonrail.plugins.maps.verb import read_conditions, read_quantities
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
@@ -78,41 +77,51 @@ def sweep(
       commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary dwell=400,800,1600us \\
           --first-energising-time 350us --hold 1,2,5,10mm3 --out second.dcm
     """
-    from commonrail.plugins.maps.response import Conditions
+    from commonrail.plugins.maps.file import check_map_file
     from commonrail.plugins.maps.sweep import Base
+    from commonrail.plugins.maps.sweep import sweep as run
     from commonrail.runs.model_name import read_model_name
 
     for path in out:
         check_file(path, "--out")
-        if hold is None and path.suffix.lower() != ".csv":
+        if hold is not None:
+            check_map_file(path)
+        elif path.suffix.lower() != ".csv":
             raise InputError(f"--out: {path}: a sweep is written as .csv; for all numbers as JSON give --json.")
     check_file(report, "--report")
     check_distinct(*out, report)
-    conditions = Conditions(
-        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
-        parse(return_pressure, "Pa", "--return-pressure"),
-        parse(time_step, "s", "--time-step"),
-        threads,
-    )
     base = Base(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         parse(energising_time, "s", "--energising-time"),
         0.0 if first_energising_time is None else parse(first_energising_time, "s", "--first-energising-time"),
         parse(dwell, "s", "--dwell"),
-        conditions,
+        read_conditions(cylinder_pressure, return_pressure, time_step, threads),
     )
     injector = with_overrides(read_model_name(model).injector, set_)
     variables = [_variable(text) for text in vary]
     say(SIMULATING)
     if hold is None:
-        _sweep(injector, variables, base, (out, report, json))
+        outcome = _swept(run(injector, variables, base))
     else:
-        wanted = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
-        _print_held(wanted, label, (out, report, json))
+        second = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
+        outcome = _compensated(second, label)
+    for path in out:
+        outcome.write(path)
+    if report is not None:
+        write_text(report, outcome.html())
+    print_result(json, outcome.record, outcome.show, (*out, report))
+
+
+class _Outcome(NamedTuple):
+    """What is made of a result: a file, a page, a record, and text in the terminal."""
+
+    write: Callable[[Path], None]
+    html: Callable[[], str]
+    record: Callable[[], dict[str, Any]]
+    show: Callable[[], None]
 
 
 def _variable(text: str) -> Variable:
-    from commonrail.cli.options import read_axis
     from commonrail.plugins.maps.sweep import Variable, unit_of
 
     name, equals, values = (part.strip() for part in text.partition("="))
@@ -122,32 +131,18 @@ def _variable(text: str) -> Variable:
     return Variable(full, unit, read_axis(values, unit, f"--vary {name}"))
 
 
-def _sweep(
-    injector: Injector, variables: list[Variable], base: Base, wanted: tuple[Sequence[Path], Path | None, bool]
-) -> None:
-    from commonrail.plugins.maps.sweep import sweep as run
+def _swept(found: Sweep) -> _Outcome:
     from commonrail.plugins.maps.sweep_file import sweep_record, write_sweep
     from commonrail.plugins.maps.sweep_page import fusion_table, sweep_html, sweep_lines
 
-    out, report, json = wanted
-    found = run(injector, variables, base)
     fusion = _fusion(found)
-    for path in out:
-        write_sweep(path, found)
-    if report is not None:
-        with writing(report, "--report"):
-            write_text(report, sweep_html(found, fusion))
-    files = [str(path) for path in (*out, report) if path is not None]
-    if json:
-        print_json(sweep_record(found, fusion) | {"files": files})
-        return
-    for line in sweep_lines(found):
-        click.echo(line)
-    if fusion:
-        click.echo("")
-        print_table(fusion_table(fusion))
-    for file in files:
-        say(f"wrote {file}")
+    tables = [fusion_table(fusion)] if fusion else []
+    return _Outcome(
+        lambda path: write_sweep(path, found),
+        lambda: sweep_html(found, fusion),
+        lambda: sweep_record(found, fusion),
+        lambda: print_text(sweep_lines(found), tables),
+    )
 
 
 def _fusion(found: Sweep) -> list[tuple[float, float]]:
@@ -160,15 +155,13 @@ def _fusion(found: Sweep) -> list[tuple[float, float]]:
     if not ("dwell" in varied and set(varied) <= {"dwell", "rail_pressure"}):
         return []
     rails = varied.get("rail_pressure", np.array([found.base.rail_pressure]))
-    times = found.base.first_energising_time, found.base.energising_time
-    dwells = fusion_dwell(found.injector, rails, times, float(varied["dwell"][-1]), found.base.conditions)
+    dwells = fusion_dwell(found.injector, found.base, rails, float(varied["dwell"][-1]))
     return list(zip(rails.tolist(), dwells.tolist(), strict=True))
 
 
 def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, longest: float) -> Compensation:
     import numpy as np
 
-    from commonrail.cli.options import read_quantities
     from commonrail.plugins.maps.axes import MapAxes, increasing
     from commonrail.plugins.maps.compensation import compensation
     from commonrail.plugins.maps.response import density_at
@@ -182,27 +175,21 @@ def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, 
     return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
 
 
-def _print_held(found: Compensation, label: str, wanted: tuple[Sequence[Path], Path | None, bool]) -> None:
-    from commonrail.plugins.maps.file import check_map_file, write_map_file
+def _compensated(found: Compensation, label: str) -> _Outcome:
+    from commonrail.plugins.maps.file import write_map_file
     from commonrail.plugins.maps.sweep_file import compensation_record, write_compensation
     from commonrail.plugins.maps.sweep_page import compensation_html, compensation_table
     from commonrail.plugins.maps.table import compensation_tables
 
-    out, report, json = wanted
-    for path in out:
-        check_map_file(path)
-    for path in out:
+    def write(path: Path) -> None:
         if path.suffix.lower() == ".csv":
             write_compensation(path, found)
         else:
             write_map_file(path, compensation_tables(found, label))
-    if report is not None:
-        with writing(report, "--report"):
-            write_text(report, compensation_html(found))
-    files = [str(path) for path in (*out, report) if path is not None]
-    if json:
-        print_json(compensation_record(found) | {"files": files})
-        return
-    print_table(compensation_table(found))
-    for file in files:
-        say(f"wrote {file}")
+
+    return _Outcome(
+        write,
+        lambda: compensation_html(found),
+        lambda: compensation_record(found),
+        lambda: print_table(compensation_table(found)),
+    )

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.units import convert
+from commonrail.base.units import compatible, convert
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
 from commonrail.plugins.maps.run import Edges, InjectionMap
@@ -54,25 +54,9 @@ class Layer(NamedTuple):
 class MapTable:
     """Map as files hold it.
 
-    Attributes
-    ----------
-    label : str
-        Name in the control unit.
-    title : str
-        What it is, in one line.
-    name : str
-        Name of the values, such as "energising_time".
-    unit : str
-        Of the values.
-    x, y : Axis
-    values : (y, x)
-        In `unit`, rounded to what is written; NaN where there is no number.
-    states : (y, x) of str
-        State of each cell in words.
-    notes : tuple of str
-        Model, conditions and rules.
-    layers : tuple of Layer
-        Edges of bands, where a fit tells them; DCM and CDFX hold none.
+    `label` is its name in the control unit, `title` what it is, `name` and `unit` are those of its values (y, x), which
+    are rounded to what is written and NaN where there is no number. `states` (y, x) are words, `notes` tell model,
+    conditions and rules, `layers` are edges of bands, where a fit tells them; DCM and CDFX hold none.
     """
 
     label: str
@@ -87,13 +71,7 @@ class MapTable:
     layers: tuple[Layer, ...] = ()
 
     def require_numbers(self, what: str) -> None:
-        """Refuse a cell without a number, which a format cannot hold.
-
-        Raises
-        ------
-        InputError
-            That names the first such cell.
-        """
+        """Raise an InputError that names the first cell without a number, which a format cannot hold."""
         missing = np.argwhere(~np.isfinite(self.values))
         if len(missing):
             y, x = missing[0]
@@ -108,10 +86,7 @@ class MapTable:
 def check_label(label: str) -> str:
     """Return a name that a control unit can have.
 
-    Raises
-    ------
-    InputError
-        If it holds anything but letters without accents, digits, underscores, points and indices in brackets.
+    InputError if it holds anything but letters without accents, digits, underscores, points and indices in brackets.
     """
     if len(label) <= LONGEST_LABEL and _LABEL.fullmatch(label):
         return label
@@ -124,32 +99,19 @@ def check_label(label: str) -> str:
 def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
     """Energising time over rail pressure (x) and quantity (y).
 
-    Parameters
-    ----------
-    found : InjectionMap
-    label : str
-    units : MapUnits
-
-    Raises
-    ------
-    InputError
-        If a unit is unknown or of another kind, or the label cannot be used.
+    InputError if a unit is unknown or of another kind, or the label cannot be used.
     """
-    x, y = (
-        _pressure_axis(found, units),
-        Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
-    )
-    values = convert(found.inverse.energising_time.T, "s", units.time)
-    states = [[_state(s, b) for s, b in zip(*row, strict=True)] for row in _columns(found)]
+    inverse = found.inverse
+    states = np.vectorize(_state, otypes=[object])(inverse.state.T, found.inverse_ballistic.T)
     return MapTable(
         check_label(label),
         f"Energising time of {found.injector.name} over rail pressure and quantity",
         "energising_time",
         units.time,
-        x,
-        y,
-        np.round(values, DECIMALS),
-        tuple(map(tuple, states)),
+        _pressure_axis(found, units),
+        Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
+        np.round(convert(inverse.energising_time.T, "s", units.time), DECIMALS),
+        tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.delivered, units),
     )
@@ -158,45 +120,23 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
 def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
     """Energising time of the second injection over rail pressure (x) and quantity (y), a table for each dwell.
 
-    Parameters
-    ----------
-    found : Compensation
-    label : str
-        The dwell in µs joins it: ``label_600us``.
-    units : MapUnits
-
-    Raises
-    ------
-    InputError
-        As `inverse_table`.
+    The dwell in µs joins the label: ``label_600us``. InputError as `inverse_table`.
     """
     tables = []
     for dwell, inverse in zip(found.dwell.tolist(), found.inverses, strict=True):
         ballistic = np.zeros(inverse.state.shape, bool)
-        own = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label, units)
+        table = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label, units)
         pause = (
             f"dwell {dwell * 1e6:g} us from the end of the first energising ({found.first_energising_time * 1e6:g} us)"
         )
         title = f"Energising time of the second injection of {found.alone.injector.name}, {pause}"
         name = check_label(f"{label}_{dwell * 1e6:g}us".replace(".", "_"))
-        tables.append(replace(own, label=name, title=title, notes=(*own.notes, f"second injection: {pause}")))
+        tables.append(replace(table, label=name, title=title, notes=(*table.notes, f"second injection: {pause}")))
     return tables
 
 
 def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
-    """Quantity over rail pressure (x) and energising time (y).
-
-    Parameters
-    ----------
-    found : InjectionMap
-    label : str
-    units : MapUnits
-
-    Raises
-    ------
-    InputError
-        As `inverse_table`.
-    """
+    """Quantity over rail pressure (x) and energising time (y). InputError as `inverse_table`."""
     times = _rounded(convert(found.axes.energising_time, "s", units.time))
     states = np.where(np.isfinite(found.volume), np.where(found.ballistic, "ballistic", "reached"), "failed").T
     return MapTable(
@@ -207,7 +147,7 @@ def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS)
         _pressure_axis(found, units),
         Axis("energising_time", units.time, times),
         np.round(_quantities(found, found.volume.T, units, exact=True), DECIMALS),
-        tuple(tuple(row) for row in states.tolist()),
+        tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.quantity, units),
     )
@@ -256,22 +196,13 @@ def _pressure_axis(found: InjectionMap, units: MapUnits) -> Axis:
 
 def _quantities(found: InjectionMap, volume: Floats, units: MapUnits, exact: bool = False) -> Floats:
     """Volumes [m³] in the unit of the file, which may be one of mass."""
-    from commonrail.base.units import compatible
-
-    if compatible(units.quantity, "kg"):
-        values = convert(volume * found.density, "kg", units.quantity)
-    else:
-        values = convert(volume, "m3", units.quantity)
+    by_mass = compatible(units.quantity, "kg")
+    values = convert(volume * found.density if by_mass else volume, "kg" if by_mass else "m3", units.quantity)
     return values if exact else _rounded(values)
 
 
 def _rounded(values: Floats) -> Floats:
     return np.array([float(f"{value:.{DIGITS}g}") for value in values.tolist()])
-
-
-def _columns(found: InjectionMap) -> list[tuple[list[int], list[bool]]]:
-    """States and ballistic marks of each quantity over the pressures."""
-    return list(zip(found.inverse.state.T.tolist(), found.inverse_ballistic.T.tolist(), strict=True))
 
 
 def _state(state: int, ballistic: bool) -> str:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import click
-
 from commonrail.base.errors import CommonrailError, InputError
-from commonrail.base.output import write_text, writing
-from commonrail.base.units import parse
-from commonrail.cli.console import print_json, print_table, say
+from commonrail.base.output import write_text
+from commonrail.base.units import fits, parse
+from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_distinct, check_file, with_overrides
+from commonrail.cli.options import NUMBER, Json, Threads, check_distinct, check_file, read_axis, with_overrides
 from commonrail.plugins.maps.choices import Beyond, Several
 
 if TYPE_CHECKING:
+    from commonrail.base.arrays import Floats
     from commonrail.physics.injector import Injector
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.difference import Comparison
@@ -119,50 +119,49 @@ def map_(
       commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
       commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
     """
+    from commonrail.plugins.maps.file import check_map_file, map_record
     from commonrail.plugins.maps.inverse import Rules
-    from commonrail.plugins.maps.response import Conditions
+    from commonrail.plugins.maps.page import map_html, map_lines, map_tables
     from commonrail.plugins.maps.run import injection_map
+    from commonrail.plugins.maps.table import inverse_table, quantity_table
 
     for path in (*out, *quantity_out):
-        from commonrail.plugins.maps.file import check_map_file
-
         check_file(path, "--out")
         check_map_file(path)
     check_file(report, "--report")
     check_distinct(*out, *quantity_out, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")
-    conditions = Conditions(
-        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
-        parse(return_pressure, "Pa", "--return-pressure"),
-        parse(time_step, "s", "--time-step"),
-        threads,
-    )
+    conditions = read_conditions(cylinder_pressure, return_pressure, time_step, threads)
     named = _named(models, set_)
     wanted = _axes(named[0].injector, conditions, (rail_pressure, quantity, energising_time), axes)
     rules = Rules(several, unreachable)
     found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
     first = found[named[0].label] = _with_bands(found[named[0].label], named[0], bands)
     units = pressure_unit, quantity_unit, time_unit
-    from commonrail.plugins.maps.table import inverse_table, quantity_table
-
-    files = _write(out, lambda u: inverse_table(first, label, u), units)
-    files += _write(quantity_out, lambda u: quantity_table(first, quantity_label, u), units)
+    _write(out, lambda u: inverse_table(first, label, u), units)
+    _write(quantity_out, lambda u: quantity_table(first, quantity_label, u), units)
     compared = None if measured is None else _compared(first, measured)
     if report is not None:
-        from commonrail.plugins.maps.page import map_html
+        write_text(report, map_html(found, compared))
+    print_result(
+        json,
+        lambda: map_record(found, compared),
+        lambda: print_text(map_lines(found, compared), map_tables(found, compared)),
+        (*out, *quantity_out, report),
+    )
 
-        with writing(report, "--report"):
-            write_text(report, map_html(found, compared))
-        files.append(str(report))
-    if json:
-        from commonrail.plugins.maps.file import map_record
 
-        print_json(map_record(found, compared) | {"files": files})
-        return
-    _print(found, compared)
-    for file in files:
-        say(f"wrote {file}")
+def read_conditions(cylinder_pressure: str, return_pressure: str, time_step: str, threads: int | None) -> Conditions:
+    """Conditions from the options of the same names."""
+    from commonrail.plugins.maps.response import Conditions
+
+    return Conditions(
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        parse(return_pressure, "Pa", "--return-pressure"),
+        parse(time_step, "s", "--time-step"),
+        threads,
+    )
 
 
 def _named(models: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
@@ -200,9 +199,8 @@ def _axes(
     injector: Injector, conditions: Conditions, texts: tuple[str | None, str | None, str | None], file: Path | None
 ) -> MapAxes:
     """Axes of a control unit, those of a file, those of the command line: the later ones count."""
-    from commonrail.cli.options import read_axis, read_quantities
     from commonrail.plugins.maps.axes import MapAxes
-    from commonrail.plugins.maps.axes_file import axes_of_dcm
+    from commonrail.plugins.maps.dcm import axes_of_dcm
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import usual_axes
 
@@ -220,34 +218,28 @@ def _axes(
     return MapAxes(pressure, wanted, time)
 
 
+def read_quantities(text: str, density: float, option: str) -> Floats:
+    """Quantities (n,) by volume [m³], increasing; masses are divided by the reference density [kg/m³]."""
+    last = NUMBER.fullmatch(re.split("[,:]", text)[-1])
+    if last is not None and fits(last[2], "kg"):
+        return read_axis(text, "kg", option, increasing=True) / density
+    return read_axis(text, "m3", option, increasing=True)
+
+
 def _write(
     paths: Sequence[Path], table: Callable[[MapUnits], MapTable], units: tuple[str | None, str | None, str | None]
-) -> list[str]:
+) -> None:
     """Write a table into files, in the units that were asked for or that suit the format."""
-    if not paths:
-        return []
     from commonrail.plugins.maps.file import write_map_file
     from commonrail.plugins.maps.table import ECU_UNITS, MapUnits
 
     for path in paths:
         usual = ECU_UNITS if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
-        wanted = MapUnits(*(given or own for given, own in zip(units, usual, strict=True)))
-        with writing(path, "--out"):
-            write_map_file(path, [table(wanted)])
-    return [str(path) for path in paths]
+        chosen = MapUnits(*(given or default for given, default in zip(units, usual, strict=True)))
+        write_map_file(path, [table(chosen)])
 
 
 def _compared(found: InjectionMap, path: Path) -> Comparison:
     from commonrail.plugins.maps.difference import compare_with, read_measured_map
 
     return compare_with(found, read_measured_map(path, found.density), str(path))
-
-
-def _print(found: dict[str, InjectionMap], compared: Comparison | None) -> None:
-    from commonrail.plugins.maps.page import map_lines, map_tables
-
-    for line in map_lines(found, compared):
-        click.echo(line)
-    click.echo("")
-    for table in map_tables(found, compared):
-        print_table(table)

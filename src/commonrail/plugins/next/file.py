@@ -25,13 +25,7 @@ HEADER = (
 
 
 def write_plan(path: Path, plan: Plan) -> None:
-    """Write a measuring plan, one line for each measurement.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
+    """Write a measuring plan, one line for each measurement."""
     rows = [[str(k), *_row(one)] for k, one in enumerate(plan.measurements, 1)]
     write_csv(path, ["commonrail measuring plan", *plan.notes], HEADER, rows)
 
@@ -72,12 +66,12 @@ def plan_record(plan: Plan) -> dict[str, Any]:
                 "factor": one.factor,
             }
         )
-    own = plan.settings
+    settings = plan.settings
     return {
         "kind": "next",
-        "criterion": own.criterion.value,
-        "draws": own.draws,
-        "seed": own.seed,
+        "criterion": settings.criterion.value,
+        "draws": settings.draws,
+        "seed": settings.seed,
         "candidates": plan.candidates,
         "failed": plan.failed,
         "cost": plan.cost,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
+from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import Space
@@ -38,49 +39,32 @@ def prior_information(likelihood: Likelihood, unit: Floats) -> Floats:
 
 def slope_weights(estimate: Estimate) -> Floats:
     """Information of an innovation (n,) of each value's law over that of the Gaussian one."""
-    own, found = estimate.likelihood, np.ones(estimate.likelihood.size)
-    innovations = own.whiten(estimate.errors)
-    for block, noise in zip(own.blocks, own.noises, strict=True):
+    likelihood, found = estimate.likelihood, np.ones(estimate.likelihood.size)
+    innovations = likelihood.whiten(estimate.errors)
+    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
         found[block.rows] = max(float(noise.density.slope(innovations[block.rows]).mean()), 0.05)
     return found
 
 
-def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
+def laplace_draws(estimate: Estimate, n: int, seed: int) -> Floats:
     """Positions (s, d): the most likely ones, then draws of the normal distribution that the curvature there gives.
 
     Draws beyond bounds and constraints are pulled back to them.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    many : int
-    seed : int
     """
-    own, unit = estimate.likelihood, estimate.unit
-    tangents = own.whiten(estimate.slopes)
-    information = (tangents * slope_weights(estimate)) @ tangents.T + prior_information(own, unit)
-    moves = estimate.covariance.nuisances
-    covariance = np.linalg.inv(information) + np.where(np.isfinite(moves), moves, 0.0).T @ moves
-    normal = np.random.default_rng(seed).standard_normal((many - 1, len(unit)))
+    likelihood, unit = estimate.likelihood, estimate.unit
+    tangents = likelihood.whiten(estimate.slopes)
+    information = (tangents * slope_weights(estimate)) @ tangents.T + prior_information(likelihood, unit)
+    shifts = estimate.covariance.nuisances
+    covariance = np.linalg.inv(information) + np.where(np.isfinite(shifts), shifts, 0.0).T @ shifts
+    normal = np.random.default_rng(seed).standard_normal((n - 1, len(unit)))
     drawn = unit + normal @ np.linalg.cholesky(covariance).T
-    inside = FeasibleSet.of(own.space).within(np.repeat(unit[None], many - 1, axis=0), drawn)
+    inside = FeasibleSet.of(likelihood.space).within(np.repeat(unit[None], n - 1, axis=0), drawn)
     return np.vstack([unit, inside])
 
 
-def posterior_draws(estimate: Estimate, points: Floats, many: int, seed: int) -> Floats:
-    """Positions (s, d): the most likely ones, then draws from the posterior, none twice.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    points : (m, d)
-        Drawn from the posterior [SI].
-    many : int
-        Largest number s.
-    seed : int
-        Of the choice among them.
-    """
-    chosen = np.random.default_rng(seed).permutation(len(points))[: many - 1]
+def posterior_draws(estimate: Estimate, points: Floats, n: int, seed: int) -> Floats:
+    """Positions (s, d), at most `n`: the most likely, then some of the posterior's (m, d) [SI], none twice."""
+    chosen = np.random.default_rng(seed).permutation(len(points))[: n - 1]
     return np.vstack([estimate.unit, estimate.likelihood.space.to_unit(points[chosen])])
 
 
@@ -92,61 +76,26 @@ def posterior_draws(estimate: Estimate, points: Floats, many: int, seed: int) ->
 KEPT = 0.999  # share of a discrepancy's variance that its loads hold
 
 
-def bench_loads(data: DataSet, simulator: Simulator, point: Floats, names: Sequence[str]) -> Floats:
-    """Changes (m, n) of a data set's residuals for one standard deviation of each uncertain quantity.
-
-    Parameters
-    ----------
-    data : DataSet
-    simulator : Simulator
-    point : (d,)
-        [SI].
-    names : sequence of str
-        Of the quantities, as `Nuisance.name`; one that has no effect on the data set has zeros.
-    """
-    n = len(data.measured)
-    if not names:
-        return np.zeros((0, n))
-    objective = Objective(
-        simulator.injector,
-        simulator.names,
-        [data],
-        simulator.time_step,
-        simulator.threads,
-        same_bits=simulator.same_bits,
-    )
-    found = {one.name: one.shift(point) for one in nuisances_of(objective, np.ones(n))}
-    return np.array([found.get(name, np.zeros(n)) for name in names])
+def has_discrepancy(block: Block) -> bool:
+    """Whether a data set states a discrepancy that is correlated."""
+    return bool(block.noise.discrepancy and block.noise.length)
 
 
 def common_loads(block: Block, places: Floats) -> Floats:
-    """Loads (k, n + c) of a map's stated discrepancy on its n values and on values at other places.
+    """Loads (k, n + c) of a map's stated discrepancy on its n values and on values at c other places.
 
-    Parameters
-    ----------
-    block : Block
-        Of the map.
-    places : (c, 2)
-        Energising times [s] and rail pressures [Pa].
+    Places (c, 2) are energising times [s] and rail pressures [Pa].
     """
     both = np.concatenate([block.places, places])
     loads = replace(block, rows=slice(0, len(both)), places=both).stated_courses()
     weight = np.sum(loads**2, axis=1)
     order = np.argsort(-weight, kind="stable")
-    many = int(np.searchsorted(np.cumsum(weight[order]), KEPT * weight.sum())) + 1
-    return np.asarray(loads[order[:many]])
+    n = int(np.searchsorted(np.cumsum(weight[order]), KEPT * weight.sum())) + 1
+    return np.asarray(loads[order[:n]])
 
 
 def decorrelated(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
-    """Whitened derivatives (…, n) of a curve, with its stated discrepancy as part of the noise.
-
-    Parameters
-    ----------
-    tangents : (…, n)
-        Whitened by the noise alone.
-    block : Block
-    noise : FittedNoise
-    """
+    """Derivatives (…, n) of a curve, whitened by the noise alone, with its stated discrepancy as part of the noise."""
     loads = noise.whiten(block.stated_courses())
     if not len(loads):
         return tangents
@@ -157,26 +106,15 @@ def decorrelated(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
 
 # Predictions of measurements that are not made yet, and their derivatives at draws of the parameters.
 
-STEP = 5e-3  # of a central difference, in positions between the bounds, as in `likelihood`
-
 
 class Response(NamedTuple):
     """Measurement that could be made, as a linear model at each draw.
 
-    Attributes
-    ----------
-    candidate : Candidate
-    value : float
-        Quantity at the most likely values [m³]; NaN where that is not the kind's value or the simulation failed.
-    scale : float
-        Unit of the rows, for a quantity: tolerance [m³]; NaN for a curve.
-    rows : (s, r, d + m)
-        Derivatives of the whitened values with respect to the positions, then their changes for one standard deviation
-        of each uncertain quantity of the bench; zero at draws that fail.
-    plain : (s, d)
-        Derivatives of a quantity in tolerances; zero for a curve.
-    failed : int
-        Draws at which a simulation failed.
+    `value` is the quantity at the most likely values [m³], NaN where that is not the kind's value or the simulation
+    failed; `scale` the unit of the rows, for a quantity its tolerance [m³], NaN for a curve. `rows` (s, r, d + m) are
+    derivatives of the whitened values with respect to the positions, then their changes for one standard deviation of
+    each uncertain quantity of the bench, zero at the `failed` draws; `plain` (s, d) are derivatives of a quantity in
+    tolerances, zero for a curve.
     """
 
     candidate: Candidate
@@ -187,38 +125,10 @@ class Response(NamedTuple):
     failed: int
 
 
-def slopes_of(values: Callable[[Floats], Floats], space: Space, unit: Floats) -> Floats:
-    """Derivatives (s, d, n) of values with respect to positions, NaN where a simulation failed.
-
-    Parameters
-    ----------
-    values : function of (m, d) [SI]
-        Values (m, n).
-    space : Space
-    unit : (s, d)
-        Positions.
-    """
-    s, d = unit.shape
-    moves = STEP * np.eye(d)
-    ahead, behind = (np.clip(unit[:, None] + sign * moves, 0.0, 1.0) for sign in (1.0, -1.0))
-    both = np.concatenate([ahead.reshape(-1, d), behind.reshape(-1, d)])
-    found = values(space.from_unit(both)).reshape(2, s, d, -1)
-    width = np.einsum("sdd->sd", ahead - behind)
-    return np.asarray((found[0] - found[1]) / width[..., None])
-
-
 class Responder(NamedTuple):
-    """Simulation of candidates.
+    """Simulation of candidates at positions (s, d), the most likely first.
 
-    Attributes
-    ----------
-    simulator : Simulator
-        Of the parameters of the space.
-    space : Space
-    unit : (s, d)
-        Draws, the most likely positions first.
-    uncertain : tuple of str
-        Names of the uncertain quantities of the bench.
+    The simulator has the parameters of the space; `uncertain` are names of uncertain quantities of the bench.
     """
 
     simulator: Simulator
@@ -234,37 +144,41 @@ class Responder(NamedTuple):
     def of(
         self, candidates: Sequence[Candidate], data: Sequence[DataSet], noises: Mapping[str, FittedNoise]
     ) -> list[Response]:
-        """Responses of candidates, in order.
-
-        Parameters
-        ----------
-        candidates : sequence of Candidate
-        data : sequence of DataSet
-            That there are.
-        noises : mapping of str to FittedNoise
-            Noise of a measurement of each kind.
-        """
+        """Responses of candidates, in order; `noises` are those of a measurement of each kind."""
         found: dict[int, Response] = {}
         for kind in dict.fromkeys(one.kind for one in candidates):
             which = [i for i, one in enumerate(candidates) if one.kind == kind]
-            own = [candidates[i] for i in which]
-            sets = planned(kind, [one.point for one in own], data)
+            group = [candidates[i] for i in which]
+            sets = planned(kind, [one.point for one in group], data)
             if isinstance(sets[0], QuantityData):
-                made = self._of_map(own, sets[0], noises[kind])
+                made = self._of_map(group, sets[0], noises[kind])
             else:
-                made = [self._of_curve(c, one, noises[kind]) for c, one in zip(own, sets, strict=True)]
+                made = [self._of_curve(c, one, noises[kind]) for c, one in zip(group, sets, strict=True)]
             found |= dict(zip(which, made, strict=True))
         return [found[i] for i in range(len(candidates))]
 
     def _slopes(self, data: DataSet) -> Floats:
-        return slopes_of(lambda points: data.residuals(data.simulated(self.simulator, points)), self.space, self.unit)
+        """Derivatives (s, d, n) of the residuals by positions, from differences to both sides; NaN where one failed."""
+        near = [around_position(self.space, one) for one in self.unit]
+        points = np.concatenate([one.values[1:] for one in near])
+        found = data.residuals(data.simulated(self.simulator, points)).reshape(len(near), 2, self.unit.shape[1], -1)
+        return np.asarray((found[:, 1] - found[:, 0]) / np.array([one.width for one in near])[..., None])
 
     def _with_loads(self, data: DataSet, slopes: Floats) -> Floats:
-        """Derivatives (s, d + m, n), those of the uncertain quantities below the others."""
-        loads = bench_loads(data, self.simulator, self.best[0], self.uncertain)
+        """Derivatives (s, d + m, n): below the others those for one standard deviation of each uncertain quantity.
+
+        A quantity that has no effect on the data set has zeros.
+        """
+        if not self.uncertain:
+            return slopes
+        of = self.simulator
+        objective = Objective(of.injector, of.names, [data], of.time_step, of.threads, same_bits=of.same_bits)
+        none = np.zeros(len(data.measured))
+        shifts = {one.name: one.shift(self.best[0]) for one in nuisances_of(objective, np.ones(len(none)))}
+        loads = np.array([shifts.get(name, none) for name in self.uncertain])
         return np.concatenate([slopes, np.repeat(loads[None], len(slopes), axis=0)], axis=1)
 
-    def _of_map(self, own: Sequence[Candidate], data: QuantityData, noise: FittedNoise) -> list[Response]:
+    def _of_map(self, candidates: Sequence[Candidate], data: QuantityData, noise: FittedNoise) -> list[Response]:
         best = data.simulated(self.simulator, self.best)[0]
         data = replace(data, quantity=np.maximum(np.where(np.isfinite(best), best, 0.0), 0.0))
         tolerance = data.absolute + data.relative * data.quantity
@@ -275,10 +189,10 @@ class Responder(NamedTuple):
         failed = np.count_nonzero(~sound, axis=0)
         return [
             Response(one, float(best[i]), float(tolerance[i]), rows[:, None, :, i], plain[..., i], int(failed[i]))
-            for i, one in enumerate(own)
+            for i, one in enumerate(candidates)
         ]
 
-    def _of_curve(self, own: Candidate, data: DataSet, noise: FittedNoise) -> Response:
+    def _of_curve(self, candidate: Candidate, data: DataSet, noise: FittedNoise) -> Response:
         slopes = self._slopes(data)
         sound: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
         both = self._with_loads(data, np.where(sound[:, None, None], slopes, 0.0))
@@ -289,7 +203,7 @@ class Responder(NamedTuple):
         rows = np.array([np.linalg.qr(one.T, mode="r") for one in tangents])
         value = float(np.sum(best * widths_of(data))) if isinstance(data, RateData) else float("nan")
         failed = int(np.count_nonzero(~sound))
-        return Response(own, value, float("nan"), rows, np.zeros(self.unit.shape), failed)
+        return Response(candidate, value, float("nan"), rows, np.zeros(self.unit.shape), failed)
 
 
 def problem_of(
@@ -300,23 +214,11 @@ def problem_of(
     responses: Sequence[Response],
     aim: tuple[Criterion, Sequence[int]],
 ) -> Problem:
-    """Problem of design about draws.
+    """Problem of design about draws (s, d), of candidates with these responses.
 
-    The unknowns are the positions, the uncertain quantities of the bench, and the loads of stated discrepancies.
-
-    Parameters
-    ----------
-    found : Estimate
-    likelihood : Likelihood
-        With the noise that is taken for granted.
-    data : sequence of DataSet
-        In the order of the likelihood's blocks.
-    unit : (s, d)
-        Draws.
-    responses : sequence of Response
-        Of the candidates.
-    aim : (Criterion, sequence of int)
-        Criterion, and the columns of the parameters that it is about.
+    The unknowns are the positions, the uncertain quantities of the bench, and the loads of stated discrepancies. Data
+    sets are in the order of the likelihood's blocks, whose noise is taken for granted. The aim is the criterion, and
+    the columns of the parameters that it is about.
     """
     loads, planned = _discrepancies(likelihood, data, responses)
     rows = _rows(responses, planned, [likelihood.noises[_first(data, one)].scale for one in responses])
@@ -344,7 +246,7 @@ def _discrepancies(
     places = np.array([place_of(one.candidate.point)[1::-1] for one in responses])
     first = np.array([_first(data, one) for one in responses])
     for i, block in enumerate(likelihood.blocks):
-        if block.ordered or not (block.noise.discrepancy and block.noise.length):
+        if block.ordered or not has_discrepancy(block):
             continue
         which = np.flatnonzero(first == i)
         both = common_loads(block, places[which])
@@ -361,8 +263,8 @@ def _rows(responses: Sequence[Response], planned: Floats, scales: Sequence[float
     most = max(one.rows.shape[1] for one in responses)
     rows = np.zeros((s, len(responses), most, size + len(planned)))
     for i, one in enumerate(responses):
-        own = one.rows.shape[1]
-        rows[:, i, :own, :size] = one.rows
+        n = one.rows.shape[1]
+        rows[:, i, :n, :size] = one.rows
         if math.isfinite(one.scale):
             sound: Bools = np.asarray(one.rows.any(axis=(1, 2)))[:, None]
             rows[:, i, 0, size:] = np.where(sound, planned[:, i] / scales[i], 0.0)

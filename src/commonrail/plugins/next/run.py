@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,15 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import Block, FittedNoise
-from commonrail.plugins.next.problem import Responder, Response, laplace_draws, posterior_draws, problem_of
+from commonrail.plugins.certainty.noise import FittedNoise
+from commonrail.plugins.next.problem import (
+    Responder,
+    Response,
+    has_discrepancy,
+    laplace_draws,
+    posterior_draws,
+    problem_of,
+)
 from commonrail.plugins.next.study import (
     KINDS,
     MOST_CANDIDATES,
@@ -43,20 +50,10 @@ OTHER_STARTS = 8  # plans that begin with the second, third … best first measu
 class Rules(NamedTuple):
     """Limits of a plan.
 
-    Attributes
-    ----------
-    costs : (c,)
-        Of each candidate.
-    levels : (c,) int
-        Setting of the bench, such as a rail pressure, that each candidate needs.
-    level_cost : float
-        Cost of every setting that a plan uses, however many of its points.
-    blocked : (c, c) bool
-        Candidates that exclude each other; on the diagonal, that may not be repeated.
-    most : int
-        Largest number of measurements.
-    budget : float
-        Largest cost.
+    `costs` (c,) are those of the candidates; `levels` (c,) settings of the bench that they need, such as a rail
+    pressure, of which each that a plan uses costs `level_cost`; `blocked` (c, c) marks candidates that exclude each
+    other, and on the diagonal those that may not be repeated; `most` is the largest number of measurements, `budget`
+    the largest cost.
     """
 
     costs: Floats
@@ -83,30 +80,13 @@ class Rules(NamedTuple):
 
 
 def too_close(places: Floats, others: Floats, least: Floats) -> Bools:
-    """Mask (n, m) of pairs of places (n, q), (m, q) that are closer than allowed in every coordinate.
-
-    Parameters
-    ----------
-    places, others : (n, q), (m, q)
-    least : (q,)
-        Smallest distances; places at exactly that distance are far enough.
-    """
+    """Mask (n, m) of pairs of places (n, q), (m, q) that are closer in every coordinate than `least` (q,)."""
     apart = np.abs(places[:, None] - others[None])
     return np.asarray((apart < least * (1.0 - 1e-9)).all(axis=-1))
 
 
 def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cost: bool = True) -> list[int]:
-    """Measurements one after the other, each the best next one.
-
-    Parameters
-    ----------
-    problem : Problem
-    rules : Rules
-    first : sequence of int
-        Measurements that the plan begins with.
-    per_cost : bool
-        Judge the fall of the criterion per cost; otherwise the fall alone.
-    """
+    """Measurements after `first`, each the best next one by the fall of the criterion, per cost or alone."""
     chosen = list(first)
     while len(chosen) < rules.most:
         fall = problem.score(chosen) - problem.scores(chosen)
@@ -120,14 +100,7 @@ def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cos
 
 
 def exchange(problem: Problem, rules: Rules, chosen: Sequence[int]) -> list[int]:
-    """Plan with measurements exchanged, the best exchange first, until none improves it.
-
-    Parameters
-    ----------
-    problem : Problem
-    rules : Rules
-    chosen : sequence of int
-    """
+    """Plan with measurements exchanged, the best exchange first, until none improves it."""
     plan = list(chosen)
     for _ in range(MOST_EXCHANGES):
         before = problem.score(plan)
@@ -210,7 +183,13 @@ class DesignSettings:
         whole(self.draws, "draws", 1)
         whole(self.seed, "seed")
         settle(self, criterion=chosen(self.criterion, Criterion, "criterion"))
-        for what, value in (("budget", self.budget), ("pressure_cost", self.pressure_cost), *_distances(self.apart)):
+        limits = {
+            "budget": self.budget,
+            "pressure_cost": self.pressure_cost,
+            "distance in rail pressure": self.apart[0],
+            "distance in energising time": self.apart[1],
+        }
+        for what, value in limits.items():
             if not value >= 0.0:
                 raise ConfigurationError(f"The {what} of a plan must be zero or greater, not {value:g}.")
 
@@ -218,16 +197,10 @@ class DesignSettings:
 class Measurement(NamedTuple):
     """Measurement of a plan.
 
-    Attributes
-    ----------
-    candidate : Candidate
-    value : float
-        Injected or returned quantity that is expected [m³]; NaN if it could not be simulated.
-    deviation : float
-        Standard deviation of that quantity before the plan [m³], noise of the measurement excluded; NaN for a curve.
-    factor : float
-        Typical standard deviation that the criterion is about, after this measurement and those before it, over that
-        before the plan.
+    `value` is the injected or returned quantity that is expected [m³], NaN if it could not be simulated; `deviation`
+    the standard deviation of that quantity before the plan [m³], noise of the measurement excluded, NaN for a curve;
+    `factor` a typical standard deviation that the criterion is about, after this measurement and those before it, over
+    that before the plan.
     """
 
     candidate: Candidate
@@ -268,23 +241,26 @@ class Plan(Shown):
     notes: tuple[str, ...] = field(default=())
 
 
-def usual_candidates(
-    study: Study, kinds: Sequence[str] = (), costs: Mapping[str, float] | None = None
+def candidates_of(
+    study: Study,
+    costs: Mapping[str, float] = {},
+    pressures: Floats | None = None,
+    times: Floats | None = None,
+    dwells: Sequence[float] = (),
+    first_energising_time: float = 0.0,
 ) -> list[Candidate]:
-    """Candidates within the range of a study's data.
+    """Candidates of kinds with their costs, by default of the kind of the first fitted data set, on a grid.
 
-    Parameters
-    ----------
-    study : Study
-    kinds : sequence of str
-        Of measurements; by default the kind of the first fitted data set.
-    costs : mapping of str to float, optional
-        Of a measurement of each kind; 1 by default.
+    Rail pressures [Pa] and energising times [s] lie within the range of the data by default; dwells [s] and the first
+    energising time [s] are as in `grid`.
     """
     data = of_role(study.data, Role.FIT)
-    pressures, times = usual_axes(data)
-    points = grid(data[0].points[0], pressures.tolist(), times.tolist())
-    return [Candidate(k, p, (costs or {}).get(k, 1.0)) for k in (kinds or [data[0].kind]) for p in points]
+    if pressures is None or times is None:
+        usual = usual_axes(data)
+        pressures = usual[0] if pressures is None else pressures
+        times = usual[1] if times is None else times
+    points = grid(data[0].points[0], pressures.tolist(), times.tolist(), dwells, first_energising_time)
+    return [Candidate(kind, point, cost) for kind, cost in (costs or {data[0].kind: 1.0}).items() for point in points]
 
 
 def next_measurements(
@@ -305,7 +281,7 @@ def next_measurements(
     best : mapping of str to float
         Values [SI], as `Calibration.best`.
     candidates : sequence of Candidate, optional
-        Measurements that could be made; by default `usual_candidates`.
+        Measurements that could be made; by default points within the range of the data, of their kind.
     settings : DesignSettings, optional
     posterior : (m, d), optional
         Parameters [SI] drawn from the posterior, in the order of the study's, see `Posterior.points`, from which the
@@ -314,10 +290,6 @@ def next_measurements(
         All usable processors by default; the result does not depend on it.
     note : function of str
         Called before long steps.
-
-    Returns
-    -------
-    Plan
 
     Raises
     ------
@@ -328,31 +300,37 @@ def next_measurements(
     """
     instance(study, Study, "study")
     settings = settings or DesignSettings()
-    own = Likelihood.of(study, thread_count(threads))
-    columns = [_column(own, name) for name in settings.parameters or own.names]
-    wanted = list(usual_candidates(study) if candidates is None else candidates)
+    likelihood = Likelihood.of(study, thread_count(threads))
+    columns = [_column(likelihood, name) for name in settings.parameters or likelihood.names]
+    wanted = list(candidates_of(study) if candidates is None else candidates)
     _check(wanted)
-    begin = own.space.to_unit(np.array([best[name] for name in own.names]))[None]
+    begin = likelihood.space.to_unit(np.array([best[name] for name in likelihood.names]))[None]
     note("fitting the noise of the data ...")
-    found = estimate(own, begin)
+    found = estimate(likelihood, begin)
     data = in_order(of_role(study.data, Role.FIT))
     noises, notes = _trusted(found, data)
     many = settings.draws, settings.seed
     unit = laplace_draws(found, *many) if posterior is None else posterior_draws(found, posterior, *many)
     note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
-    simulator = Simulator(study.injector, own.names, study.time_step, thread_count(threads), same_bits=study.same_bits)
+    simulator = Simulator(
+        study.injector, likelihood.names, study.time_step, thread_count(threads), same_bits=study.same_bits
+    )
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
-    uncertain = tuple(one.name for one in own.nuisances)
-    responses = Responder(simulator, own.space, unit, uncertain).of(wanted, data, by_kind)
-    likelihood = found.likelihood.with_noises(noises)
-    problem = problem_of(found, likelihood, data, unit, responses, (settings.criterion, columns))
-    plan = select(problem, _rules(wanted, data, settings))
+    uncertain = tuple(one.name for one in likelihood.nuisances)
+    responses = Responder(simulator, likelihood.space, unit, uncertain).of(wanted, data, by_kind)
+    trusted = found.likelihood.with_noises(noises)
+    problem = problem_of(found, trusted, data, unit, responses, (settings.criterion, columns))
+    rules = _rules(wanted, data, settings)
+    plan = select(problem, rules)
     if not plan:
         raise ConfigurationError(
             "No candidate may be measured within the budget and the distance to the points that there are, or none "
             "tells anything; state other rail pressures and energising times, or a smaller distance."
         )
-    return _plan(likelihood, problem, plan, responses, settings, found, notes)
+    before, after = (_standard_errors(found, problem, chosen) for chosen in ([], plan))
+    failed = sum(one.failed for one in responses)
+    measurements = tuple(_measurements(problem, plan, responses))
+    return Plan(measurements, rules.cost(plan), settings, len(responses), before, after, failed, tuple(notes))
 
 
 def _check(wanted: Sequence[Candidate]) -> None:
@@ -379,15 +357,11 @@ def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise
             noise = FittedNoise(noise.law, max(noise.scale, 1.0 / noise.density.deviation), noise.freedom)
             notes.append(f"{one.name} has too few points to estimate its noise: at least one tolerance is assumed.")
         noises.append(noise)
-        if not _has_discrepancy(block):
+        if not has_discrepancy(block):
             notes.append(
                 f"{one.name} states no correlated discrepancy: errors of new measurements are taken as independent."
             )
     return noises, notes
-
-
-def _has_discrepancy(block: Block) -> bool:
-    return bool(block.noise.discrepancy and block.noise.length)
 
 
 def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
@@ -405,33 +379,17 @@ def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: Desig
     return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
 
 
-def _plan(
-    likelihood: Likelihood,
-    problem: Problem,
-    plan: list[int],
-    responses: Sequence[Response],
-    settings: DesignSettings,
-    found: Estimate,
-    notes: Sequence[str],
-) -> Plan:
+def _measurements(problem: Problem, plan: Sequence[int], responses: Sequence[Response]) -> Iterator[Measurement]:
     first, prior = problem.score([]), problem.covariance([])[0]
-    measurements = []
-    for k, i in enumerate(plan):
+    for k, i in enumerate(plan, 1):
         one = responses[i]
         d = one.plain.shape[1]
-        spread = math.sqrt(float(one.plain[0] @ prior[:d, :d] @ one.plain[0])) * one.scale
-        factor = math.exp(problem.score(plan[: k + 1]) - first)
-        measurements.append(Measurement(one.candidate, one.value, spread, factor))
-    scale = likelihood.scaled(found.unit)
-    errors = [
-        dict(zip(likelihood.names, (np.sqrt(np.diag(v)[: len(scale)]) * scale).tolist(), strict=True))
-        for v in (prior, problem.covariance(plan)[0])
-    ]
-    cost = sum(one.candidate.cost for one in measurements)
-    cost += settings.pressure_cost * len({place_of(one.candidate.point)[0] for one in measurements})
-    failed = sum(one.failed for one in responses)
-    return Plan(tuple(measurements), cost, settings, len(responses), errors[0], errors[1], failed, tuple(notes))
+        deviation = math.sqrt(float(one.plain[0] @ prior[:d, :d] @ one.plain[0])) * one.scale
+        yield Measurement(one.candidate, one.value, deviation, math.exp(problem.score(plan[:k]) - first))
 
 
-def _distances(apart: tuple[float, float]) -> list[tuple[str, Any]]:
-    return [("distance in rail pressure", apart[0]), ("distance in energising time", apart[1])]
+def _standard_errors(found: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
+    """Standard error of each parameter [SI] at the most likely values, after a plan."""
+    scale = found.likelihood.scaled(found.unit)
+    deviations = np.sqrt(np.diag(problem.covariance(plan)[0])[: len(scale)]) * scale
+    return dict(zip(found.likelihood.names, deviations.tolist(), strict=True))

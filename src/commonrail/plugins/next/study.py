@@ -55,25 +55,10 @@ def grid(
     dwells: Sequence[float] = (),
     first_energising_time: float = 0.0,
 ) -> list[OperatingPoint]:
-    """Operating points of all combinations.
+    """Operating points of all combinations of pressures [Pa] and times [s], all else as in `like`.
 
-    Parameters
-    ----------
-    like : OperatingPoint
-        Gives the other pressures, and the drive.
-    rail_pressures : sequence of float
-        [Pa].
-    energising_times : sequence of float
-        [s].
-    dwells : sequence of float
-        Between the end of a first energising and the begin of the second [s]; none for single injections.
-    first_energising_time : float
-        [s].
-
-    Raises
-    ------
-    ConfigurationError
-        If dwells are given without a first energising time, or a value lies beyond its limits.
+    Dwells are between the end of a first energising and the begin of the second [s]; none for single injections.
+    ConfigurationError if dwells are given without a first energising time, or a value lies beyond its limits.
     """
     if len(dwells) and not first_energising_time > 0.0:
         raise ConfigurationError("Dwells need the energising time of the first injection; give it too.")
@@ -91,10 +76,7 @@ def grid(
 def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
     """Rail pressures [Pa] and energising times [s] within the range of data, in round numbers.
 
-    Raises
-    ------
-    ConfigurationError
-        If the data cover one rail pressure and one energising time alone.
+    ConfigurationError if the data cover one rail pressure and one energising time alone.
     """
     places = np.array([place_of(point) for one in data for point in one.points])
     pressures = _rounded(places[:, 0], _PRESSURES, _ROUND_PRESSURE)
@@ -107,28 +89,16 @@ def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
     return pressures, times
 
 
-def _rounded(values: Floats, many: int, step: float) -> Floats:
+def _rounded(values: Floats, n: int, step: float) -> Floats:
     low, high = float(values.min()), float(values.max())
-    inner = step * np.round(np.linspace(low, high, many) / step)
+    inner = step * np.round(np.linspace(low, high, n) / step)
     return np.unique(np.clip(inner, low, high))
 
 
 def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]) -> list[DataSet]:
     """Data sets of measurements that are not made yet, their values zero.
 
-    Meter, tolerances and sampling are those of the first data set of the kind.
-
-    Parameters
-    ----------
-    kind : str
-    points : sequence of OperatingPoint
-    like : sequence of DataSet
-        The data that there are.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no data set of the kind.
+    Meter, tolerances and sampling are those of the first data set of the kind; ConfigurationError if there is none.
     """
     model = next((one for one in like if one.kind == kind), None)
     if isinstance(model, RateData):
@@ -188,15 +158,9 @@ class Criterion(StrEnum):
 class Problem(NamedTuple):
     """Linear models of measurements at several draws of the parameters.
 
-    Attributes
-    ----------
-    criterion : Criterion
-    information : (s, D, D)
-        Of what is known before, positive definite.
-    rows : (s, c, r, D)
-        Whitened derivatives of each of c candidates, which has up to r independent values; zero where it has fewer.
-    aims : (s, k, D)
-        Rows of what is to be known.
+    `information` (s, D, D) of what is known before is positive definite; `rows` (s, c, r, D) are whitened derivatives
+    of each of c candidates, which has up to r independent values, zero where it has fewer; `aims` (s, k, D) rows of
+    what is to be known.
     """
 
     criterion: Criterion

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import click
+from typing import Annotated
 
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.units import parse
-from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_file
-
-if TYPE_CHECKING:
-    from commonrail.calibration.study import Study
-    from commonrail.plugins.next.study import Candidate
-
-CRITERIA = ("v", "d", "a")
+from commonrail.cli.options import Json, Threads, check_file, read_axis
 
 
 @verb
@@ -83,19 +74,18 @@ def next_(
       commonrail next runs/first --points 3 --out plan.csv
       commonrail next runs/first --criterion d --parameter nozzle.discharge_maximum --rail-pressure 40:160:20MPa
     """
+    from commonrail.base.arguments import chosen
     from commonrail.plugins.certainty.posterior.file import read_posterior
     from commonrail.plugins.next.file import plan_record, write_plan
     from commonrail.plugins.next.page import plan_lines, plan_tables
-    from commonrail.plugins.next.run import DesignSettings, next_measurements
+    from commonrail.plugins.next.run import DesignSettings, candidates_of, next_measurements
     from commonrail.plugins.next.study import Criterion
     from commonrail.runs.folder import read_fit
 
     check_file(out, "--out")
-    if criterion not in CRITERIA:
-        raise InputError(f"--criterion {criterion}: expected {', '.join(CRITERIA)}{nearest(criterion, CRITERIA)}.")
     settings = DesignSettings(
         points,
-        Criterion(criterion),
+        chosen(criterion, Criterion, "criterion"),
         parameter,
         math.inf if budget is None else budget,
         pressure_cost,
@@ -104,40 +94,24 @@ def next_(
         seed,
     )
     study, best = read_fit(run)
-    candidates = _candidates(study, kind, (rail_pressure, energising_time, dwell, first_energising_time))
+    candidates = candidates_of(
+        study,
+        dict(map(_kind, kind)),
+        None if rail_pressure is None else read_axis(rail_pressure, "Pa", "--rail-pressure"),
+        None if energising_time is None else read_axis(energising_time, "s", "--energising-time"),
+        () if dwell is None else read_axis(dwell, "s", "--dwell").tolist(),
+        0.0 if first_energising_time is None else parse(first_energising_time, "s", "--first-energising-time"),
+    )
     drawn = read_posterior(run, study.space.names) if posterior else None
     plan = next_measurements(study, best, candidates, settings, posterior=drawn, threads=threads, note=say)
     if out is not None:
         write_plan(out, plan)
-    if json:
-        print_json(plan_record(plan) | {"run": str(run), "files": [] if out is None else [str(out)]})
-        return
-    for table in plan_tables(plan):
-        print_table(table)
-    for line in plan_lines(plan):
-        click.echo(line)
-    if out is not None:
-        say(f"wrote {out}")
-
-
-def _candidates(study: Study, kinds: Sequence[str], texts: tuple[str | None, ...]) -> list[Candidate]:
-    from commonrail.cli.options import read_axis
-    from commonrail.data.base import Role
-    from commonrail.data.kinds import of_role
-    from commonrail.plugins.next.study import Candidate, grid, usual_axes
-
-    data = of_role(study.data, Role.FIT)
-    pressures = None if texts[0] is None else read_axis(texts[0], "Pa", "--rail-pressure")
-    times = None if texts[1] is None else read_axis(texts[1], "s", "--energising-time")
-    if pressures is None or times is None:
-        usual = usual_axes(data)
-        pressures = usual[0] if pressures is None else pressures
-        times = usual[1] if times is None else times
-    dwells = () if texts[2] is None else read_axis(texts[2], "s", "--dwell").tolist()
-    first = 0.0 if texts[3] is None else parse(texts[3], "s", "--first-energising-time")
-    points = grid(data[0].points[0], pressures.tolist(), times.tolist(), dwells, first)
-    wanted = [_kind(text) for text in kinds] or [(data[0].kind, 1.0)]
-    return [Candidate(name, point, cost) for name, cost in wanted for point in points]
+    print_result(
+        json,
+        lambda: plan_record(plan) | {"run": str(run)},
+        lambda: print_text(plan_lines(plan), plan_tables(plan)),
+        [out],
+    )
 
 
 def _kind(text: str) -> tuple[str, float]:

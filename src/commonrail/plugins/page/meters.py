@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonrail.data.curves.data import RateData
-from commonrail.physics.meters.meter import Meter, low_pass
-from commonrail.physics.meters.signal import given_values
+from commonrail.physics.meters import Meter, given_values, low_pass
 
 NEGLIGIBLE = 1e-13  # share of the largest value of a response; what is smaller at its ends is left out
 

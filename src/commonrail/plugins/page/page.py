@@ -27,15 +27,14 @@ from commonrail.data.quantities.dead_times import FLATTEST, neighbours
 from commonrail.data.records import origin_of
 from commonrail.data.simulator import Simulator
 from commonrail.engine import plan
+from commonrail.engine.job import CHECK_AFTER
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import candidate_matrix, columns
 from commonrail.engine.recorder import Outcome
-from commonrail.engine.schedule import CHECK_AFTER
-from commonrail.engine.stepper.inputs import CoursePlan
+from commonrail.engine.stepper.loop import CoursePlan
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.meters.meter import Meter, is_of_meter
-from commonrail.physics.meters.signal import given_values
+from commonrail.physics.meters import Meter, given_values, is_of_meter
 from commonrail.plugins.export.entries import channels, sizes
 from commonrail.plugins.page.meters import meter_of, packed
 from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module

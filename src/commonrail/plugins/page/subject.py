@@ -27,7 +27,7 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.meters.meter import is_of_meter
+from commonrail.physics.meters import is_of_meter
 from commonrail.plugins.certainty.posterior.file import POSTERIOR, RefusedDrawsError, read_posterior
 from commonrail.runs.folder import RESULT, read_fit
 from commonrail.runs.model_name import read_model_name

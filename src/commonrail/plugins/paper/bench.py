@@ -19,7 +19,7 @@ from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector, Source, parameter_quantities
-from commonrail.physics.meters.meter import LowPass, Meter, first_order
+from commonrail.physics.meters import LowPass, Meter, first_order
 from commonrail.physics.parameters import Domain, Q
 
 # Measuring chain: limited bandwidth, noise and resolution of a signal.

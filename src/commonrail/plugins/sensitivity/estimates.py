@@ -13,38 +13,20 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
-from commonrail.base.errors import ConfigurationError
 
 # Designs of sensitivity studies in the unit cube: Saltelli's for Sobol' indices, Morris's trajectories.
 
 LEVELS = 4  # of Morris's grid: 0, 1/3, 2/3, 1, with steps of 2/3
-MOST_COLUMNS = 21_201  # of SciPy's table of Sobol' directions (Joe and Kuo 2008)
 
 
 def saltelli(dimension: int, samples: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Matrices A and B (samples, dimension) of a scrambled Sobol' sequence.
+    """Matrices A and B (samples, dimension) of a Sobol' sequence that the generator scrambles (Owen 1998).
 
-    AB_j, which is A with column j of B, is left to the caller: all of them together are large.
-
-    Parameters
-    ----------
-    dimension : int
-    samples : int
-        A power of two: of another number the sequence loses its balance.
-    rng : numpy.random.Generator
-        Scrambles the sequence (Owen 1998).
-
-    Raises
-    ------
-    ConfigurationError
-        If `samples` is no power of two, or there are too many parameters.
+    AB_j, which is A with column j of B, is left to the caller: all of them together are large. `samples` is a power of
+    two, of which alone the sequence is balanced.
     """
     from scipy.stats import qmc  # slow to import
 
-    if samples < 2 or samples & (samples - 1):
-        raise ConfigurationError(f"The number of samples must be a power of two, such as 1024, not {samples}.")
-    if 2 * dimension > MOST_COLUMNS:
-        raise ConfigurationError(f"At most {MOST_COLUMNS // 2} parameters can be varied together, not {dimension}.")
     cube = qmc.Sobol(2 * dimension, rng=rng).random_base2(int(math.log2(samples)))
     return np.ascontiguousarray(cube[:, :dimension]), np.ascontiguousarray(cube[:, dimension:])
 
@@ -54,11 +36,6 @@ def trajectories(dimension: int, count: int, rng: np.random.Generator) -> Floats
 
     A trajectory begins at a random point of the grid and moves each coordinate once, in random order, by half of the
     levels: up from the lower half, down from the upper.
-
-    Parameters
-    ----------
-    dimension, count : int
-    rng : numpy.random.Generator
     """
     start = rng.integers(0, LEVELS, (count, dimension))
     moved = np.where(start < LEVELS // 2, start + LEVELS // 2, start - LEVELS // 2)
@@ -69,13 +46,7 @@ def trajectories(dimension: int, count: int, rng: np.random.Generator) -> Floats
 
 
 def one_at_a_time(centre: Floats) -> Floats:
-    """The centre, then each coordinate at 0, then each at 1: (1 + 2 d, d).
-
-    Parameters
-    ----------
-    centre : (d,)
-        Position of the values that the others keep; it may lie outside the cube.
-    """
+    """The centre (d,), which may lie outside the cube, then each coordinate at 0, then each at 1: (1 + 2 d, d)."""
     d = len(centre)
     points = np.tile(centre, (1 + 2 * d, 1))
     points[1 + np.arange(d), np.arange(d)] = 0.0
@@ -97,16 +68,9 @@ class Estimate(NamedTuple):
 
 
 class Indices(NamedTuple):
-    """Sobol' indices of an output.
+    """Sobol' indices of an output: shares of the variance that a parameter explains alone, and in which it takes part.
 
-    Attributes
-    ----------
-    first, total : Estimate
-        Share of the variance that a parameter explains alone, and share in which it takes part.
-    mean, variance : float
-        Of the output over the ranges.
-    used : (d,) int
-        Base points whose effects were used.
+    `mean` and `variance` are of the output over the ranges; `used` (d,) base points have effects.
     """
 
     first: Estimate
@@ -119,14 +83,8 @@ class Indices(NamedTuple):
 class Effects(NamedTuple):
     """Elementary effects of an output, in its unit, for a move over the whole range.
 
-    Attributes
-    ----------
-    mean, magnitude : Estimate
-        µ, the mean effect, and µ*, the mean of its size (Campolongo et al. 2007).
-    spread : (d,)
-        σ, standard deviation of the effects: interactions and curvature.
-    used : (d,) int
-        Number of effects.
+    `mean` is µ, the mean effect; `magnitude` µ*, the mean of its size (Campolongo et al. 2007); `spread` (d,) is σ, the
+    standard deviation of the effects: interactions and curvature; `used` (d,) their number.
     """
 
     mean: Estimate
@@ -136,26 +94,12 @@ class Effects(NamedTuple):
 
 
 def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidence: float) -> Indices | None:
-    """First and total indices from a Saltelli design.
+    """First and total indices from a Saltelli design; None if the output is constant, or too few simulations succeeded.
 
-    First order: mean of f(B) (f(AB_j) − f(A)) over the variance (Saltelli et al. 2010, Table 2 b); total: half the
-    mean of (f(A) − f(AB_j))² over the variance (Jansen 1999). Interval: percentiles of the bootstrap over the base
-    points. On a Sobol' sequence, which is more even than random points, it is wider than needed.
-
-    Parameters
-    ----------
-    y : (n, d + 2)
-        Output at A, at AB_1 … AB_d, and at B; NaN where a simulation failed.
-    rng : numpy.random.Generator
-        Of the bootstrap.
-    resamples : int
-    confidence : float
-        Probability of the intervals.
-
-    Returns
-    -------
-    Indices or None
-        None if the output is constant, or too few simulations succeeded.
+    `y` (n, d + 2) is the output at A, at AB_1 … AB_d, and at B; NaN where a simulation failed. First order: mean of
+    f(B) (f(AB_j) − f(A)) over the variance (Saltelli et al. 2010, Table 2 b); total: half the mean of (f(A) − f(AB_j))²
+    over the variance (Jansen 1999). Interval: percentiles of the bootstrap over the base points. On a Sobol' sequence,
+    which is more even than random points, it is wider than needed.
     """
     if not np.isfinite(y).any():
         return None
@@ -171,7 +115,7 @@ def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidenc
 
     def estimates(weights: Floats) -> Floats:
         """Indices (resamples, 2 d) of weighted base points."""
-        count, total, squares = (_sum(weights, of) for of in (there, ends, ends**2))
+        count, total, squares = (weights @ np.nansum(each, axis=1) for each in (there, ends, ends**2))
         variance = squares / count - (total / count) ** 2
         return np.asarray(_means(weights, terms) / variance[:, None])
 
@@ -189,21 +133,10 @@ def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidenc
 def morris_effects(
     points: Floats, y: Floats, rng: np.random.Generator, resamples: int, confidence: float
 ) -> Effects | None:
-    """Elementary effects along trajectories.
+    """Elementary effects along trajectories; None if a parameter has fewer than two.
 
-    Parameters
-    ----------
-    points : (trajectories, d + 1, d)
-        Design in the unit cube.
-    y : (trajectories, d + 1)
-        Output; NaN where a simulation failed.
-    rng, resamples, confidence
-        As in `sobol_indices`; the bootstrap is over the trajectories.
-
-    Returns
-    -------
-    Effects or None
-        None if a parameter has fewer than two effects.
+    `points` (trajectories, d + 1, d) lie in the unit cube; the output `y` (trajectories, d + 1) is NaN where a
+    simulation failed. The bootstrap is over the trajectories.
     """
     moves = np.diff(points, axis=1)  # (r, d steps, d): one coordinate moves in each step
     column = np.argmax(np.abs(moves), axis=2)
@@ -226,11 +159,6 @@ def morris_effects(
         np.nanstd(effects, axis=0, ddof=1),
         used,
     )
-
-
-def _sum(weights: Floats, columns: Floats) -> Floats:
-    """Weighted sums (resamples,) over all columns; NaN counts as absent."""
-    return np.asarray(weights @ np.nansum(columns, axis=1))
 
 
 def _means(weights: Floats, columns: Floats) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from commonrail.plugins.sensitivity.estimates import Effects, Estimate, Indices
 from commonrail.plugins.sensitivity.study import Output, SensitivitySettings
 
 SCHEMA = 1
+RANGE = ("name", "unit", "reference", "lower", "upper", "scale", "mark", "source")  # of a parameter, in the record
 
 
 class Failed(NamedTuple):
@@ -41,15 +42,8 @@ class Tornado(NamedTuple):
 class OutputSensitivity(NamedTuple):
     """Sensitivity of one output.
 
-    Attributes
-    ----------
-    output : Output
-    tornado : Tornado
-    indices : Indices or None
-        Of a Sobol' study; None where too many simulations failed or the output is constant.
-    effects : Effects or None
-        Of a Morris study; None as `indices`.
-    failed : Failed
+    Of a Sobol' study it has indices, of a Morris study effects; neither where too many simulations failed or the output
+    is constant.
     """
 
     output: Output
@@ -98,10 +92,6 @@ class Sensitivity(Shown):
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
 
-    def with_outputs(self, outputs: tuple[OutputSensitivity, ...], injections: int, seconds: float) -> Sensitivity:
-        """The result with its outputs, the number of simulations, and the time that they took [s]."""
-        return replace(self, outputs=outputs, injections=injections, seconds=seconds)
-
     def rows(self) -> list[dict[str, Any]]:
         """One flat row for each output and parameter in order of rank, SI; ``pandas.DataFrame(rows)`` takes them."""
         record = self.record()
@@ -113,7 +103,8 @@ class Sensitivity(Shown):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; what does not exist is None."""
-        how = self.settings
+        settings = {name: getattr(value, "value", value) for name, value in vars(self.settings).items()}
+        del settings["time_step"]  # that of the study counts where none is set
         return {
             "schema": SCHEMA,
             "kind": "sensitivity",
@@ -122,29 +113,21 @@ class Sensitivity(Shown):
             "title": self.title,
             "injector": self.injector,
             "synthetic": self.synthetic,
-            "design": how.design.value,
-            "samples": how.samples,
-            "seed": how.seed,
-            "resamples": how.resamples,
-            "confidence": how.confidence,
-            "on_failure": how.on_failure.value,
-            "most_failed": how.most_failed,
-            "precision": how.precision.value,
+            **settings,
             "notes": list(self.notes),
-            "ranges": [_range(p) for p in self.parameters],
+            "ranges": [{key: getattr(p, key) for key in RANGE} for p in self.parameters],
             "outputs": [self._output(o) for o in self.outputs],
             "injections": self.injections,
             "clock": {"seconds": self.seconds},
         }
 
     def _output(self, found: OutputSensitivity) -> dict[str, Any]:
-        output, failed, names = found.output, found.failed, [p.name for p in self.parameters]
-        tornado = found.tornado
+        output, failed, tornado = found.output, found.failed, found.tornado
         rows = []
-        for j, name in enumerate(names):
+        for j, parameter in enumerate(self.parameters):
             low, high = (ends[j] if ends else None for ends in (tornado.low, tornado.high))
             swing = None if low is None or high is None else high - low
-            rows.append({"name": name, "low": low, "high": high, "swing": swing, **_estimates(found, j)})
+            rows.append({"name": parameter.name, "low": low, "high": high, "swing": swing, **_estimates(found, j)})
         moments = found.indices and {"mean": found.indices.mean, "variance": found.indices.variance}
         return {
             **output._asdict(),
@@ -154,7 +137,7 @@ class Sensitivity(Shown):
             "estimated": found.ranking is not None,
             "why_not": self._why_not(found),
             **(moments or {"mean": None, "variance": None}),
-            "parameters": [rows[j] for j in _ranks(found, len(rows))],
+            "parameters": _ranked(found, rows),
         }
 
     def _why_not(self, found: OutputSensitivity) -> str:
@@ -168,23 +151,21 @@ class Sensitivity(Shown):
         return "The output is the same in all simulations, or too few of them have a value."
 
 
-def _ranks(found: OutputSensitivity, count: int) -> list[int]:
-    """Positions of the parameters in order of rank; by their swing where nothing was estimated."""
+def _ranked(found: OutputSensitivity, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows in order of rank; by their swing where nothing was estimated."""
     if found.ranking is not None:
-        return [int(j) for j in np.argsort(-found.ranking.value, kind="stable")]
-    ends = zip(found.tornado.low or (None,) * count, found.tornado.high or (None,) * count, strict=True)
-    swings = [0.0 if low is None or high is None else abs(high - low) for low, high in ends]
-    return sorted(range(count), key=lambda j: -swings[j])
+        return [rows[int(j)] for j in np.argsort(-found.ranking.value, kind="stable")]
+    return sorted(rows, key=lambda row: -abs(row["swing"] or 0.0))
 
 
 def _estimates(found: OutputSensitivity, j: int) -> dict[str, Any]:
     if found.indices is not None:
-        both = {"first": found.indices.first, "total": found.indices.total}
-        return {key: _interval(value, j) for key, value in both.items()} | {"used": int(found.indices.used[j])}
+        both = {"first": _interval(found.indices.first, j), "total": _interval(found.indices.total, j)}
+        return both | {"used": int(found.indices.used[j])}
     if found.effects is not None:
-        both = {"effect": found.effects.mean, "magnitude": found.effects.magnitude}
-        more = {"spread": float(found.effects.spread[j]), "used": int(found.effects.used[j])}
-        return {key: _interval(value, j) for key, value in both.items()} | more
+        mean, magnitude, spread, used = found.effects
+        both = {"effect": _interval(mean, j), "magnitude": _interval(magnitude, j)}
+        return both | {"spread": float(spread[j]), "used": int(used[j])}
     return {}
 
 
@@ -200,16 +181,3 @@ def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
         else:
             flat[{"name": "parameter", "low": "at_low", "high": "at_high"}.get(key, key)] = value
     return flat
-
-
-def _range(p: Parameter) -> dict[str, Any]:
-    return {
-        "name": p.name,
-        "unit": p.unit,
-        "reference": p.reference,
-        "lower": p.lower,
-        "upper": p.upper,
-        "scale": p.scale,
-        "mark": p.mark,
-        "source": p.source,
-    }

@@ -2,56 +2,43 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, duration, field_unit, percent, quantity, significant
+from commonrail.base.text import field_unit, percent, quantity, significant
 from commonrail.data.records import Record
+from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.draw.figure import figure_html
-from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
-SHOWN = 16  # parameters in a table or figure; all are in the CSV file
-HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
-
-
-def bar_height(rows: int) -> int:
-    """Height of a figure with bars [px]."""
-    return 130 + HEIGHT_OF_A_ROW * rows
-
-
-def _page(record: Record, folder: Path) -> str:
-    return sensitivity_html(record, folder.as_posix() or "DIR")
-
-
 KEYS = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
-RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", _page, KEYS)
 
 
-def sensitivity_html(record: Record, folder: str = "DIR") -> str:
+def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of a sensitivity study; `folder` is its name for the command lines in it."""
     sections = []
     for k, (output, table) in enumerate(zip(record["outputs"], sensitivity_tables(record), strict=True)):
-        figures = _figures(record, output)
-        drawn = [(f, figure_html(f, f"figure-{k}-{i}", bar_height(_rows(f)))) for i, f in enumerate(figures)]
+        drawn = []
+        for i, figure in enumerate(_figures(record, output)):
+            drawn.append((figure, figure_html(figure, f"figure-{k}-{i}", bar_height(len(figure.panels[0].rows)))))
         sections.append((_heading(output), _output_lines(record, output), table, drawn))
-    return render(
+    return analysis_html(
         "sensitivity.html",
-        package=__package__,
+        __package__,
+        record,
+        folder,
+        _facts(record),
         kind="Sensitivity",
-        record=record,
         lines=sensitivity_lines(record),
         sections=sections,
         ranges=_range_table(record),
-        synthetic=[record["synthetic"]] if record["synthetic"] else [],
-        commands=[("Make this report again", f"commonrail report {shlex.quote(folder)}")],
-        facts=_facts(record),
     )
+
+
+RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", sensitivity_html, KEYS)
 
 
 def sensitivity_lines(record: Record) -> list[str]:
@@ -119,16 +106,10 @@ def _table(record: Record, output: Record) -> Table:
 
 
 def _interval(found: Record, scale: float) -> str:
-    value, low, high = (significant(found[key], 3, scale) for key in ("value", "low", "high"))
-    if scale == 100.0:  # shares: whole tenths of a percent
-        value, low, high = (_tenths(100.0 * found[key]) for key in ("value", "low", "high"))
+    """Value with its interval; shares, whose scale is 100, in whole tenths of a percent without a sign at zero."""
+    numbers = (scale * found[key] for key in ("value", "low", "high"))
+    value, low, high = (f"{round(x, 1) + 0.0:.1f}" if scale == 100.0 else significant(x, 3) for x in numbers)
     return f"{value} ({low} to {high})".replace("-", "−")
-
-
-def _tenths(value: float) -> str:
-    """Percentage with one decimal, without a sign at zero."""
-    text = f"{value:.1f}"
-    return text.removeprefix("-") if not float(text) else text
 
 
 def _output_lines(record: Record, output: Record) -> list[str]:
@@ -168,15 +149,15 @@ def _indices(record: Record, output: Record) -> Figure | None:
     names = tuple(row["name"] for row in rows)
     if record["design"] == "sobol":
         bars = (
-            _measured("takes part in", "start", rows, "total", 100.0),
-            _measured("alone", "best", rows, "first", 100.0),
+            interval_bars("takes part in", "start", rows, "total", 100.0),
+            interval_bars("alone", "best", rows, "first", 100.0, slot=1),  # beside the total ones
         )
         caption = "Total and first-order Sobol' indices with their bootstrap intervals."
         return Figure(
             "Share of the variance", caption, "share of the variance, %", (Panel("", (), bars=bars, rows=names),)
         )
     _, unit, scale = field_unit(output["unit"])
-    bar = _measured("mean size of the effects", "start", rows, "magnitude", scale)
+    bar = interval_bars("mean size of the effects", "start", rows, "magnitude", scale)
     return Figure(
         "Elementary effects",
         "Mean size µ* of the change of the output when a parameter moves over its whole range.",
@@ -185,18 +166,16 @@ def _indices(record: Record, output: Record) -> Figure | None:
     )
 
 
-def _measured(label: str, look: str, rows: Sequence[Record], key: str, scale: float) -> Bars:
-    """Bars with their intervals; the first-order indices stand beside the total ones."""
-    value, low, high = (tuple(scale * row[key][end] for row in rows) for end in ("value", "low", "high"))
-    return Bars(label, look, (0.0,) * len(rows), value, low, high, slot=int(key == "first"))
-
-
 def _tornado(output: Record) -> Figure | None:
     base = output["base"]
     if base is None:
         return None
     _, unit, scale = field_unit(output["unit"])
-    rows = sorted(output["parameters"], key=lambda row: -max(_reach(row, base)))[:SHOWN]
+
+    def reach(row: Record) -> float:
+        return max(0.0 if row[key] is None else abs(row[key] - base) for key in ("low", "high"))
+
+    rows = sorted(output["parameters"], key=reach, reverse=True)[:SHOWN]
     start: Points = (scale * base,) * len(rows)
 
     def ends(key: str) -> Points:
@@ -215,15 +194,6 @@ def _tornado(output: Record) -> Figure | None:
     )
 
 
-def _reach(row: Record, base: float) -> tuple[float, float]:
-    low, high = (0.0 if row[key] is None else abs(row[key] - base) for key in ("low", "high"))
-    return low, high
-
-
-def _rows(figure: Figure) -> int:
-    return len(figure.panels[0].rows)
-
-
 def _range_table(record: Record) -> Table:
     columns: list[Column] = [
         ("parameter", "name"),
@@ -234,9 +204,7 @@ def _range_table(record: Record) -> Table:
         ("mark", "mark"),
         ("source", "source"),
     ]
-    return tabulated(
-        "Ranges of the parameters", record["ranges"], columns, "Marks: M measured, C ECU, F fitted, E estimate.", 1
-    )
+    return tabulated("Ranges of the parameters", record["ranges"], columns, MARKS)
 
 
 _POLICY = {
@@ -255,16 +223,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Intervals", f"{percent(record['confidence'], 0)} %, bootstrap with {record['resamples']:,} resamples"),
         ("Seed", str(record["seed"])),
         ("Precision", record["precision"]),
-        *time_and_software(record),
     ]
-
-
-def time_and_software(record: Record) -> list[tuple[str, str]]:
-    """Facts that a sensitivity and a tolerance study share."""
-    seconds = record["clock"]["seconds"]
-    speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
-    versions = ", ".join(f"{name} {version}" for name, version in record["software"].items())
-    return [("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)]
 
 
 SENSITIVITY = Presenter(

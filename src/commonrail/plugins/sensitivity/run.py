@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,6 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.plugins.sensitivity.estimates import (
-    Effects,
-    Indices,
     morris_effects,
     one_at_a_time,
     saltelli,
@@ -36,12 +35,12 @@ from commonrail.plugins.sensitivity.study import (
     Design,
     Evaluated,
     Features,
-    Joined,
-    Misfits,
     Model,
     OnFailure,
     Output,
     SensitivitySettings,
+    joined,
+    misfit_model,
     read_features,
     reason,
 )
@@ -92,10 +91,6 @@ def sensitivity(
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
 
-    Returns
-    -------
-    Sensitivity
-
     Raises
     ------
     ConfigurationError
@@ -116,18 +111,17 @@ def sensitivity(
     space = Space(instances(parameters, Parameter, "parameters"))
     _check(space, injector, study)
     computing = Computing(how.step_or(study.time_step if study else None), thread_count(threads), how.precision)
-    models: list[Model] = [Misfits(_objective(study, space, computing))] if study else []
+    models: list[Model] = [misfit_model(_objective(study, space, computing))] if study else []
     if instances(points, OperatingPoint, "points"):
-        models.append(Features(injector, space.names, points, read_features(features), computing))
+        models.append(Features(injector, space.names, points, read_features(features), computing).model)
     if not models:
         raise ConfigurationError("At least one operating point is needed among the points.")
     synthetic = study.synthetic if study else injector.synthetic
     title = study.title if study else injector.title
     notes = (CONSTRAINTS,) if study and study.space.constrained else ()
     return study_of_model(
-        Joined(models),
+        joined(models),
         space,
-        how,
         Sensitivity(title, injector.name, synthetic, tuple(space.parameters), how, notes=notes),
         function(progress, "progress"),
     )
@@ -161,44 +155,35 @@ def _objective(study: Study, space: Space, computing: Computing) -> Objective:
 
 
 def study_of_model(
-    model: Model,
-    space: Space,
-    how: SensitivitySettings,
-    empty: Sensitivity,
-    progress: Callable[[Progress], None] | None = None,
+    model: Model, space: Space, empty: Sensitivity, progress: Callable[[Progress], None] | None = None
 ) -> Sensitivity:
-    """Sensitivity of any model's outputs.
-
-    Parameters
-    ----------
-    model : Model
-    space : Space
-        Ranges of the parameters.
-    how : SensitivitySettings
-    empty : Sensitivity
-        Result without outputs.
-    progress : function of Progress, optional
-    """
-    begin = time.perf_counter()
+    """Sensitivity of any model's outputs to parameters in the ranges of a space, put into an empty result."""
+    begin, how = time.perf_counter(), empty.settings
     designing, resampling = (np.random.default_rng(s) for s in np.random.SeedSequence(how.seed).spawn(2))
     design = _designed(how, space.dimension, designing)
     centre = space.to_unit(space.reference)
     cross = one_at_a_time(centre)
     total = design.shape[0] * design.shape[1] + len(cross)
-    about = model.evaluate(_values(space, cross, space.reference))
+    # the reference has its values without rounding
+    about = model.evaluate(np.where(cross == centre, space.reference, space.from_unit(cross)))
     found, away = _evaluated(
         model, space, design, lambda done: progress and progress(Progress(done + len(cross), total))
     )
     results = []
     for k, output in enumerate(model.outputs):
         failed = _failed(found.codes[:, k], away[k], space)
-        _heed(how, output, failed)
+        _refuse_failed(how, output, failed)
         y = found.values[:, k].reshape(design.shape)
         indices = effects = None
         if failed.share <= how.most_failed:
-            indices, effects = _estimates(design, y, how, np.random.default_rng(resampling.integers(2**63)))
+            drawing = np.random.default_rng(resampling.integers(2**63)), how.resamples, how.confidence
+            if how.design is Design.MORRIS:
+                effects = morris_effects(design.points, y, *drawing)
+            else:
+                indices = sobol_indices(y, *drawing)
         results.append(OutputSensitivity(output, _tornado(about, k, space), indices, effects, failed))
-    return empty.with_outputs(tuple(results), total * model.injections, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    return replace(empty, outputs=tuple(results), injections=total * model.injections, seconds=seconds)
 
 
 def _designed(how: SensitivitySettings, dimension: int, rng: np.random.Generator) -> _Design:
@@ -222,12 +207,9 @@ def _radial(a: Floats, b: Floats) -> Floats:
     return np.asarray(rows.reshape(n * (d + 2), d))
 
 
-def _values(space: Space, cube: Floats, exact: Floats) -> Floats:
-    """Values of positions; a position that is that of the reference has the reference itself, without rounding."""
-    return np.where(cube == space.to_unit(exact), exact, space.from_unit(cube))
-
-
-def _evaluated(model: Model, space: Space, design: _Design, told: Callable[[int], object]) -> tuple[Evaluated, Floats]:
+def _evaluated(
+    model: Model, space: Space, design: _Design, report: Callable[[int], object]
+) -> tuple[Evaluated, Floats]:
     """Outputs of all candidates, and for each output the mean position of the failed ones less that of all."""
     values, codes, done = [], [], 0
     outputs, d = len(model.outputs), space.dimension
@@ -239,7 +221,7 @@ def _evaluated(model: Model, space: Space, design: _Design, told: Callable[[int]
         values.append(found.values)
         codes.append(found.codes)
         done += len(cube)
-        told(done)
+        report(done)
     away = np.divide(sums, failed[:, None], out=np.zeros_like(sums), where=failed[:, None] > 0.0)
     away = np.where(failed[:, None] > 0.0, away - everything / done, 0.0)
     return Evaluated(np.concatenate(values), np.concatenate(codes)), away
@@ -254,21 +236,13 @@ def _failed(codes: Codes, away: Floats, space: Space) -> Failed:
     return Failed(total, total / len(codes), reasons, where)
 
 
-def _heed(how: SensitivitySettings, output: Output, failed: Failed) -> None:
+def _refuse_failed(how: SensitivitySettings, output: Output, failed: Failed) -> None:
     if how.on_failure is OnFailure.REFUSE and failed.number:
         why = max(failed.reasons, key=lambda text: failed.reasons[text])
         raise SimulationError(
             f"{failed.number} simulations have no {output.name}, most at {failed.where}, and the policy is to refuse "
             f"that: {why}"
         )
-
-
-def _estimates(
-    design: _Design, y: Floats, how: SensitivitySettings, rng: np.random.Generator
-) -> tuple[Indices | None, Effects | None]:
-    if how.design is Design.MORRIS:
-        return None, morris_effects(design.points, y, rng, how.resamples, how.confidence)
-    return sobol_indices(y, rng, how.resamples, how.confidence), None
 
 
 def _tornado(about: Evaluated, k: int, space: Space) -> Tornado:

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.base.arguments import Quantity, chosen, instance, known_names, mapping, number, settle, whole
+from commonrail.base.arguments import (
+    Limits,
+    Quantity,
+    amount,
+    chosen,
+    instance,
+    known_names,
+    mapping,
+    number,
+    settle,
+    whole,
+)
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
@@ -76,19 +87,15 @@ class Computing(NamedTuple):
     precision: Precision = Precision.F64
 
 
-class Model(Protocol):
-    """Outputs of candidates."""
+class Model(NamedTuple):
+    """Outputs in order, number of single injections that a candidate takes, and the outputs of candidates.
 
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Outputs in order."""
+    Candidates are (n, parameters) [SI].
+    """
 
-    @property
-    def injections(self) -> int:
-        """Single injections that a candidate takes."""
-
-    def evaluate(self, values: Floats) -> Evaluated:
-        """Outputs of candidates (n, parameters) [SI]."""
+    outputs: tuple[Output, ...]
+    injections: int
+    evaluate: Callable[[Floats], Evaluated]
 
 
 def point_text(point: OperatingPoint) -> str:
@@ -131,17 +138,13 @@ class Features:
         self._own_prepared = {key: prepare(injector, [own], dt) for key, (own, _) in self._own.items()}
 
     @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Features of the first point, then those of the next."""
-        return tuple(Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
-
-    @property
-    def injections(self) -> int:
-        """Simulations of a candidate; one that ends with energising counts too."""
-        return len(self.points) * self._ordinary + len(self._own)
+    def model(self) -> Model:
+        """Features of the first point, then those of the next; a simulation that ends with energising counts too."""
+        outputs = (Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
+        return Model(tuple(outputs), len(self.points) * self._ordinary + len(self._own), self.evaluate)
 
     def evaluate(self, values: Floats) -> Evaluated:
-        """As `Model`."""
+        """Features of candidates (n, parameters) [SI]."""
         own = np.ascontiguousarray(values[:, self._columns])
         whole = self._batch(self.points, own, self._prepared) if self._ordinary else None
         found, codes = [], []
@@ -179,54 +182,30 @@ class Features:
         )
 
 
-class Misfits:
+def misfit_model(objective: Objective) -> Model:
     """J of a study."""
 
-    def __init__(self, objective: Objective) -> None:
-        self.objective = objective
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """J alone."""
-        return (Output("J", "1", "objective of the study"),)
-
-    @property
-    def injections(self) -> int:
-        """Points of the data and of the conditions."""
-        return self.objective.injections
-
-    def evaluate(self, values: Floats) -> Evaluated:
-        """As `Model`."""
-        scores = self.objective.costs(values)
+    def evaluate(values: Floats) -> Evaluated:
+        scores = objective.costs(values)
         codes = scores.statuses.astype(np.int8)
         return Evaluated(np.where(codes == OK, scores.costs, np.nan)[:, None], codes[:, None])
 
+    return Model((Output("J", "1", "objective of the study"),), objective.injections, evaluate)
 
-class Joined:
+
+def joined(models: Sequence[Model]) -> Model:
     """Outputs of several models side by side."""
 
-    def __init__(self, models: Sequence[Model]) -> None:
-        self.models = tuple(models)
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Of all models, in order."""
-        return tuple(output for model in self.models for output in model.outputs)
-
-    @property
-    def injections(self) -> int:
-        """Sum over the models."""
-        return sum(model.injections for model in self.models)
-
-    def evaluate(self, values: Floats) -> Evaluated:
-        """As `Model`."""
-        found = [model.evaluate(values) for model in self.models]
+    def evaluate(values: Floats) -> Evaluated:
+        found = [model.evaluate(values) for model in models]
         return Evaluated(np.hstack([f.values for f in found]), np.hstack([f.codes for f in found]))
+
+    outputs = tuple(output for model in models for output in model.outputs)
+    return Model(outputs, sum(model.injections for model in models), evaluate)
 
 
 WITHIN = 0.05  # half width of a range about the value, as a share of it
 COUNTED = ("nozzle.holes", "solenoid.turns", "solenoid.air_gaps")  # whole numbers: they have no tolerance
-MOST_PARAMETERS = 1000
 
 
 class Design(Enum):
@@ -315,23 +294,16 @@ class SensitivitySettings:
             samples=samples,
             seed=whole(self.seed, "seed"),
             resamples=whole(self.resamples, "number of resamples", 100, 100_000),
-            confidence=_between(self.confidence, "confidence", 0.5, 0.999),
+            confidence=amount(self.confidence, "1", "confidence", Limits(0.5, 0.999)),
             on_failure=chosen(self.on_failure, OnFailure, "policy for failures"),
-            most_failed=_between(self.most_failed, "largest share of failures", 0.0, 0.9),
+            most_failed=amount(self.most_failed, "1", "largest share of failures", Limits(0.0, 0.9)),
             time_step=None if self.time_step is None else check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
         )
 
-    def step_or(self, own: float | None) -> float:
+    def step_or(self, of_study: float | None) -> float:
         """Time step [s]: the one that is set, else the study's own, else the engine's default."""
-        return check_step(own or DEFAULT_STEP if self.time_step is None else self.time_step)
-
-
-def _between(value: object, what: str, low: float, high: float) -> float:
-    found = number(value, "1", what)
-    if not low <= found <= high:
-        raise ConfigurationError(f"The {what} must lie between {low:g} and {high:g}, not {found:g}.")
-    return found
+        return check_step(of_study or DEFAULT_STEP if self.time_step is None else self.time_step)
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:
@@ -369,16 +341,16 @@ def parameters_within(
         If a name is unknown, a value is zero and has no range, or a range is crossed or leaves the domain.
     """
     instance(injector, Injector, "injector")
-    own = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
+    given = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
     share = number(within, "1", "share of the ranges")
     if not 0.0 < share <= 1.0:
         raise ConfigurationError(f"The share of the ranges must be greater than 0 and at most 1, not {share:g}.")
     if names is None:
-        names = () if own else default_names(injector)
-    wanted = known_names(list(dict.fromkeys([*names, *own])), parameter_quantities(), "names", "valve.lift")
+        names = () if given else default_names(injector)
+    wanted = known_names(list(dict.fromkeys([*names, *given])), parameter_quantities(), "names", "valve.lift")
     if not wanted:
         raise ConfigurationError("At least one parameter is needed among the names.")
-    return tuple(_ranged(injector, name, own.get(name), share) for name in wanted)
+    return tuple(_ranged(injector, name, given.get(name), share) for name in wanted)
 
 
 def _ranged(injector: Injector, name: str, given: object, share: float) -> Parameter:

@@ -6,16 +6,16 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from commonrail.base.choices import Precision
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
-from commonrail.cli.console import Bar, Stage, print_json, print_table, say
+from commonrail.cli.console import Bar, Stage, print_json, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads
+from commonrail.cli.options import Json, Threads, read_pair
 
 if TYPE_CHECKING:
     from commonrail.calibration.parameter import Parameter
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.physics.injector import Injector
     from commonrail.plugins.sensitivity.file import Sensitivity
-
-DESIGNS = ("sobol", "morris")
 
 
 @verb
@@ -92,8 +90,10 @@ def sensitivity(
           --within 3% --rail-pressure 80MPa --rail-pressure 160MPa --energising-time 700us --out runs/sensitivity
       commonrail sensitivity cases/paper/study.toml --samples 256
     """
+    from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
     from commonrail.plugins.sensitivity.run import sensitivity as run
     from commonrail.plugins.sensitivity.study import DEFAULT_FEATURES, SensitivitySettings
+    from commonrail.report.analysis import run_into, synthetic_lines
 
     settings = SensitivitySettings(
         design=design,
@@ -124,35 +124,13 @@ def sensitivity(
                 progress=lambda p: bar.show(Stage("simulating", p.done, p.total, f"{p.total} candidates")),
             )
 
-    _report(work() if out is None else _into(out, work), out, json)
-
-
-def _into(folder: Path, work: Any) -> Sensitivity:
-    """Run a study into a new folder, which is removed again if nothing comes of it."""
-    from commonrail.report.page import write_report
-    from commonrail.runs.comparison import write_analysis
-    from commonrail.runs.folder import new_run_folder
-
-    with new_run_folder(folder):
-        found: Sensitivity = work()
-        write_analysis(folder, "sensitivity.csv", found.record(), found.rows())
-    write_report(folder)
-    return found
-
-
-def _report(found: Sensitivity, out: Path | None, json: bool) -> None:
-    from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
-
+    found = run_into(out, "sensitivity.csv", work)
     record = found.record()
     if json:
         print_json(record)
         return
-    if record["synthetic"]:
-        click.echo(f"SYNTHETIC: {record['synthetic']}")
-    for line in sensitivity_lines(record):
-        click.echo(line)
-    for output, table in zip(record["outputs"], sensitivity_tables(record), strict=True):
-        print_table(table)
+    print_text([*synthetic_lines(record), *sensitivity_lines(record)], sensitivity_tables(record))
+    for output in record["outputs"]:
         if output["why_not"]:
             say(f"{output['name']}: {output['why_not']}")
     if out is not None:
@@ -188,16 +166,12 @@ def _subject(source: str) -> Injector | Study:
 def _of_run(run: Path) -> Study:
     """The study of a run folder about its calibrated values."""
     from commonrail.calibration.space import Space
-    from commonrail.calibration.study_file.file import load_study
     from commonrail.readers.injector.file import load_injector
+    from commonrail.runs.folder import read_fit
 
-    calibrated = run / "calibrated.toml"
-    if not calibrated.is_file():
-        raise InputError(
-            f"{run}: not a run folder of commonrail calibrate (there is no calibrated.toml); name another."
-        )
-    study, injector = load_study(run / "study.toml"), load_injector(calibrated)
-    parameters = [replace(p, reference=injector.values.get(p.name, p.reference)) for p in study.space.parameters]
+    study, best = read_fit(run)
+    injector = load_injector(run / "calibrated.toml")
+    parameters = [replace(p, reference=best[p.name]) for p in study.space.parameters]
     return replace(study, injector=injector, space=Space(parameters, study.space.constraints, study.space.products))
 
 
@@ -216,9 +190,6 @@ def _parameters(subject: Injector | Study, given: Sequence[str], within: float) 
         name, equals, ends = (part.strip() for part in text.partition("="))
         names.append(name)
         if equals and name in known:
-            where = f"--parameter {text}"
-            low, colon, high = ends.partition(":")
-            if not colon:
-                raise InputError(f"{where}: expected NAME=LOW:HIGH, such as valve.lift=50um:60um.")
-            ranges[name] = (parse(low, known[name].unit, where), parse(high, known[name].unit, where))
+            form = "NAME=LOW:HIGH, such as valve.lift=50um:60um"
+            ranges[name] = read_pair(ends, known[name].unit, f"--parameter {text}", form)
     return parameters_within(injector, names or None, within, ranges)

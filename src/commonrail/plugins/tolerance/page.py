@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 
-from commonrail.base.chart import Bars, Figure, Panel, Series
+from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
-from commonrail.plugins.sensitivity.page import SHOWN, bar_height, time_and_software
+from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.draw.figure import figure_html
-from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
@@ -20,35 +18,33 @@ SHARES = "Of a cubic fit to the parts, with jackknife intervals; small intervals
 SMALL = 1e-3  # share of parts below which it is given in parts per million
 
 
-def _page(record: Record, folder: Path) -> str:
-    return tolerance_html(record, folder.as_posix() or "DIR")
-
-
 KEYS = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
-RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", _page, KEYS)
 
 
-def tolerance_html(record: Record, folder: str = "DIR") -> str:
+def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of a tolerance study; `folder` is its name for the command lines in it."""
     sections = []
     for k, point in enumerate(record["points"]):
         figures = [(f, figure_html(f, f"figure-{k}-{i}", height)) for i, (f, height) in enumerate(_figures(point))]
-        sections.append((point["name"], _point_lines(point), figures, _share_table(record, point)))
-    return render(
+        lines = [f"{number:,} parts failed: {text}" for text, number in point["spread"]["reasons"].items()]
+        sections.append((point["name"], lines, figures, _share_table(record, point)))
+    return analysis_html(
         "tolerance.html",
-        package=__package__,
+        __package__,
+        record,
+        folder,
+        _facts(record),
         kind="Tolerance",
-        record=record,
         lines=tolerance_lines(record),
         capability=_capability_table(record),
         sections=sections,
         trim=_trim_table(record),
         trim_lines=_trim_lines(record),
         dimensions=_dimension_table(record),
-        synthetic=[record["synthetic"]] if record["synthetic"] else [],
-        commands=[("Make this report again", f"commonrail report {shlex.quote(folder)}")],
-        facts=_facts(record),
     )
+
+
+RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", tolerance_html, KEYS)
 
 
 def tolerance_lines(record: Record) -> list[str]:
@@ -149,18 +145,12 @@ def _share(row: Record) -> str:
     return f"{value} ({low} to {high})".replace("-", "−")
 
 
-def _point_lines(point: Record) -> list[str]:
-    spread = point["spread"]
-    return [f"{number:,} parts failed: {text}" for text, number in spread["reasons"].items()]
-
-
 def _figures(point: Record) -> list[tuple[Figure, int]]:
     figures = [(_histogram(point), 260)]
     rows = [row for row in point["dimensions"] if row["share"] is not None][:SHOWN]
     if rows:
-        value, low, high = (tuple(100.0 * row["share"][key] for row in rows) for key in ("value", "low", "high"))
-        bars = Bars("", "start", (0.0,) * len(rows), value, low, high)
-        panel = Panel("", (), bars=(bars,), rows=tuple(row["name"] for row in rows))
+        bars = (interval_bars("", "start", rows, "share", 100.0),)
+        panel = Panel("", (), bars=bars, rows=tuple(row["name"] for row in rows))
         figure = Figure(
             "Share of the variance", "Covariance of each dimension's part of a cubic fit.", "share, %", (panel,)
         )
@@ -231,9 +221,7 @@ def _dimension_table(record: Record) -> Table:
     ]
     pairs = [f"{c['first']} and {c['second']}: {c['value']:g}" for c in record["correlations"]]
     note = f"Correlations of the normal scores: {'; '.join(pairs)}. " if pairs else "All are independent. "
-    return tabulated(
-        "Dimensions", record["dimensions"], columns, note + "Marks: M measured, C ECU, F fitted, E estimate.", 1
-    )
+    return tabulated("Dimensions", record["dimensions"], columns, note + MARKS)
 
 
 def _distribution(dimension: Record) -> str:
@@ -259,7 +247,6 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Parts", f"{record['parts']:,}, {_SAMPLING[record['sampling']]}"),
         ("Seed", str(record["seed"])),
         ("Time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs, {record['precision']}"),
-        *time_and_software(record),
     ]
 
 

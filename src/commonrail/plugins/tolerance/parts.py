@@ -8,12 +8,46 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK, Status
-from commonrail.plugins.tolerance.study import Tolerances
+from commonrail.plugins.tolerance.study import Sampling, Tolerances
+
+EDGE = 1e-12  # distance of a share from 0 and 1, where a normal distribution has no value
+
+
+class Draws:
+    """Parts in order; the same study gives the same parts, however many are drawn at a time."""
+
+    def __init__(self, tolerances: Tolerances) -> None:
+        from scipy.stats import qmc  # slow to import
+
+        rng = np.random.default_rng(tolerances.seed)
+        self._dimensions, self._factor = tolerances.dimensions, tolerances.factor()
+        d = len(self._dimensions)
+        even = tolerances.sampling is Sampling.QUASI_RANDOM
+        self._sequence = qmc.Sobol(d, rng=rng) if even else None
+        self._rng = rng
+
+    def take(self, count: int) -> Floats:
+        """The next parts (count, dimensions) [SI]; a power of two each time keeps the sequence even."""
+        shares = self._rng.random((count, len(self._dimensions))) if self._sequence is None else self._even(count)
+        shares = np.clip(shares, EDGE, 1.0 - EDGE)
+        if self._factor is not None:
+            from scipy.special import ndtr, ndtri  # slow to import
+
+            shares = np.clip(ndtr(ndtri(shares) @ self._factor.T), EDGE, 1.0 - EDGE)
+        columns = [dimension.distribution.at(shares[:, j]) for j, dimension in enumerate(self._dimensions)]
+        return np.stack(columns, axis=1)
+
+    def _even(self, count: int) -> Floats:
+        assert self._sequence is not None
+        whole = 1 << (count - 1).bit_length()  # SciPy warns of numbers that are no powers of two
+        if self._sequence.num_generated or whole == count:
+            return np.asarray(self._sequence.random(count))
+        return np.asarray(self._sequence.random(whole)[:count])
 
 
 class Parts(NamedTuple):
@@ -24,13 +58,7 @@ class Parts(NamedTuple):
 
 
 class Simulated:
-    """The study's injector with its dimensions as columns.
-
-    Parameters
-    ----------
-    tolerances : Tolerances
-    threads : int, optional
-    """
+    """The study's injector with its dimensions as columns, and the number of injections simulated so far."""
 
     def __init__(self, tolerances: Tolerances, threads: int | None = None) -> None:
         self.tolerances, self.threads, self.injections = tolerances, threads, 0
@@ -75,18 +103,12 @@ WIDE = np.array([0.025, 0.975])  # shares of the parts at which the scaled dimen
 
 
 class Shares(NamedTuple):
-    """Shares of the variance at one operating point, per dimension.
+    """Shares of the variance at one operating point.
 
-    Attributes
-    ----------
-    value, low, high : (d,)
-        Share of the variance, and its interval (jackknife over groups of parts).
-    rest : float
-        Share that is in no dimension alone.
-    swing : (d,)
-        Quantity at the value below which 97.5 % of the parts lie less that at 2.5 %, all else the same [m³].
-    halved : (d,)
-        Standard deviation of the quantity if the deviations of this dimension were half as large [m³].
+    Of each dimension (d,) the share with its interval (jackknife over groups of parts); `rest` is in no dimension
+    alone; `swing` is the quantity at the value below which 97.5 % of the parts lie less that at 2.5 %, all else the
+    same [m³]; `halved` the standard deviation of the quantity if the deviations of this dimension were half as large
+    [m³].
     """
 
     value: Floats
@@ -97,23 +119,10 @@ class Shares(NamedTuple):
     halved: Floats
 
 
-class _Fit(NamedTuple):
-    """Shares, swings and halved standard deviations (d,), and the share of the rest."""
-
-    shares: Floats
-    swing: Floats
-    halved: Floats
-    rest: float
-
-
 class VarianceShares:
     """Sums from which the shares follow, collected block by block.
 
-    Parameters
-    ----------
-    tolerances : Tolerances
-    centre : (points,)
-        Quantity about which sums are taken, so that rounding does not matter [m³].
+    They are taken about `centre` (points,) [m³], so that rounding does not matter.
     """
 
     def __init__(self, tolerances: Tolerances, centre: Floats) -> None:
@@ -126,17 +135,7 @@ class VarianceShares:
         self._squares = np.zeros((GROUPS, len(centre)))
 
     def add(self, group: int, values: Floats, quantities: Floats) -> None:
-        """Collect parts; a quantity that is NaN does not count.
-
-        Parameters
-        ----------
-        group : int
-            From 0 to `GROUPS` − 1.
-        values : (n, dimensions)
-            [SI].
-        quantities : (n, points)
-            [m³].
-        """
+        """Collect parts (n, dimensions) [SI] of a group with their quantities (n, points) [m³], NaN for none."""
         scaled = (values - self._middle) / self._reach
         powers = [np.ones((len(values), 1)), scaled]
         for _ in range(1, DEGREE):
@@ -145,20 +144,13 @@ class VarianceShares:
         everything = terms.T @ terms
         for k, column in enumerate((quantities - self._centre).T):
             there = np.isfinite(column)
-            own, known = (terms, column) if there.all() else (terms[there], column[there])
-            self._products[group, k] += everything if len(own) == len(terms) else own.T @ own
-            self._sums[group, k] += own.T @ known
+            rows, known = (terms, column) if there.all() else (terms[there], column[there])
+            self._products[group, k] += everything if len(rows) == len(terms) else rows.T @ rows
+            self._sums[group, k] += rows.T @ known
             self._squares[group, k] += float(known @ known)
 
     def shares(self, k: int, confidence: float) -> Shares | None:
-        """Shares at operating point k; None where too few parts are there, or the quantity does not scatter.
-
-        Parameters
-        ----------
-        k : int
-        confidence : float
-            Probability of the intervals.
-        """
+        """Shares at operating point k; None where too few parts are there, or the quantity does not scatter."""
         from scipy.special import stdtrit  # slow to import
 
         sums = [self._products[:, k], self._sums[:, k], self._squares[:, k]]
@@ -167,16 +159,16 @@ class VarianceShares:
             return None
         used = [g for g in range(GROUPS) if self._products[g, k, 0, 0] > 0.0]
         others = [self._fit(*(part.sum(axis=0) - part[g] for part in sums)) for g in used]
-        found = np.array([other.shares for other in others if other is not None])
+        found = np.array([other.value for other in others if other is not None])
         n = len(found)
         if n < 2:
             return None
         spread = np.sqrt((n - 1.0) / n * np.sum((found - found.mean(axis=0)) ** 2, axis=0))
         reach = float(stdtrit(n - 1, 0.5 + 0.5 * confidence)) * spread
-        return Shares(whole.shares, whole.shares - reach, whole.shares + reach, whole.rest, whole.swing, whole.halved)
+        return whole._replace(low=whole.value - reach, high=whole.value + reach)
 
-    def _fit(self, products: Floats, sums: Floats, squares: Floats) -> _Fit | None:
-        """Least squares from sums."""
+    def _fit(self, products: Floats, sums: Floats, squares: Floats) -> Shares | None:
+        """Shares by least squares from sums, without intervals."""
         n, d = float(products[0, 0]), self._d
         variance = float(squares) / n - (float(sums[0]) / n) ** 2 if n else 0.0
         if n < 2 * len(sums) or not variance > 0.0:
@@ -186,16 +178,12 @@ class VarianceShares:
         with_quantity = sums[1:] / n - means * float(sums[0]) / n
         slopes: Floats = np.asarray(np.linalg.lstsq(covariances, with_quantity, rcond=1e-12)[0], dtype=np.float64)
         by_degree = (slopes * with_quantity).reshape(DEGREE, d).sum(axis=0)
-        own = [_quadratic(covariances, slopes, np.arange(j, DEGREE * d, d)) for j in range(d)]
-        odd = slopes.reshape(DEGREE, d)[::2].sum(axis=0)
-        halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * np.array(own), 0.0))
+        powers = slopes.reshape(DEGREE, d)
+        variances = np.einsum("aj,ajbj,bj->j", powers, covariances.reshape(DEGREE, d, DEGREE, d), powers)
+        odd = powers[::2].sum(axis=0)
+        halved = np.sqrt(np.maximum(variance - by_degree + 0.25 * variances, 0.0))
         shares = by_degree / variance
-        return _Fit(shares, 2.0 * odd, halved, float(1.0 - shares.sum()))
-
-
-def _quadratic(covariances: Floats, slopes: Floats, columns: IndexArray) -> float:
-    """Variance of one dimension's polynomial."""
-    return float(slopes[columns] @ covariances[np.ix_(columns, columns)] @ slopes[columns])
+        return Shares(shares, shares, shares, float(1.0 - shares.sum()), 2.0 * odd, halved)
 
 
 # Figures of the spread of a quantity over parts, and of the capability within limits.
@@ -208,25 +196,9 @@ BARS = 60  # of the histogram
 class Spread(NamedTuple):
     """Spread of a quantity over parts at one operating point, SI.
 
-    Attributes
-    ----------
-    parts, failed : int
-        Number of parts, and of those whose simulation failed.
-    reasons : dict of str to int
-        Failed parts by reason.
-    mean, deviation : float
-        Of the parts that did not fail.
-    quantiles : tuple of float
-        At `QUANTILES`.
-    lower, upper : float or None
-        Limits.
-    below, above : int
-        Parts beyond the limits.
-    out : tuple of float
-        Share of the parts beyond the limits or failed, and its interval.
-    cp, cpk : float or None
-        Capability indices; None where limits are missing.
-    histogram : tuple of (edges, counts)
+    `mean` and `deviation` are of the parts that did not fail, `quantiles` at `QUANTILES`; `below` and `above` count the
+    parts beyond the limits; `out` is the share of the parts beyond the limits or failed, with its interval; `cp` and
+    `cpk` are None where limits are missing; the histogram has edges and counts.
     """
 
     parts: int
@@ -260,26 +232,13 @@ def spread_of(
     limits: tuple[float | None, float | None],
     confidence: float,
 ) -> Spread | None:
-    """Spread of the quantities of parts.
+    """Spread of the quantities (n,) of parts [m³] within limits [m³].
 
-    A part whose simulation failed counts as out of limits: it would be rejected.
-
-    Parameters
-    ----------
-    quantities : (n,)
-        [m³]; NaN where the simulation failed.
-    codes : (n,)
-        Values of `Status`.
-    limits : (lower, upper)
-        [m³], None where there is none.
-    confidence : float
-        Probability of the interval.
-
-    Returns
-    -------
-    Spread or None
-        None if fewer than two parts could be simulated.
+    A part whose simulation failed counts as out of limits: it would be rejected. None if fewer than two parts could be
+    simulated.
     """
+    from scipy.stats import binomtest  # slow to import
+
     known = quantities[codes == OK]
     if len(known) < 2:
         return None
@@ -291,6 +250,7 @@ def spread_of(
     kinds, counts = np.unique(codes[codes != OK], return_counts=True)
     reasons = {Status(int(kind)).sentence: int(number) for kind, number in zip(kinds, counts, strict=True)}
     out = below + above + failed
+    interval = binomtest(out, len(codes)).proportion_ci(confidence)  # by Clopper and Pearson
     numbers, edges = np.histogram(known, BARS)
     return Spread(
         len(codes),
@@ -303,7 +263,7 @@ def spread_of(
         upper,
         below,
         above,
-        (out / len(codes), *binomial_interval(out, len(codes), confidence)),
+        (out / len(codes), float(interval.low), float(interval.high)),
         *_capability(mean, deviation, lower, upper),
         (tuple(edges.tolist()), tuple(numbers.tolist())),
     )
@@ -319,19 +279,3 @@ def _capability(
     distances += [] if lower is None else [mean - lower]
     cp = (upper - lower) / (6.0 * deviation) if lower is not None and upper is not None else None
     return cp, min(distances) / (3.0 * deviation) if distances else None
-
-
-def binomial_interval(hits: int, tries: int, confidence: float) -> tuple[float, float]:
-    """Interval of a share by Clopper and Pearson, which covers at least with the stated probability.
-
-    Parameters
-    ----------
-    hits, tries : int
-    confidence : float
-    """
-    from scipy.special import betaincinv  # slow to import
-
-    tail = 0.5 * (1.0 - confidence)
-    low = 0.0 if hits == 0 else float(betaincinv(hits, tries - hits + 1, tail))
-    high = 1.0 if hits == tries else float(betaincinv(hits + 1, tries - hits, 1.0 - tail))
-    return low, high

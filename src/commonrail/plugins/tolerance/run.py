@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import function, instance, number, thread_count
+from commonrail.base.arguments import Limits, amount, function, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.engine.status import OK, Status
 from commonrail.plugins.tolerance.file import PointResult, ToleranceResult
-from commonrail.plugins.tolerance.parts import GROUPS, Parts, Simulated, VarianceShares, spread_of
-from commonrail.plugins.tolerance.study import Draws, Tolerances
+from commonrail.plugins.tolerance.parts import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
+from commonrail.plugins.tolerance.study import Tolerances
 from commonrail.plugins.tolerance.trim import trimmed
 from commonrail.workers.interrupt import held_interrupts
 
@@ -49,10 +49,6 @@ def tolerance(
         Probability of the intervals, between 0.5 and 0.999.
     progress : function of Progress, optional
 
-    Returns
-    -------
-    ToleranceResult
-
     Raises
     ------
     ConfigurationError
@@ -61,18 +57,16 @@ def tolerance(
         If the part as drawn cannot be simulated, or hardly any part can.
     """
     t = instance(tolerances, Tolerances, "tolerances")
-    sure = number(confidence, "1", "confidence")
-    if not 0.5 <= sure <= 0.999:
-        raise ConfigurationError(f"The confidence must lie between 0.5 and 0.999, not {sure:g}.")
-    told = function(progress, "progress") or (lambda _: None)
+    sure = amount(confidence, "1", "confidence", Limits(0.5, 0.999))
+    report = function(progress, "progress") or (lambda _: None)
     begin = time.perf_counter()
     simulated = Simulated(t, thread_count(threads))
     nominal = _nominal(simulated)
     limits = [_limits(t, k, nominal[k]) for k in range(len(t.points))]
-    with held_interrupts() as wish:
-        found, shares, done = _all(simulated, nominal, told, lambda: wish.asked)
+    with held_interrupts() as request:
+        found, shares, done = _all(simulated, nominal, report, lambda: request.asked)
         if not done:
-            wish.heed()
+            request.heed()
         spreads = [
             spread_of(found.quantities[:done, k], found.codes[:done, k], limits[k], sure) for k in range(len(limits))
         ]
@@ -81,8 +75,8 @@ def tolerance(
             why = Status(int(np.bincount(found.codes[:done].ravel()).argmax()))
             raise SimulationError(f"{t.title}: hardly any part can be simulated at {lost[0]}. {why.sentence}")
         trim = None
-        if t.trim is not None and not wish.asked:
-            trim = trimmed(simulated, found, nominal, limits, sure, lambda i, n: told(Progress("trimming", i, n)))
+        if t.trim is not None and not request.asked:
+            trim = trimmed(simulated, found, nominal, limits, sure, lambda i, n: report(Progress("trimming", i, n)))
     results = tuple(
         PointResult(p.name, p.point, nominal[k], spreads[k], shares.shares(k, sure))  # type: ignore[arg-type]
         for k, p in enumerate(t.points)
@@ -112,7 +106,7 @@ def _limits(t: Tolerances, k: int, nominal: float) -> tuple[float | None, float 
 
 
 def _all(
-    simulated: Simulated, nominal: Floats, told: Callable[[Progress], None], stop: Callable[[], bool]
+    simulated: Simulated, nominal: Floats, report: Callable[[Progress], None], stop: Callable[[], bool]
 ) -> tuple[Parts, VarianceShares, int]:
     """Quantities of all parts, the sums of the shares, and the number of parts that were simulated."""
     t = simulated.tolerances
@@ -128,5 +122,5 @@ def _all(
         quantities[done:following], codes[done:following] = part
         shares.add((done // size) % GROUPS, values, part.quantities)
         done = following
-        told(Progress("simulating", done, t.parts))
+        report(Progress("simulating", done, t.parts))
     return Parts(quantities, codes), shares, done

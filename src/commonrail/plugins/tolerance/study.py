@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from enum import Enum
-from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, ValidationInfo
 
 from commonrail.base.arguments import (
     COUNTS,
     chosen,
-    file_path,
     instance,
     instances,
     known_names,
@@ -26,36 +23,37 @@ from commonrail.base.arguments import (
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.calibration.study_file.keys import InItsUnit, known_parameter
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.status import check_point
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector, Source, parameter_quantities
-from commonrail.readers.fields import UNSTATED, FileModel, Mark, Text, Unit, choice, fault
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import read_model, read_toml
+from commonrail.readers.fields import UNSTATED
 
 # Distributions of a dimension over parts, as values at shares of the parts.
 
 
-class Distribution(Protocol):
-    """Distribution of a dimension, SI."""
+class Distribution:
+    """Distribution of a dimension, a data class of numbers [SI]."""
 
     def at(self, shares: Floats) -> Floats:
         """Value below which a share of the parts lies, for shares between 0 and 1."""
+        raise NotImplementedError
+
+    @property
+    def kind(self) -> str:
+        """Name of the distribution, such as "normal"."""
+        return type(self).__name__.lower()
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form: kind and numbers."""
+        """JSON-able form: kind and numbers, None for an infinite one."""
+        return {"kind": self.kind} | {name: end if math.isfinite(end) else None for name, end in vars(self).items()}
 
-
-def _finite(values: dict[str, object], what: str) -> dict[str, float]:
-    return {name: number(value, "1", f"{name} of {what}") for name, value in values.items()}
+    def _read(self, *names: str) -> None:
+        """Refuse numbers that are not finite."""
+        settle(self, **{n: number(getattr(self, n), "1", f"{n} of a {self.kind} distribution") for n in names})
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(Distribution):
     """Normal distribution, cut at two limits if they are given: parts beyond them are sorted out.
 
     Parameters
@@ -77,7 +75,7 @@ class Normal:
     upper: float = math.inf
 
     def __post_init__(self) -> None:
-        settle(self, **_finite({"mean": self.mean, "sigma": self.sigma}, "a normal distribution"))
+        self._read("mean", "sigma")
         if not self.sigma > 0.0:
             raise ConfigurationError(
                 f"The sigma of a normal distribution must be greater than zero, not {self.sigma:g}."
@@ -104,15 +102,9 @@ class Normal:
         found = self.mean + self.sigma * ndtri(low + (high - low) * shares)
         return np.asarray(np.clip(found, self.lower, self.upper))
 
-    def record(self) -> dict[str, Any]:
-        """As `Distribution`; a limit that is not there is None."""
-        ends = {"lower": self.lower, "upper": self.upper}
-        cut = {name: end if math.isfinite(end) else None for name, end in ends.items()}
-        return {"kind": "normal", "mean": self.mean, "sigma": self.sigma, **cut}
-
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(Distribution):
     """Uniform distribution between two limits.
 
     Parameters
@@ -129,7 +121,7 @@ class Uniform:
     upper: float
 
     def __post_init__(self) -> None:
-        settle(self, **_finite({"lower": self.lower, "upper": self.upper}, "a uniform distribution"))
+        self._read("lower", "upper")
         if not self.lower < self.upper:
             raise ConfigurationError(
                 f"The lower limit of a uniform distribution must be below the upper, not {self.lower:g} and "
@@ -140,13 +132,9 @@ class Uniform:
         """As `Distribution`."""
         return np.asarray(self.lower + (self.upper - self.lower) * shares)
 
-    def record(self) -> dict[str, Any]:
-        """As `Distribution`."""
-        return {"kind": "uniform", "lower": self.lower, "upper": self.upper}
-
 
 @dataclass(frozen=True)
-class Triangular:
+class Triangular(Distribution):
     """Triangular distribution between two limits, most parts at the mode.
 
     Parameters
@@ -165,8 +153,7 @@ class Triangular:
     upper: float
 
     def __post_init__(self) -> None:
-        given = {"lower": self.lower, "mode": self.mode, "upper": self.upper}
-        settle(self, **_finite(dict(given), "a triangular distribution"))
+        self._read("lower", "mode", "upper")
         if not (self.lower <= self.mode <= self.upper and self.lower < self.upper):
             raise ConfigurationError(
                 f"The mode of a triangular distribution must lie between its limits, not {self.mode:g} between "
@@ -180,13 +167,8 @@ class Triangular:
         falling = self.upper - np.sqrt((1.0 - shares) * width) * np.sqrt(self.upper - self.mode)
         return np.asarray(np.where(shares * width < self.mode - self.lower, rising, falling))
 
-    def record(self) -> dict[str, Any]:
-        """As `Distribution`."""
-        return {"kind": "triangular", "lower": self.lower, "mode": self.mode, "upper": self.upper}
-
 
 MOST_FIGURES = 50_000_000  # parts times operating points: 400 MB
-NO_SOURCE = Source("E", "no source stated")
 RARE = 1e-4  # share of the parts that may lie outside a dimension's domain
 
 
@@ -218,7 +200,7 @@ class Dimension:
 
     name: str
     distribution: Distribution
-    source: Source = NO_SOURCE
+    source: Source = UNSTATED
 
     def __post_init__(self) -> None:
         known = parameter_quantities()
@@ -360,13 +342,14 @@ class Tolerances:
     points: tuple[TolerancePoint, ...]
     correlations: tuple[Correlation, ...] = ()
     trim: Trim | None = None
-    parts: int = field(default=100_000, kw_only=True)
-    seed: int = field(default=1, kw_only=True)
-    sampling: Sampling = field(default=Sampling.QUASI_RANDOM, kw_only=True)
-    time_step: float = field(default=DEFAULT_STEP, kw_only=True)
-    precision: Precision = field(default=Precision.F64, kw_only=True)
-    synthetic: str = field(default="", kw_only=True)
-    text: str = field(default="", kw_only=True)
+    _: KW_ONLY
+    parts: int = 100_000
+    seed: int = 1
+    sampling: Sampling = Sampling.QUASI_RANDOM
+    time_step: float = DEFAULT_STEP
+    precision: Precision = Precision.F64
+    synthetic: str = ""
+    text: str = ""
 
     def __post_init__(self) -> None:
         for what in ("title", "synthetic", "text"):
@@ -446,251 +429,3 @@ class Tolerances:
                 "The correlations cannot hold together: two dimensions that go with a third must go with each other; "
                 "lower one of them."
             ) from error
-
-
-# Parts of a tolerance study: values of their dimensions, drawn one after the other.
-
-EDGE = 1e-12  # distance of a share from 0 and 1, where a normal distribution has no value
-
-
-class Draws:
-    """Parts in order; the same study gives the same parts, however many are drawn at a time.
-
-    Parameters
-    ----------
-    tolerances : Tolerances
-    """
-
-    def __init__(self, tolerances: Tolerances) -> None:
-        from scipy.stats import qmc  # slow to import
-
-        rng = np.random.default_rng(tolerances.seed)
-        self._dimensions, self._factor = tolerances.dimensions, tolerances.factor()
-        d = len(self._dimensions)
-        even = tolerances.sampling is Sampling.QUASI_RANDOM
-        self._sequence = qmc.Sobol(d, rng=rng) if even else None
-        self._rng = rng
-
-    def take(self, count: int) -> Floats:
-        """The next parts (count, dimensions) [SI]; a power of two each time keeps the sequence even."""
-        shares = self._rng.random((count, len(self._dimensions))) if self._sequence is None else self._even(count)
-        shares = np.clip(shares, EDGE, 1.0 - EDGE)
-        if self._factor is not None:
-            from scipy.special import ndtr, ndtri  # slow to import
-
-            shares = np.clip(ndtr(ndtri(shares) @ self._factor.T), EDGE, 1.0 - EDGE)
-        columns = [dimension.distribution.at(shares[:, j]) for j, dimension in enumerate(self._dimensions)]
-        return np.stack(columns, axis=1)
-
-    def _even(self, count: int) -> Floats:
-        assert self._sequence is not None
-        whole = 1 << (count - 1).bit_length()  # SciPy warns of numbers that are no powers of two
-        if self._sequence.num_generated or whole == count:
-            return np.asarray(self._sequence.random(count))
-        return np.asarray(self._sequence.random(whole)[:count])
-
-
-# Tolerance studies from TOML: injector, distributions of its dimensions, operating points with limits, trim.
-
-MOST_DIMENSIONS = 200
-MOST_POINTS = 100
-MOST_CORRELATIONS = 1000
-
-
-class _Width(NamedTuple):
-    """Width in SI, or as a share of the drawing's value."""
-
-    value: float
-    relative: bool
-
-    def about(self, drawn: float) -> float:
-        """Width [SI] about a value of the drawing."""
-        return abs(drawn) * self.value if self.relative else self.value
-
-
-def _width(item: Any, info: ValidationInfo) -> _Width:
-    """Width in percent of the drawing's value, or in the unit of the parameter."""
-    if isinstance(item, str) and "%" in item:
-        return _Width(Unit("%").read(item) / 100.0, True)
-    name = info.data.get("name")
-    return _Width(Unit(parameter_quantities()[name].unit).read(item) if name else 0.0, False)
-
-
-def _limit(item: Any) -> Limit:
-    """Limit as a quantity, or as its deviation from the nominal one in percent."""
-    if isinstance(item, str) and "%" in item:
-        return Limit(Unit("%").read(item) / 100.0, True)
-    return Limit(Unit("m3").read(item))
-
-
-def _in_order(item: Any) -> Any:
-    """The table with its name first, whose unit the other keys have."""
-    return {"name": item["name"], **item} if isinstance(item, dict) and "name" in item else item
-
-
-_WidthField = Annotated[_Width, PlainValidator(_width)]
-_LimitField = Annotated[Limit, PlainValidator(_limit)]
-
-
-class _PointModel(FileModel):
-    name: Text
-    rail_pressure: Annotated[float, Unit("Pa")]
-    energising_time: Annotated[float, Unit("s")]
-    cylinder_pressure: Annotated[float, Unit("Pa")] = 5e6
-    return_pressure: Annotated[float, Unit("Pa")] = 0.5e6
-    lower: _LimitField | None = None
-    upper: _LimitField | None = None
-
-
-class _DimensionModel(FileModel):
-    name: Annotated[str, AfterValidator(known_parameter)]
-    distribution: Literal["normal", "uniform", "triangular"]
-    mean: InItsUnit | None = None
-    mode: InItsUnit | None = None
-    sigma: _WidthField | None = None
-    tolerance: _WidthField | None = None
-    lower: InItsUnit | None = None
-    upper: InItsUnit | None = None
-    mark: Mark | None = None
-    source: str | None = None
-
-
-class _CorrelationModel(FileModel):
-    between: list[str] = Field(min_length=2, max_length=2)
-    value: float = Field(strict=False)
-
-
-class _TrimModel(FileModel):
-    points: list[str] = Field(min_length=1, max_length=2)
-    parts: int = 8192
-    resolution: Annotated[float, Unit("s")] = 1e-6
-    scatter: Annotated[float, Unit("m3")] = 0.0
-
-
-def _count(item: Any) -> int:
-    if isinstance(item, bool) or not isinstance(item, int) or not 1000 <= item <= MOST_FIGURES:
-        raise fault(f"this must be a whole number from 1000 to {MOST_FIGURES}, not {item!r}")
-    return item
-
-
-class _ToleranceModel(FileModel):
-    """The whole file."""
-
-    format: Literal["commonrail-tolerance/1"]
-    title: Text
-    synthetic: str = ""
-    allow_outside: bool = False
-    injector: Text
-    parts: Annotated[int, PlainValidator(_count)] = 100_000
-    seed: int = Field(default=1, ge=0)
-    sampling: Annotated[Sampling, choice(Sampling)] = Sampling.QUASI_RANDOM
-    time_step: Annotated[float, Unit("s")] = DEFAULT_STEP
-    precision: Annotated[Precision, choice(Precision)] = Precision.F64
-    mark: Mark = UNSTATED.mark
-    source: str = UNSTATED.text
-    point: list[_PointModel] = Field(min_length=1, max_length=MOST_POINTS)
-    dimension: list[Annotated[_DimensionModel, BeforeValidator(_in_order)]] = Field(
-        min_length=1, max_length=MOST_DIMENSIONS
-    )
-    correlation: list[_CorrelationModel] = Field(default=[], max_length=MOST_CORRELATIONS)
-    trim: _TrimModel | None = None
-
-
-def load_tolerances(path: str | Path) -> Tolerances:
-    """Read a tolerance study with its injector.
-
-    Parameters
-    ----------
-    path : str or Path
-        TOML file; the injector is a name of the catalogue, or a file in its folder or below unless the file says
-        ``allow_outside = true``.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
-    ConfigurationError
-        If `path` is no path, or values contradict one another.
-    """
-    file = file_path(path, "path of a tolerance study")
-    document, text = read_toml(file)
-    at = Place(str(file))
-    model = read_model(_ToleranceModel, document, at)
-    injector = _injector(model, file, at / "injector")
-    dimensions = []
-    for i, item in enumerate(model.dimension):
-        with located((at / "dimension")[i]):
-            source = Source(item.mark or model.mark, model.source if item.source is None else item.source)
-            dimensions.append(Dimension(item.name, _distribution(item, injector.values[item.name]), source))
-    points = []
-    for i, given in enumerate(model.point):
-        with located((at / "point")[i]):
-            points.append(_point(given, injector))
-    with located(at):
-        return Tolerances(
-            model.title,
-            injector,
-            tuple(dimensions),
-            tuple(points),
-            tuple(Correlation(c.between[0], c.between[1], c.value) for c in model.correlation),
-            None if model.trim is None else Trim(**(dict(model.trim) | {"points": tuple(model.trim.points)})),
-            parts=model.parts,
-            seed=model.seed,
-            sampling=model.sampling,
-            time_step=model.time_step,
-            precision=model.precision,
-            synthetic=model.synthetic,
-            text=text,
-        )
-
-
-def _injector(model: _ToleranceModel, file: Path, at: Place) -> Injector:
-    reach = Reach(file, model.allow_outside)
-    if model.injector.endswith(".toml"):
-        return load_injector(reach.path(file.parent, model.injector, at), reach)
-    with located(at):
-        return load_injector(model.injector, reach)
-
-
-def _point(given: _PointModel, injector: Injector) -> TolerancePoint:
-    point = OperatingPoint(given.rail_pressure, given.energising_time, given.cylinder_pressure, given.return_pressure)
-    check_point(injector, point)
-    return TolerancePoint(given.name, point, given.lower, given.upper)
-
-
-# Keys that a distribution takes besides name, mark and source.
-_KEYS = {
-    "normal": ("mean", "sigma", "tolerance", "lower", "upper"),
-    "uniform": ("mean", "tolerance", "lower", "upper"),
-    "triangular": ("mode", "tolerance", "lower", "upper"),
-}
-
-
-def _distribution(item: _DimensionModel, drawn: float) -> Distribution:
-    """Distribution about the drawing's value, or about the one that is given."""
-    for key in ("mean", "mode", "sigma", "tolerance", "lower", "upper"):
-        if getattr(item, key) is not None and key not in _KEYS[item.distribution]:
-            raise ConfigurationError(
-                f'a {item.distribution} distribution has no key "{key}"; it can have '
-                f"{', '.join(_KEYS[item.distribution])}"
-            )
-    middle = next((value for value in (item.mean, item.mode) if value is not None), drawn)
-    low, high = _ends(item, middle, drawn)
-    if item.distribution == "normal":
-        if item.sigma is None:
-            raise ConfigurationError('a normal distribution needs "sigma", its standard deviation')
-        ends = {name: end for name, end in (("lower", low), ("upper", high)) if end is not None}
-        return Normal(middle, item.sigma.about(drawn), **ends)
-    if low is None or high is None:
-        raise ConfigurationError(f'a {item.distribution} distribution needs "tolerance", or "lower" and "upper"')
-    return Uniform(low, high) if item.distribution == "uniform" else Triangular(low, middle, high)
-
-
-def _ends(item: _DimensionModel, middle: float, drawn: float) -> tuple[float | None, float | None]:
-    """Limits of the distribution: about its middle, or outright."""
-    if item.tolerance is None:
-        return item.lower, item.upper
-    if item.lower is not None or item.upper is not None:
-        raise ConfigurationError('give "tolerance", or "lower" and "upper", not both')
-    reach = item.tolerance.about(drawn)
-    return middle - reach, middle + reach

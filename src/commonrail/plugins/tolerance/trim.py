@@ -18,8 +18,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import OK
-from commonrail.plugins.tolerance.parts import Parts, Simulated, Spread, spread_of
-from commonrail.plugins.tolerance.study import Draws
+from commonrail.plugins.tolerance.parts import Draws, Parts, Simulated, Spread, spread_of
 
 STEP = 10e-6  # of the energising time to either side for the nominal slope [s]; above the ripple of a PWM current
 SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the nominal one
@@ -28,14 +27,8 @@ SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the n
 class TrimmedPoint(NamedTuple):
     """Spread of the trimmed parts at one operating point, before and after.
 
-    Attributes
-    ----------
-    name : str
-    before, after : Spread
-    correction : (mean, standard deviation)
-        Of the energising time [s].
-    held : int
-        Parts whose correction ended at the limit, half of the energising time.
+    `correction` is the mean and standard deviation of that of the energising time [s]; `held` counts the parts whose
+    correction ended at the limit, half of the energising time.
     """
 
     name: str
@@ -70,27 +63,12 @@ def trimmed(
     nominal: Floats,
     limits: list[tuple[float | None, float | None]],
     confidence: float,
-    told: Callable[[int, int], None],
+    report: Callable[[int, int], None],
 ) -> Trimmed:
-    """Trim the first parts of a study.
+    """Trim the first parts of a study; `found` are all parts before the trim, `nominal` (points,) and limits in [m³].
 
-    Parameters
-    ----------
-    simulated : Simulated
-    found : Parts
-        Quantities of all parts before the trim.
-    nominal : (points,)
-        Of the part as drawn [m³].
-    limits : list of (lower, upper)
-        [m³].
-    confidence : float
-    told : function of int, int
-        Called with operating points done and in all.
-
-    Raises
-    ------
-    SimulationError
-        If the nominal quantity does not rise with the energising time at a test point.
+    `report` is called with operating points done and in all. SimulationError if the nominal quantity does not rise with
+    the energising time at a test point.
     """
     t = simulated.tolerances
     assert t.trim is not None
@@ -113,7 +91,7 @@ def trimmed(
             raise SimulationError(f"{t.title}: hardly any trimmed part can be simulated at {p.name}.")
         shift = times - p.point.pulses[0].duration
         points.append(TrimmedPoint(p.name, before, after, (float(shift.mean()), float(shift.std())), held))
-        told(k + 1, len(t.points))
+        report(k + 1, len(t.points))
     return Trimmed(int(known.sum()), count - int(known.sum()), tuple(slopes), tuple(points))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.choices import Precision
-from commonrail.cli.console import Bar, Stage, print_json, print_table, say
+from commonrail.cli.console import Bar, Stage, print_json, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads
@@ -45,16 +45,22 @@ def tolerance(
       commonrail tolerance cases/tolerance/tolerances.toml --out runs/tolerance
       commonrail tolerance cases/tolerance/tolerances.toml --parts 1000000 --precision f32
     """
-    from commonrail.plugins.tolerance.study import load_tolerances
+    from commonrail.plugins.tolerance.file import load_tolerances
+    from commonrail.plugins.tolerance.page import tolerance_lines, tolerance_tables
+    from commonrail.report.analysis import run_into, synthetic_lines
+    from commonrail.workers.interrupt import held_interrupts
 
     changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
-    found = _run(loaded, threads) if out is None else _into(out, loaded, threads)
+    with held_interrupts():  # what is simulated is written whatever keys are pressed
+        found = run_into(out, "tolerance.csv", lambda: _run(loaded, threads), {"tolerances.toml": loaded.text})
     record = found.record()
     if json:
         print_json(record)
     else:
-        _print(record, out)
+        print_text([*synthetic_lines(record), *tolerance_lines(record)], tolerance_tables(record))
+        if out is not None:
+            click.echo(f"report: {out / 'report.html'}")
     if found.status == "interrupted":
         say(f"commonrail: interrupted after {found.parts:,} of {loaded.parts:,} parts; the figures are those of these.")
         raise SystemExit(INTERRUPTED)
@@ -69,32 +75,3 @@ def _run(loaded: Tolerances, threads: int | None) -> ToleranceResult:
             threads=threads,
             progress=lambda p: bar.show(Stage(p.phase, p.done, p.total, f"{len(loaded.points)} operating points")),
         )
-
-
-def _into(folder: Path, loaded: Tolerances, threads: int | None) -> ToleranceResult:
-    """Run a study into a new folder, which is removed again if nothing comes of it."""
-    from commonrail.base.output import write_text
-    from commonrail.report.page import write_report
-    from commonrail.runs.comparison import write_analysis
-    from commonrail.runs.folder import new_run_folder
-    from commonrail.workers.interrupt import held_interrupts
-
-    with held_interrupts(), new_run_folder(folder):  # what is simulated is written whatever keys are pressed
-        found = _run(loaded, threads)
-        write_analysis(folder, "tolerance.csv", found.record(), found.rows())
-        write_text(folder / "tolerances.toml", loaded.text)
-        write_report(folder)
-    return found
-
-
-def _print(record: dict[str, Any], out: Path | None) -> None:
-    from commonrail.plugins.tolerance.page import tolerance_lines, tolerance_tables
-
-    if record["synthetic"]:
-        click.echo(f"SYNTHETIC: {record['synthetic']}")
-    for line in tolerance_lines(record):
-        click.echo(line)
-    for table in tolerance_tables(record):
-        print_table(table)
-    if out is not None:
-        click.echo(f"report: {out / 'report.html'}")

@@ -19,8 +19,7 @@ from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.physics.components import plunger_needle
-from commonrail.physics.components.chain import Nine
-from commonrail.physics.components.plunger_needle import Loads, SeatContact, State
+from commonrail.physics.components.plunger_needle import Loads, Nine, SeatContact, State
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant
 
@@ -142,15 +141,7 @@ def _turbulent(effective: float, drop: float, density: float, offset: float) -> 
 
 
 def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
-    """State after every step by dotted name, leaving waves, and "time" [s]: each (steps + 1,).
-
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    dt : float
-        Time step [s].
-    """
+    """State after every step of `dt` [s] by dotted name, leaving waves, and "time" [s]: each (steps + 1,)."""
     prepared = plan.prepare(injector, [point], dt)
     _, trace = lanes.run(plan.make_job(prepared, prepared.row[None], False), injector.wired(), traced=True)
     rows = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T.copy(), strict=True))
@@ -158,60 +149,40 @@ def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Fl
 
 
 def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
-    """Delay [s] after which what left comes back with its sign changed.
-
-    Parameters
-    ----------
-    time : (n,)
-        [s].
-    arriving, leaving : (n,)
-        Waves.
-    near : float
-        Expected delay [s].
-    """
-    from scipy.optimize import minimize_scalar  # slow to import
+    """Delay [s], near the expected one, after which a wave (n,) that left comes back with its sign changed."""
 
     def miss(delay: float) -> float:
         return float(np.sum((arriving + np.interp(time - delay, time, leaving, left=0.0)) ** 2))
 
-    coarse = np.linspace(0.8, 1.2, 401) * near
-    best = float(coarse[np.argmin([miss(delay) for delay in coarse])])
-    step = float(coarse[1] - coarse[0])
-    return float(minimize_scalar(miss, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-10}).x)
+    return _least(miss, np.linspace(0.8, 1.2, 401) * near, 1e-10)
 
 
 def frequency(signal: Floats, dt: float, near: float) -> float:
-    """Strongest frequency [1/s] of a signal, from a windowed Fourier integral.
+    """Strongest frequency [1/s] between 0.3 and 1.3 times an expected one, from a windowed Fourier integral.
 
-    Parameters
-    ----------
-    signal : (n,)
-    dt : float
-        Time between values [s].
-    near : float
-        Expected frequency [1/s]; looked for between 0.3 and 1.3 times it.
+    The signal (n,) has a value every `dt` [s].
     """
-    from scipy.optimize import minimize_scalar  # slow to import
-
     shaped, time = signal * np.hanning(len(signal)), dt * np.arange(len(signal))
 
     def weakness(f: float) -> float:
         return -float(abs(np.sum(shaped * np.exp(-2j * np.pi * f * time))))
 
-    coarse = np.linspace(0.3, 1.3, 501) * near
-    best = float(coarse[np.argmin([weakness(f) for f in coarse])])
-    return float(minimize_scalar(weakness, bounds=(0.99 * best, 1.01 * best), method="bounded").x)
+    return _least(weakness, np.linspace(0.3, 1.3, 501) * near, 1e-5)
+
+
+def _least(function: Callable[[float], float], grid: Floats, tolerance: float) -> float:
+    """Argument at which a function is least: the best of an even grid, refined between its neighbours."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    best, step = grid[np.argmin([function(x) for x in grid.tolist()])], grid[1] - grid[0]
+    ends = (best - step, best + step)
+    return float(minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": tolerance}).x)
 
 
 def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Floats]:
     """Stiffness matrix [N/m] and nodal masses [kg] of the nine-mass chain in contact, Eq. (10).
 
-    Parameters
-    ----------
-    k, masses : (7,)
-        Stiffness and mass of the cylinders.
-    joint : float
-        Contact stiffness between masses 6 and 7.
+    Stiffness and mass (7,) are of the cylinders, the joint is the contact stiffness between masses 6 and 7.
     """
     springs = np.array([*k[:5], joint, *k[5:]])
     matrix = np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
@@ -226,30 +197,21 @@ def chain_frequency(
 ) -> float:
     """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings.
 
-    Parameters
-    ----------
-    p, seat
-        Chain and seat.
-    shape, mass : (9,)
-        Mode, and nodal masses [kg].
-    omega : float
-        Expected angular frequency [1/s].
-    periods : int
-        Simulated.
+    The mode (9,) with nodal masses (9,) [kg] is expected at omega [1/s], and simulated for some of its periods.
     """
     dt = 2.0 * math.pi / omega / 200.0
     c = plunger_needle.coefficients(p, dt)
     load = Loads(-2000.0, 0.0, 0.0, 0.0, 0.0)
     rest = np.array(plunger_needle.at_rest(c, seat, load).z)
-    away = 1e-8 * shape / np.abs(shape).max()
-    before = Nine(*(0.5 * dt * omega**2 * away))
-    state = State(Nine(*(rest + away)), before, before)
-    course = np.empty(200 * periods)
-    for i in range(len(course)):
-        course[i] = (np.array(state.z) - rest) @ (mass * shape)
+    displacement = 1e-8 * shape / np.abs(shape).max()
+    before = Nine(*(0.5 * dt * omega**2 * displacement))
+    state = State(Nine(*(rest + displacement)), before, before)
+    amplitude = np.empty(200 * periods)
+    for i in range(len(amplitude)):
+        amplitude[i] = (np.array(state.z) - rest) @ (mass * shape)
         state = plunger_needle.advance(c, seat, state, load, dt)
-    at = np.flatnonzero(course[:-1] * course[1:] < 0.0)
-    crossings = at + course[at] / (course[at] - course[at + 1])
+    at = np.flatnonzero(amplitude[:-1] * amplitude[1:] < 0.0)
+    crossings = at + amplitude[at] / (amplitude[at] - amplitude[at + 1])
     return float(math.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * dt))
 
 
@@ -280,16 +242,7 @@ class Check(NamedTuple):
 
 
 def check(name: str, value: float, limit: float, unit: str, detail: str) -> Check:
-    """Check that passes if |value| ≤ limit; NaN does not.
-
-    Parameters
-    ----------
-    name : str
-    value, limit : float
-        [unit].
-    unit, detail : str
-        Unit, and what was compared.
-    """
+    """Check that passes if |value| ≤ limit [unit]; NaN does not. The detail is what was compared."""
     return Check(name, float(value), limit, unit, bool(abs(value) <= limit), detail)
 
 
@@ -412,7 +365,7 @@ def _steady(injector: Injector, values: dict[str, float], name: str) -> list[Che
     return [check(what + name, 100.0 * (ratio - 1.0), 0.1, "%", detail) for what, ratio in ratios.items()]
 
 
-def books(injector: Injector) -> list[Check]:
+def mass_balance(injector: Injector) -> list[Check]:
     """Fuel in, less fuel out, less fuel stored, over the fuel injected."""
     worst = 0.0
     for boundary in (Boundary.IDEAL, Boundary.VOLUME):
@@ -421,7 +374,7 @@ def books(injector: Injector) -> list[Check]:
             pulses = (Energising(0.0, 300e-6), Energising(1.2e-3, 500e-6))
             worst = max(worst, abs(simulate(wired, OperatingPoint(pressure, pulses)).balance))
     detail = "40, 100, 180 MPa, two injections, ideal rail and rail volume; limit: rounding of 4000 steps, with room"
-    return [check("books of mass", worst, 1e-9, "1", detail)]
+    return [check("balance of mass", worst, 1e-9, "1", detail)]
 
 
 def _case(injector: Injector, values: dict[str, float]) -> Injector:
@@ -429,4 +382,4 @@ def _case(injector: Injector, values: dict[str, float]) -> Injector:
     return wired.with_values(TIGHT | values)
 
 
-ALL: tuple[Callable[[Injector], list[Check]], ...] = (joukowsky, pipe_period, chain_modes, steady_flow, books)
+ALL: tuple[Callable[[Injector], list[Check]], ...] = (joukowsky, pipe_period, chain_modes, steady_flow, mass_balance)

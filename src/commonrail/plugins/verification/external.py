@@ -41,19 +41,10 @@ VOLUME, RATE, OPENING = (0.3, 0.1), (1.0, 0.4), 0.3
 
 @dataclass(frozen=True)
 class Run:
-    """One injection by the program outside.
+    """One injection with one energising by the program outside; the horizon of the point is that of the rate.
 
-    Attributes
-    ----------
-    injector : Injector
-    point : OperatingPoint
-        With one energising; its horizon is that of the rate.
-    volume : float
-        Injected [m³].
-    opening : float
-        Instant at which the tip passes 5 um [s].
-    rate : (samples,) or None
-        Means over `INTERVAL` each [m³/s], where they are known.
+    Injected volume [m³], instant at which the tip passes 5 um [s], and rate (samples,) as means over `INTERVAL` each
+    [m³/s], where they are known.
     """
 
     injector: Injector
@@ -102,20 +93,12 @@ def gaps(run: Run, solution: Solution) -> Gaps:
 def against_outside(runs: Sequence[Run], pool: Executor) -> list[Check]:
     """Largest gaps of both engines, simulated by a pool of processes."""
     return [
-        one for engine, simulated in ENGINES.items() for one in judged(engine, runs, list(pool.map(simulated, runs)))
+        one for engine, simulated in ENGINES.items() for one in checks_of(engine, runs, list(pool.map(simulated, runs)))
     ]
 
 
-def judged(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
-    """Checks of the gaps of one engine.
-
-    Parameters
-    ----------
-    engine : str
-        Its name.
-    runs, found : sequence
-        Runs, and the gaps of each.
-    """
+def checks_of(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
+    """Checks of the gaps of one engine."""
     for short, what in ((False, "from 400 us"), (True, "short injections")):
         members = [one for run, one in zip(runs, found, strict=True) if run.short is short]
         rates = [one.rate for one in members if one.rate is not None]
@@ -147,20 +130,16 @@ def objective_and_scores(injector: Injector) -> list[Check]:
     """J of the search against Σ weight · J of the reported scores, at the fuel's own and at another temperature."""
     data: list[DataSet] = [_curve(injector), _map(injector)]
     low, high = injector.fuel.temperature_range
-    names = [*PAPER_OPTIMUM, FUEL_TEMPERATURE]
+    names, stiffness = [*PAPER_OPTIMUM, FUEL_TEMPERATURE], np.array([injector.values[name] for name in PAPER_OPTIMUM])
     checks = []
     for what, temperatures in (("own temperature", (injector.values[FUEL_TEMPERATURE],)), ("others", (low, high))):
-        rows = [_row(injector, factor, t) for factor in FACTORS for t in temperatures]
+        rows = [[*(factor * stiffness), t] for factor in FACTORS for t in temperatures]
         costs = Objective(injector, names, data, STEP, 1).costs(np.array(rows)).costs
         scores = [_reported(injector.with_values(dict(zip(names, row, strict=True))), data) for row in rows]
         worst = float(np.max(np.abs(costs / np.array(scores) - 1.0)))
         detail = f"J of {len(rows)} candidates, a curve and a map, relative; limit: rounding of 1900 steps, with room"
         checks.append(check(f"objective against scores, {what}", worst, ROUNDING, "1", detail))
     return checks
-
-
-def _row(injector: Injector, factor: float, temperature: float) -> list[float]:
-    return [*(factor * injector.values[name] for name in PAPER_OPTIMUM), temperature]
 
 
 def _reported(injector: Injector, data: Sequence[DataSet]) -> float:

@@ -32,8 +32,8 @@ def verify(
     Example:
       commonrail verify --quick
     """
-    from commonrail.plugins.verification.checks import verify as run_checks
     from commonrail.plugins.verification.external import load_outside
+    from commonrail.plugins.verification.run import verify as run_checks
     from commonrail.readers.injector.file import injector_catalogue, load_injector
 
     further = [load_injector(name) for name in injector_catalogue()]

@@ -12,7 +12,7 @@ from commonrail.base.output import check_sum, write_text
 from commonrail.base.units import to_text
 from commonrail.physics.fuel import Fuel, Law
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
-from commonrail.physics.meters.meter import QUANTITIES, Meter
+from commonrail.physics.meters import QUANTITIES, Meter
 from commonrail.physics.parameters import Q
 from commonrail.readers.catalogue import Catalogue
 from commonrail.readers.injector.model import injector_of, meters_of
@@ -99,6 +99,8 @@ def _identity(injector: Injector) -> dict[str, str]:
     }
     if variant.actuation is not Actuation.SERVO:
         identity["actuation"] = variant.actuation.value
+    if variant.nozzle_law:
+        identity["nozzle_law"] = variant.nozzle_law
     return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
 
 

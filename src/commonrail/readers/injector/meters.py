@@ -10,7 +10,7 @@ from pydantic import Field, GetCoreSchemaHandler, create_model
 from pydantic_core import CoreSchema, core_schema
 
 from commonrail.physics.injector import Source
-from commonrail.physics.meters.meter import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
+from commonrail.physics.meters import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
 from commonrail.physics.parameters import Q
 from commonrail.readers.catalogue import installed_text
 from commonrail.readers.fields import UNSTATED, FileModel, Sourced, Text, Unit, choice, fault

@@ -15,10 +15,9 @@ from commonrail.base.units import to_text
 from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder_stiffness
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
-from commonrail.physics.meters.meter import Meter
+from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
-from commonrail.physics.reads import reader_of, unread_parameters
-from commonrail.physics.variants import MODELS, Variant
+from commonrail.physics.variants import MODELS, Variant, reader_of, unread_parameters
 from commonrail.readers.fields import (
     FileModel,
     Given,
@@ -131,6 +130,7 @@ class _Head(FileModel):
     variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
+    nozzle_law: str = ""  # of an installed package; "" is Eq. (9)
     meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
 
 
@@ -186,7 +186,7 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
             name if model.title is None else model.title,
             {path: given[path].value for path in parameter_quantities(model.actuation)},
             fuel,
-            _variant(model),
+            _variant(model, at),
             {path: item.source for path, item in given.items()},
             synthetic=model.synthetic,
         )
@@ -200,7 +200,7 @@ def _refuse_unread(model: Any, components: tuple[str, ...], at: Place) -> None:
     stated = model.model_fields_set
     if model.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
         raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key")
-    unread = unread_parameters(_variant(model))
+    unread = unread_parameters(_variant(model, at))
     for component, key in _DECIDING.items():
         if component in components and key not in stated:
             for name in getattr(model, component).values():
@@ -211,8 +211,10 @@ def _refuse_unread(model: Any, components: tuple[str, ...], at: Place) -> None:
                     )
 
 
-def _variant(model: Any) -> Variant:
-    return Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation)
+def _variant(model: Any, at: Place) -> Variant:
+    variant = Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation)
+    with located(at / "nozzle_law"):
+        return Variant(*variant[:-1], nozzle_law=model.nozzle_law)
 
 
 def _values_of(component: str, values: Values, at: Place) -> Values:

@@ -22,14 +22,8 @@ def contact(depth: float, stiffness: float, damping_factor: float) -> Contact:
     so the force does not jump at touch. k δ and k δ β are returned apart, because the step is implicit
     in the second.
 
-    Parameters
-    ----------
-    depth : float
-        Overlap δ [m], negative where the bodies are apart; small against their size.
-    stiffness : float
-        k [N/m], > 0.
-    damping_factor : float
-        β [s/m], ≥ 0: about 1.5 (1 − restitution)/speed.
+    `depth`: overlap δ [m], negative where the bodies are apart; small against their size; `stiffness`: k [N/m], > 0;
+    `damping_factor`: β [s/m], ≥ 0: about 1.5 (1 − restitution)/speed.
     """
     elastic = stiffness * max(depth, 0.0)
     return Contact(elastic, elastic * damping_factor)
@@ -41,12 +35,7 @@ def mean_overlap(depth: float, move: float) -> float:
 
     Midpoint rule on the four quarters of the path: exact where the bodies touch or part at none of them.
 
-    Parameters
-    ----------
-    depth : float
-        Overlap δ in the middle of the path [m].
-    move : float
-        Half the path [m]; its sign does not matter.
+    `depth`: overlap δ in the middle of the path [m]; `move`: half the path [m]; its sign does not matter.
     """
     near = max(depth - 0.25 * move, 0.0) + max(depth + 0.25 * move, 0.0)
     far = max(depth - 0.75 * move, 0.0) + max(depth + 0.75 * move, 0.0)
@@ -71,20 +60,9 @@ def contact_over_step(
     small terms δ̇ is that of half a step before, and the rate of the other forces is neglected: hence third order. A
     step in which bodies touch or part remains second order, with an error some seven times smaller (`mean_overlap`).
 
-    Parameters
-    ----------
-    depth : float
-        Overlap δ at the start of the step [m].
-    speed : float
-        dδ/dt, half a step before [m/s].
-    outer : float
-        All other forces on the mass [N], positive when they increase the overlap.
-    per_mass : float
-        1/m [1/kg].
-    law : (float, float)
-        Stiffness k [N/m] and Hunt–Crossley factor β [s/m].
-    dt : float
-        Step [s]; k dt² < 4 m.
+    `depth`: overlap δ at the start of the step [m]; `speed`: dδ/dt, half a step before [m/s]; `outer`: all other forces
+    on the mass [N], positive when they increase the overlap; `per_mass`: 1/m [1/kg]; `law` (float, float): stiffness k
+    [N/m] and Hunt–Crossley factor β [s/m]; `dt`: step [s]; k dt² < 4 m.
     """
     stiffness, factor = law
     per_step = dt * dt * per_mass
@@ -103,15 +81,7 @@ def contact_over_step(
 def next_velocity(v: float, gain: float, half: float, per_one_plus_half: float) -> float:
     """Velocity [m/s] after a step whose contact damping is taken at mid-step (implicit, never unstable).
 
-    Parameters
-    ----------
-    v : float
-        Velocity half a step before [m/s].
-    gain : float
-        dt F/m [m/s].
-    half : float
-        dt c/(2 m) [1].
-    per_one_plus_half : float
-        1/(1 + half) [1].
+    `v`: velocity half a step before [m/s]; `gain`: dt F/m [m/s]; `half`: dt c/(2 m) [1]; `per_one_plus_half`: 1/(1 +
+    half) [1].
     """
     return (v * (1.0 - half) + gain) * per_one_plus_half

@@ -1,1 +1,0 @@
-"""Injector whose solenoid acts on the needle itself."""

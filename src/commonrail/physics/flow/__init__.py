@@ -1,1 +1,0 @@
-"""Laws of flow through orifices and gaps, of volumes, pipes and contacts."""

@@ -1,1 +1,0 @@
-"""Meters, which stand between the injection and what is recorded."""

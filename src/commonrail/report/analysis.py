@@ -1,0 +1,100 @@
+"""Folder and page of an analysis, such as a sensitivity or a tolerance study: a record, a table of it, a report."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from commonrail.base.chart import Bars
+from commonrail.base.output import summed, write_csv, write_text
+from commonrail.base.text import MISSING, duration, significant
+from commonrail.data.records import Record
+from commonrail.report.html import render
+from commonrail.report.page import write_report
+from commonrail.runs.folder import new_run_folder, write_record
+
+SHOWN = 16  # rows of a table or figure; all are in the CSV file
+HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
+MARKS = "Marks: M measured, C ECU, F fitted, E estimate."
+
+
+class Analysis(Protocol):
+    """Result of an analysis."""
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form [SI]."""
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows of a table [SI]; keys that only some have are columns too, and None is an empty cell."""
+
+
+Result = TypeVar("Result", bound=Analysis)
+
+
+def run_into(folder: Path | None, table: str, run: Callable[[], Result], texts: Mapping[str, str] = {}) -> Result:
+    """Run an analysis, and write record, table, report and further texts into a new folder, if there is to be one.
+
+    The record has the name of the table, such as "tolerance.csv", with the ending ``.json``. The folder is removed
+    again if nothing comes of the analysis.
+    """
+    if folder is None:
+        return run()
+    with new_run_folder(folder):
+        found = run()
+        _write(folder, table, found)
+        for file, text in texts.items():
+            write_text(folder / file, text)
+        write_report(folder)
+    return found
+
+
+def _write(folder: Path, table: str, found: Analysis) -> None:
+    record, rows = found.record(), found.rows()
+    record_file = Path(table).with_suffix(".json").name
+    notes = (record["title"], "simulated, not measured; SI units", *synthetic_lines(record))
+    heads = list(dict.fromkeys(key for row in rows for key in row))
+    with summed(folder, record_file, table):
+        write_record(folder / record_file, record)
+        write_csv(folder / table, notes, heads, ([_cell(row.get(head)) for head in heads] for row in rows))
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def synthetic_lines(record: Record) -> list[str]:
+    """Sentence on what is assumed, for tables and terminals, if anything is."""
+    return [f"SYNTHETIC: {record['synthetic']}"] if record["synthetic"] else []
+
+
+def analysis_html(
+    template: str, package: str, record: Record, folder: Path, facts: Sequence[tuple[str, str]], **values: Any
+) -> str:
+    """Page of a record that lies in a folder; facts on time and software join the others."""
+    seconds = record["clock"]["seconds"]
+    speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
+    versions = ", ".join(f"{name} {version}" for name, version in record["software"].items())
+    return render(
+        template,
+        package=package,
+        record=record,
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
+        commands=[("Make this report again", f"commonrail report {shlex.quote(folder.as_posix())}")],
+        facts=[*facts, ("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)],
+        **values,
+    )
+
+
+def interval_bars(label: str, look: str, rows: Sequence[Record], key: str, scale: float, slot: int = 0) -> Bars:
+    """Bars from zero with their intervals: of each row the value, low and high of a key, times a scale."""
+    value, low, high = (tuple(scale * row[key][end] for row in rows) for end in ("value", "low", "high"))
+    return Bars(label, look, (0.0,) * len(rows), value, low, high, slot=slot)
+
+
+def bar_height(rows: int) -> int:
+    """Height of a figure with bars [px]."""
+    return 130 + HEIGHT_OF_A_ROW * rows
