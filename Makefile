@@ -23,7 +23,7 @@ test: BESIDE := for p in f64 f32; do PYTHONPATH=src $(BIN)/python -m tools.compi
 QUICK := $(addprefix tests/,base/test_live.py base/test_text.py physics data report verification workers plugins/maps \
     plugins/foreign_fmu engine/test_stepper.py engine/test_metered.py calibration/test_study_file.py cli/test_simulate.py \
     cli/test_calibrate.py calibration/test_objective.py calibration/test_differential_evolution.py runs/test_run.py) \
-    $(addprefix --ignore=tests/,verification/test_direct_acting.py report/test_plates.py data/test_standard_errors.py \
+    $(addprefix --ignore=tests/,verification/test_direct_acting.py plugins/paper/test_plates.py data/test_standard_errors.py \
     plugins/maps/test_map.py plugins/maps/test_sweep_verb.py)
 REQUIRED := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")
 # Without whole simulations: as plain Python they take minutes.
@@ -35,7 +35,7 @@ help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
 
 demo: $(VENV)/.runtime ## calibrate the cases paper and cri2-16, repeat the paper's study, write three reports to demo/
-	$(BIN)/python -m commonrail.plugins.paper.demo --out demo
+	$(BIN)/python -m tools.demo --out demo
 
 quick: lint ## lint, check types and imports, run a fifth of the tests
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow and not process and not gpu" $(QUICK)
@@ -98,7 +98,7 @@ disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status
 	$(BIN)/python -m tools.no_room || test $$? -eq 77
 
 kernels: $(VENV)/.runtime ## compile the simulations of the catalogue into libraries: later starts need no compiler
-	$(BIN)/python -m commonrail.plugins.export.wheel_libraries
+	$(BIN)/python -m tools.wheel_libraries
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
 	$(BIN)/python -m benchmarks speed --peers --out benchmarks/results.json

@@ -31,8 +31,8 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         root = Path(self.root)
         self._made = tempfile.TemporaryDirectory(prefix="commonrail-kernels-")  # removed at the latest with the process
         folder = Path(self._made.name)
-        environment = os.environ | {"PYTHONPATH": str(root / "src")}
-        command = [sys.executable, "-m", "commonrail.plugins.export.wheel_libraries", str(folder), "all"]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(root / "src"), self.root))}
+        command = [sys.executable, "-m", "tools.wheel_libraries", str(folder), "all"]
         if subprocess.run(command, env=environment, check=False).returncode != 0:
             sys.exit(f"{ASKED}=1 needs the libraries, which were not built: see above; without it the wheel has none.")
         for path in sorted(folder.glob("[!.]*")):  # an interrupted build leaves a hidden file

@@ -41,13 +41,7 @@ class Truth(NamedTuple):
 
 
 def errors(solution: Solution, truth: Solution) -> Errors:
-    """Errors of the rate and of the volume.
-
-    Raises
-    ------
-    ConfigurationError
-        If the two are one, which would have no error, or are not sampled at the same times.
-    """
+    """Errors of the rate and of the volume; ConfigurationError if the two are one or are sampled at different times."""
     if solution is truth:
         raise ConfigurationError("A simulation cannot be judged by itself.")
     if len(solution.time) != len(truth.time) or not np.allclose(solution.time, truth.time, rtol=0.0, atol=1e-12):
@@ -66,15 +60,8 @@ def find_truth() -> Truth:
 def lane_errors(time_step: float, precision: Precision, others: int) -> list[Errors]:
     """Errors of the lanes: of the case, then of the first `others` candidates of the benchmark's population.
 
-    Each is judged by the explicit scheme at its usual resolution; samples are some 3 us long, whole numbers of steps.
-
-    Parameters
-    ----------
-    time_step : float
-        [s].
-    precision : Precision
-    others : int
-        Candidates.
+    Each is judged by the explicit scheme at its usual resolution; samples are some 3 us long, whole numbers of steps of
+    `time_step` [s].
     """
     interval = time_step * max(round(INTERVAL / time_step), 1)
     found = []

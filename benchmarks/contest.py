@@ -90,15 +90,7 @@ def search_once(
 ) -> Trace:
     """Search on one thread until so many evaluations are made, or the optimiser ends by itself.
 
-    Parameters
-    ----------
-    study : Study
-    entry : Entry
-    seed : int
-    evaluations : int
-        The step that exceeds them is the last one.
-    clock : function
-        Processor time of this process [s].
+    The step that exceeds the evaluations is the last one; `clock` is the processor time of this process [s].
     """
     kind = registered(entry.settings)
     assert kind is not None  # an entry has the settings of an optimiser
@@ -123,21 +115,10 @@ def contest(
     evaluations: int = SLOTS,
     wanted: Sequence[str] = (),
 ) -> Iterator[dict[str, Any]]:
-    """Search every problem with every optimiser and seed.
+    """Search every problem with every optimiser and seed, with so many evaluations each.
 
-    Parameters
-    ----------
-    problems : sequence of Problem
-    seeds : sequence of int
-    evaluations : int
-        Of each search.
-    wanted : sequence of str
-        Beginnings of the names of the optimisers, all by default; the paper's runs in any case.
-
-    Yields
-    ------
-    dict
-        JSON-able: problem, optimiser, seed, converged, and evaluations, seconds, best after each step (None for +inf).
+    `wanted` are beginnings of the names of the optimisers, all by default; the paper's runs in any case. Each item is
+    JSON-able: problem, optimiser, seed, converged, and evaluations, seconds, best after each step (None for +inf).
     """
     for problem in problems:
         for entry in entries(problem):
@@ -157,13 +138,8 @@ FINE, WIDE = 1e-4, 1e-2  # differences of the range for curves, and for maps, wh
 def problems_of(files: Sequence[Path], benches: int) -> list[Problem]:
     """The paper's case if no file is named, the studies of files, and so many virtual benches.
 
-    Parameters
-    ----------
-    files : sequence of Path
-        Study files.
-    benches : int
-        Each has stiffnesses of its own, drawn from what the paper's bounds and ordering allow, and noise and scatter of
-        its own. The curves are SYNTHETIC.
+    Each bench has stiffnesses of its own, drawn from what the paper's bounds and ordering allow, and noise and scatter
+    of its own. The curves are SYNTHETIC.
     """
     found = [] if files else [Problem("paper", paper_study(), FINE)]
     for file in files:
@@ -190,21 +166,11 @@ NEAR = 1.01  # of the best known objective counts as reached
 def standing(rows: Sequence[dict[str, Any]], evaluations: int) -> list[dict[str, Any]]:
     """One row for each problem and optimiser, in the order of the contest.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        As `contest` yields them.
-    evaluations : int
-        Of each search.
-
-    Returns
-    -------
-    list of dict
-        "tenth" and "end": median objective after a tenth of the evaluations, and after all; None before the first
-        step. "near": share of the seeds that come within 1 % of the best known, of any search in `rows`;
-        "near_evaluations", "near_seconds": their median, None where half of the seeds do not. "equal_evaluations": the
-        median number until the median end of the paper's search is reached, None where half of the seeds do not reach
-        it; "saving", how many times fewer than its own they are. "converged": share of the seeds that say so.
+    "tenth" and "end" are the median objectives after a tenth of the evaluations and after all; None before the first
+    step. "near" is the share of the seeds that come within 1 % of the best known, of any search in `rows`;
+    "near_evaluations" and "near_seconds" are their medians, None where half of the seeds do not. "equal_evaluations" is
+    the median number until the median end of the paper's search is reached, None where half of the seeds do not reach
+    it; "saving", how many times fewer than its own they are. "converged" is the share of the seeds that say so.
     """
     found = []
     for problem in dict.fromkeys(row["problem"] for row in rows):

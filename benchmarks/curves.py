@@ -25,11 +25,8 @@ LONGEST = 900.0  # what a population may take in its own process, compilation in
 def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner = run_child) -> Iterator[dict[str, Any]]:
     """Time and greatest memory against candidates, each population in a process of its own.
 
-    Yields
-    ------
-    dict
-        candidates, threads, seconds, runs, peak_bytes, before_bytes (of the same process before the population) and
-        per_second; or candidates and failed, a sentence, where the process did not end well.
+    Each item has candidates, threads, seconds, runs, peak_bytes, before_bytes (of the same process before the
+    population) and per_second; or candidates and failed, a sentence, where the process did not end well.
     """
     for count in counts:
         found = ask_child("benchmarks.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST, run)

@@ -22,19 +22,9 @@ MEDIUM = Resolution((120, 60), 1e-5)
 
 
 class Method(NamedTuple):
-    """A way to simulate the case.
+    """A way to simulate the case: `run` simulates and counts evaluations.
 
-    Attributes
-    ----------
-    name, family : str
-    run : function
-        Simulates, and counts evaluations.
-    timed : function, optional
-        What is timed in place of `run`.
-    simulations : int
-        That `timed` makes.
-    needs : str
-        Module that must be installed.
+    `timed`, which makes so many simulations, is timed in place of `run`; `needs` is a module that must be installed.
     """
 
     name: str
@@ -61,22 +51,10 @@ def own_methods(quick: bool) -> list[Method]:
 def measure_methods(
     methods: list[Method], truth: Truth, effort: Effort, clocks: Clocks = CLOCKS
 ) -> Iterator[dict[str, Any]]:
-    """Measure methods one by one.
+    """Measure methods one by one; the first is what the others' times are compared with.
 
-    Parameters
-    ----------
-    methods : list of Method
-        The first is what the others' times are compared with.
-    truth : Truth
-    effort : Effort
-        Length of each timing.
-    clocks : Clocks
-
-    Yields
-    ------
-    dict
-        method, family, seconds and cpu_seconds for one simulation, runs, evaluations, status, L1_percent,
-        volume_percent, and times_the_first.
+    Each item has method, family, seconds and cpu_seconds for one simulation, runs, evaluations, status, L1_percent,
+    volume_percent, and times_the_first.
     """
     first = None
     for method in methods:

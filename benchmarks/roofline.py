@@ -172,17 +172,10 @@ class Times(NamedTuple):
 
 
 def figures(block: list[str], steps: int, times: Times, bound: float | None) -> dict[str, Any]:
-    """Return what a step is made of, its bounds, and the cycles that it takes.
+    """What a step is made of, its bounds, and the cycles that it takes.
 
-    Parameters
-    ----------
-    block : list of str
-        Instructions of the step.
-    steps : int
-        Steps of the run, of one block of lanes each.
-    times : Times
-    bound : float or None
-        Cycles of a step according to llvm-mca.
+    `block` are the instructions of the step, `steps` those of the run, of one block of lanes each; `bound` is the
+    number of cycles of a step according to llvm-mca.
     """
     cycles = times.run * times.clock / steps
     least = None if times.without_waiting is None else times.without_waiting * times.clock

@@ -45,22 +45,11 @@ def run_bench(
     options: dict[str, bool],
     missing: Sequence[dict[str, str]] = (),
 ) -> dict[str, Any]:
-    """Measure.
+    """Measure the planned stages; returns the JSON-able record, in which the options are kept.
 
-    Parameters
-    ----------
-    planned : sequence of Stage
-    tell : function of (title, rows done, rows in all), optional
-        Told after every row.
-    options : dict
-        Kept in the record.
-    missing : sequence of dict
-        What was not installed ("peer") and how to install it ("install").
-
-    Returns
-    -------
-    dict
-        The record, JSON-able; its status is "interrupted" if Ctrl-C ended it, and holds what was measured until then.
+    `tell` is told title, rows done and rows in all after every row. `missing` says what was not installed ("peer") and
+    how to install it ("install"). The status is "interrupted" if Ctrl-C ended it, and the record holds what was
+    measured until then.
     """
     threads, before = usable_threads(), load()
     others = before or 0.0  # greatest load that is not the benchmark's own
@@ -94,14 +83,9 @@ def run_bench(
 
 
 def stages(quick: bool, methods: Sequence[Method] = (), optimisers: Sequence[Optimiser] = ()) -> list[Stage]:
-    """Stages of commonrail's own methods, in order.
+    """Stages of commonrail's own methods in order, then of other methods and optimisers.
 
-    Parameters
-    ----------
-    quick : bool
-        Shorter timings and fewer rows.
-    methods, optimisers : sequence, optional
-        Others to be measured behind them.
+    `quick` are shorter timings and fewer rows.
     """
     methods = [*own_methods(quick), *methods]
     optimisers = [OWN, *optimisers]
@@ -161,15 +145,7 @@ def words(key: str) -> Callable[[Row], str]:
 
 
 def tabulated(title: str, columns: Columns, texts: int = 1) -> Make:
-    """Table with a line for each row of a record.
-
-    Parameters
-    ----------
-    title : str
-    columns : sequence of (head, function of a row)
-    texts : int
-        Number of first columns that hold words.
-    """
+    """Table with a line for each row of a record; its first `texts` columns hold words."""
     heads, cells = zip(*columns, strict=True)
     return lambda rows: Grid(title, heads, [tuple(cell(row) for cell in cells) for row in rows], texts)
 

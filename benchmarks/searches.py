@@ -134,15 +134,8 @@ SCALARS = (
 def reference_searches(count: int = MEASURED, clock: Callable[[], float] = CLOCKS.wall) -> Iterator[dict[str, Any]]:
     """SciPy's differential evolution on scalar solvers: `count` simulations are measured, the rest extrapolated.
 
-    Yields
-    ------
-    dict
-        As `measure_search`, on one core; J is None, and measured_simulations says how many were made.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are fewer members than SciPy takes.
+    Items are as those of `measure_search`, on one core; J is None, and measured_simulations says how many were made.
+    ConfigurationError if there are fewer members than SciPy takes.
     """
     if count < 5:
         raise ConfigurationError(f"SciPy's differential evolution needs 5 members or more, not {count}.")

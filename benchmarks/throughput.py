@@ -21,21 +21,9 @@ JUDGED = 8  # candidates whose error is looked at
 def measure_throughput(effort: Effort, clocks: Clocks = CLOCKS, judged: int = JUDGED) -> Iterator[dict[str, Any]]:
     """Time populations at one operating point, every candidate over the whole horizon.
 
-    What does not depend on the candidates is prepared once, as it is for the generations of a search.
-
-    Parameters
-    ----------
-    effort : Effort
-        Length of each timing.
-    clocks : Clocks
-    judged : int
-        Candidates whose error is looked at.
-
-    Yields
-    ------
-    dict
-        candidates, threads, precision, time_step, seconds, cpu_seconds, runs, per_second (candidates), L1_percent of
-        the case, and worst_L1_percent of it and of the judged candidates.
+    What does not depend on the candidates is prepared once, as it is for the generations of a search. The error of
+    `judged` candidates is looked at. Each item has candidates, threads, precision, time_step, seconds, cpu_seconds,
+    runs, per_second (candidates), L1_percent of the case, and worst_L1_percent of it and of the judged candidates.
     """
     for precision in Precision:
         for step in TIME_STEPS:

@@ -36,13 +36,6 @@ def time_best(action: Callable[[], Any], effort: Effort, clocks: Clocks = CLOCKS
     """Time an action that has been run before, so that nothing is compiled or loaded in the measured runs.
 
     The shortest run is the one least disturbed by others on the machine; processor time does not see waiting.
-
-    Parameters
-    ----------
-    action : function
-    effort : Effort
-        Limits of the runs.
-    clocks : Clocks
     """
     found: list[tuple[float, float]] = []
     while len(found) < effort.runs and (not found or sum(wall for wall, _ in found) < effort.seconds):

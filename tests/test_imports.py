@@ -50,7 +50,7 @@ OFFENDERS = [
     ("plugins.tolerance", "import commonrail.plugins.fleet", "Plug-ins import one another only where listed"),
     ("physics", "import pydantic", "Physics knows no files"),
     ("physics", "def f():\n    import pint", "Only units imports pint"),
-    ("engine", "import matplotlib.pyplot", "Only report draws"),
+    ("engine", "import matplotlib.pyplot", "Only plates for print load matplotlib"),
 ]
 
 
@@ -100,7 +100,7 @@ AT_THE_TOP = {
     "readers/child/mdf.py": {"asammdf"},
     "readers/child/parquet.py": {"pyarrow"},
     "readers/child/xlsx.py": {"openpyxl"},
-    "report/draw/print.py": {"matplotlib"},
+    "plugins/paper/plates.py": {"matplotlib"},
 }
 
 
@@ -171,7 +171,7 @@ def loaded(code: str, lazy: tuple[str, ...] = LAZY) -> list[str]:
 
 
 def test_the_watch_sees_what_is_loaded() -> None:
-    assert loaded("import commonrail.report.draw.print")
+    assert loaded("import commonrail.plugins.paper.plates")
 
 
 @pytest.mark.parametrize(

@@ -31,11 +31,11 @@ OTHER_PLUGINS = [
     for path in (PACKAGE / "plugins").iterdir()
     if path.name not in ("paper", "certainty")  # whose intervals the reproduction compares with the truth
 ]
-# What the reproduction may import besides public names: its own package, and for its figures charts, texts and units.
+# What the reproduction may import besides public names: its own package, texts of numbers, and for its figures charts.
 REPRODUCTION = {
     "study.py": ("plugins.paper.", "base.arrays."),
     "run.py": ("plugins.paper.", "base.arrays."),
-    "claims.py": ("plugins.paper.", "base.arrays."),
+    "claims.py": ("plugins.paper.", "base.arrays.", "base.text."),
     "figures.py": ("plugins.paper.", "base.", "data.records."),
 }
 

@@ -39,16 +39,9 @@ KINDS = ((1.0, 1.0, 0.0), (0.3, 1.0, 0.0), (1.0, 0.7, 1.5), (0.3, 0.7, 1.5))
 class Linear(NamedTuple):
     """Linear model of a run, in tolerances and standard deviations of the priors.
 
-    Attributes
-    ----------
-    fitted : (n, d)
-        Derivatives of the fitted residuals.
-    judged : (n,) bool
-        Those that are quantities.
-    unseen : (m, d)
-        Derivatives of the quantities to be predicted.
-    places : (n + m, 2)
-        Rail pressures [Pa] and energising times [s].
+    `fitted` (n, d) and `unseen` (m, d) are derivatives of the fitted residuals and of the quantities to be predicted;
+    `judged` (n,) are the residuals that are quantities; `places` (n + m, 2) are rail pressures [Pa] and energising
+    times [s].
     """
 
     fitted: Floats
@@ -98,15 +91,7 @@ def _places(data: DataSet) -> Floats:
 
 
 def inside(model: Linear, kind: tuple[float, float, float], many: int) -> NDArray[np.intp]:
-    """Number of unseen quantities inside the bands of each bench and level, (many, levels).
-
-    Parameters
-    ----------
-    model : Linear
-    kind : (float, float, float)
-        Of `KINDS`.
-    many : int
-    """
+    """Number of unseen quantities inside the bands of each bench and level, (many, levels), for a kind of `KINDS`."""
     width, noise, discrepancy = kind
     rng = np.random.default_rng(2)
     apart = (model.places[:, None] - model.places[None]) / LENGTHS

@@ -32,20 +32,7 @@ _FLAGS = (
 
 
 class Browser:
-    """One page of a browser.
-
-    Parameters
-    ----------
-    address : str
-        Of the page's own socket.
-
-    Attributes
-    ----------
-    complaints : list of str
-        Errors that the page has thrown or logged.
-    process : int
-        Of the browser.
-    """
+    """One page of a browser at the address of its own socket; `complaints` are errors that it has thrown or logged."""
 
     def __init__(self, address: str) -> None:
         from websocket import create_connection
@@ -107,15 +94,7 @@ class Browser:
         )
 
     def press(self, key: str, code: str = "", number: int = 0) -> None:
-        """Press and release a key.
-
-        Parameters
-        ----------
-        key, code : str
-            As in events of JavaScript.
-        number : int
-            Windows' number of the key, which moves a slider.
-        """
+        """Press and release a key as in events of JavaScript; `number` is that of Windows, which moves a slider."""
         text = {"text": key} if len(key) == 1 else {}
         for kind in ("keyDown", "keyUp"):
             extra = text if kind == "keyDown" else {}
@@ -124,13 +103,7 @@ class Browser:
             )
 
     def resize(self, width: int, height: int, phone: bool = False) -> None:
-        """Size of the window [px].
-
-        Parameters
-        ----------
-        width, height : int
-        phone : bool
-        """
+        """Set the size of the window [px]."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
 
     def picture(self, path: Path, whole: bool = True) -> None:

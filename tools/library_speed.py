@@ -51,17 +51,9 @@ def build(folder: Path) -> tuple[Library, Path]:
 
 
 def timing(program: Path, step: float, width: int, rounds: int) -> Timing:
-    """Timing of injections.
+    """Timing of so many injections in steps of `step` [s].
 
-    Parameters
-    ----------
-    program : Path
-    step : float
-        [s].
-    width : int
-        Lanes computed at once in a block of eight; 0: one injector alone.
-    rounds : int
-        Injections.
+    `width` are lanes computed at once in a block of eight; 0: one injector alone.
     """
     words = [str(program), repr(step), str(width), str(rounds)]
     said = subprocess.run(words, capture_output=True, text=True, check=True).stdout

@@ -14,17 +14,9 @@ _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[[\w,-]+\])?>=(?P<version>[\w.]+)
 
 
 def lowest(pyproject: str) -> dict[str, str]:
-    """Return the lowest version of each requirement, by the name of its package in lower case.
+    """Lowest version of each requirement in the text of a pyproject.toml, by the name of its package in lower case.
 
-    Parameters
-    ----------
-    pyproject : str
-        Text of a pyproject.toml.
-
-    Raises
-    ------
-    ValueError
-        If a requirement is not of the form ``name>=version``, or two ask for different versions of a package.
+    ValueError if one is not of the form ``name>=version``, or two ask for different versions of a package.
     """
     project = tomllib.loads(pyproject)["project"]
     extras = project.get("optional-dependencies", {}).values()

@@ -47,12 +47,8 @@ HEAD = """\
 class Fit(NamedTuple):
     """One fit of the example's study.
 
-    Attributes
-    ----------
-    error : dict of str to float
-        Found − true value of each parameter, in standard errors of the found one.
-    start_j, truth_j, best_j : float
-        J at the start values, at the truth and at the best [mm³/ms].
+    `error` is found − true value of each parameter, in standard errors of the found one; `start_j`, `truth_j` and
+    `best_j` are J at the start values, at the truth and at the best [mm³/ms].
     """
 
     error: dict[str, float]

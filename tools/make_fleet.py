@@ -157,19 +157,10 @@ def names_of(count: int) -> list[str]:
 
 
 def make_fleet(folder: Path, count: int, layout: str = "files", table: str = "", **search: int) -> Path:
-    """Write a fleet; returns its file.
+    """Write a fleet of so many injectors; returns its file.
 
-    Parameters
-    ----------
-    folder : Path
-    count : int
-        Injectors.
-    layout : str
-        "files" or "rows".
-    table : str
-        Name of its table; one that ends in .parquet is Parquet.
-    search : int
-        `members` and `generations` of each search, and `seed` of scatter and noise.
+    `layout` is "files" or "rows", `table` the name of its table; one that ends in .parquet is Parquet. `search` are
+    `members` and `generations` of each search, and `seed` of scatter and noise.
     """
     injector, rng = load_injector(INJECTOR), np.random.default_rng(search.get("seed", 1))
     values = scattered(injector, count, rng)

@@ -27,17 +27,7 @@ _ACCOUNT = """window.account ??= [], window.accountant ??= new PerformanceObserv
 
 
 def measure(page: Browser, slider: str, fan: bool) -> dict[str, Any]:
-    """Times [ms] from a key to the drawn curve, and to the screen, of one slider.
-
-    Parameters
-    ----------
-    page : Browser
-        Open.
-    slider : str
-        Id of the slider.
-    fan : bool
-        With the fan.
-    """
+    """Times [ms] from a key to the drawn curve, and to the screen, of the slider of an id on an open page."""
     page.evaluate(f"if (commonrail.state().fan !== {str(fan).lower()}) document.getElementById('fanned').click()")
     page.evaluate(f"document.getElementById({slider!r}).focus()")
     page.evaluate(_ACCOUNT)
@@ -62,16 +52,7 @@ def measure(page: Browser, slider: str, fan: bool) -> dict[str, Any]:
 
 
 def drag(page: Browser, slider: str, seconds: float) -> tuple[float, float]:
-    """Curves and fans per second while a slider is moved at every frame of the screen.
-
-    Parameters
-    ----------
-    page : Browser
-        Open, with the fan as it is.
-    slider : str
-        Id of the slider.
-    seconds : float
-    """
+    """Curves and fans per second while a slider is moved at every frame of the screen for so many seconds."""
     curves, fans = page.evaluate(f"""new Promise((done) => {{
             const range = document.getElementById({slider!r}), begun = performance.now();
             const low = +range.min, high = +range.max;

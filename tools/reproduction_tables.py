@@ -157,13 +157,7 @@ def blocks(record: Record, perfect: Record) -> dict[str, str]:
 
 
 def filled(page: str, found: dict[str, str]) -> str:
-    """The page with its blocks replaced.
-
-    Raises
-    ------
-    SystemExit
-        If the page lacks a block, or has one that nothing fills.
-    """
+    """The page with its blocks replaced; SystemExit if it lacks a block, or has one that nothing fills."""
     named = re.findall(r"^<!-- (\w+) -->$", page, re.M)
     named = [name for name in named if name != "end"]
     if sorted(named) != sorted(found):

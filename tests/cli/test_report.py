@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.report.draw.print import BROWSERS
+from commonrail.report.pdf import BROWSERS
 from tests.cli.conftest import Command
 from tests.report.conftest import rate_run, write_run
 
@@ -30,7 +30,7 @@ def fake(path: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program in place of the browser."""
     path.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setattr("commonrail.report.draw.print.BROWSERS", (str(path),))
+    monkeypatch.setattr("commonrail.report.pdf.BROWSERS", (str(path),))
 
 
 def test_a_browser_that_prints_nothing_is_told(

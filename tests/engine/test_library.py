@@ -26,10 +26,10 @@ from commonrail.engine import lanes, machine_code
 from commonrail.engine.machine_code import symbol_of
 from commonrail.engine.operating_point import Trace
 from commonrail.physics.variants import Variant
-from commonrail.plugins.export import wheel_libraries
-from commonrail.plugins.export.wheel_libraries import ALL, CATALOGUE, write_libraries
 from commonrail.readers.injector.file import injector_catalogue, load_injector
 from tests.conftest import wired
+from tools import wheel_libraries
+from tools.wheel_libraries import ALL, CATALOGUE, write_libraries
 
 RAILS = {Actuation.SERVO: 160e6, Actuation.DIRECT: 25e6}
 COURSES = {
@@ -256,7 +256,7 @@ def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:
         "found = importlib.util.find_spec; "
         "importlib.util.find_spec = lambda name, *more: None if name == 'ziglang' else found(name, *more); "
         f"sys.argv[1:] = [{str(tmp_path)!r}]; "
-        "runpy.run_module('commonrail.plugins.export.wheel_libraries', run_name='__main__')"
+        "runpy.run_module('tools.wheel_libraries', run_name='__main__')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.report.draw.heat_map import error_maps
+from commonrail.report.fit.figures import error_maps
 from tests.report.samples import map_record, rate_record
 
 

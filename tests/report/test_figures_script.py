@@ -12,8 +12,8 @@ import pytest
 from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.errors import InputError
 from commonrail.report.draw.figure import figure_html
-from commonrail.report.draw.print import browser
 from commonrail.report.html import render
+from commonrail.report.pdf import browser
 
 # Drags over the middle half of the first panel, reads off in the middle, and returns by a double click.
 SCRIPT = """<script>

@@ -73,7 +73,7 @@ def test_no_two_templates_style_the_same_class() -> None:
     """All styles of a page are one sheet: a class that two templates style gets both, whatever each means by it."""
     styles = {}
     for path in Path(html.__file__).parents[1].rglob("templates/*.html"):
-        found = re.findall(r"<style>.*?</style>|{% block style %}.*?{% endblock %}", path.read_text("utf-8"), re.S)
+        found = re.findall(r"{% block (?:css|style) %}.*?{% endblock %}", path.read_text("utf-8"), re.S)
         # selectors stand before braces; a number such as .8rem is no class
         selectors = [before for sheet in found for before in re.findall(r"([^{}]+){", sheet)]
         styles[path.name] = {name for text in selectors for name in re.findall(r"\.([a-z][\w-]*)", text)}

@@ -124,3 +124,6 @@ class HeatMap:
     unit: str  # of the values, beside the scale of colours
     diverging: bool = False  # zero lies in the middle of the colours, as of a difference
     largest: float = 0.0  # difference of the last colour; 0 for the largest one there is
+
+
+Chart = Figure | HeatMap

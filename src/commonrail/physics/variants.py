@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
-from commonrail.base.arguments import chosen
+from commonrail.base.arguments import chosen, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.physics import connections, direct, model, step
@@ -78,7 +78,7 @@ class Variant(_Wired):
                 'A direct-acting injector is fed from an ideal rail; set rail_boundary to "ideal", and give a measured '
                 "rail pressure as a time series if it varies."
             )
-        if nozzle_law and registry.find(_NOZZLE_LAWS, nozzle_law) is None:
+        if plain_text(nozzle_law, "nozzle_law") and registry.find(_NOZZLE_LAWS, nozzle_law) is None:
             known = registry.installed(_NOZZLE_LAWS)
             raise ConfigurationError(
                 f'There is no nozzle law "{nozzle_law}"{nearest(nozzle_law, known)}: no installed package registers it '

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import fixed, listed, number, pressure, quantity, significant
+from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
 from commonrail.data.records import MICROSECOND, Record, Traces
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.figures import comparison_figures
 from commonrail.report.fit.record import by_kind
 from commonrail.report.fit.verdict import synthetic_notes
@@ -70,14 +70,13 @@ RESULT = ResultKind(COMPARISON, "comparison", "compare", _page, KEYS)
 
 def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
     """The page of a comparison; `folder` is its name for the command lines in it."""
-    drawn = enumerate(comparison_figures(record, traces))
     return render(
         "comparison.html",
         kind="Comparison",
         record=record,
         lines=comparison_lines(record),
         tables=comparison_tables(record),
-        figures=[(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn],
+        figures=drawings(comparison_figures(record, traces)),
         differences=difference_table(record),
         synthetic=synthetic_notes(record),
         commands=comparison_commands(record, folder),
@@ -88,14 +87,13 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
 def comparison_lines(record: Record) -> list[str]:
     """Sentences on models and data, the nearest model to each data set, and points without a number."""
     labels, data = list(record["labels"]), record["data"]
-    counts = (_counted(len(labels), "model"), _counted(len(data), "data set"))
-    lines = [f"{counts[0]} on {counts[1]}; nothing was fitted."]
+    lines = [f"{counted(len(labels), 'model')} on {counted(len(data), 'data set')}; nothing was fitted."]
     if len(labels) > 1:
         for view, own in by_kind(data):
             lines += _nearest(*view.leading(own), [d["name"] for d in own], labels)
     failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
     if failed:
-        lines.append(f"{_counted(failed, 'point')} could not be simulated or judged; the last table says why.")
+        lines.append(f"{counted(failed, 'point')} could not be simulated or judged; the last table says why.")
     return lines
 
 
@@ -112,17 +110,9 @@ def comparison_commands(record: Record, folder: str) -> list[tuple[str, str]]:
 
 
 def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: Sequence[str]) -> list[str]:
-    """Sentence on which model has the least error of which data sets.
+    """Sentence on which model has the least error of which data sets, of their errors by label.
 
-    Parameters
-    ----------
-    what : str
-        What the best model has.
-    errors : sequence of mapping
-        Errors by label, of each data set.
-    names : sequence of str
-        Of the data sets.
-    labels : sequence of str
+    `what` is what the best model has; `names` are those of the data sets.
     """
     won: dict[str, list[str]] = {}
     for name, own in zip(names, errors, strict=True):
@@ -134,10 +124,6 @@ def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: 
     order = sorted(won, key=lambda label: -len(won[label]))
     first, *others = (f"“{label}”{{}} on {listed(won[label])}" for label in order)
     return ["; ".join([first.replace("{}", f" has {what}"), *(part.replace("{}", "") for part in others)]) + "."]
-
-
-def _counted(count: int, word: str) -> str:
-    return f"{count} {word}{'' if count == 1 else 's'}"
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

@@ -11,6 +11,7 @@ from commonrail.base.choices import Actuation, Drive
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import fixed, quantity
 from commonrail.base.units import to_text
+from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -20,7 +21,6 @@ from commonrail.report.fit.tables import MARKS
 from commonrail.report.html import render
 from commonrail.report.simulation import course_figure
 
-MICRO = 1e6
 # Operating points of the figures: an everyday main injection at the pressures that each kind of injector is built for.
 # The direct-acting one is shown at the pressures and the cylinder pressure of the traces that it was fitted to.
 SERVO = tuple(OperatingPoint(p, 700e-6, 5e6) for p in (40e6, 80e6, 120e6, 160e6))
@@ -30,18 +30,9 @@ _TRACED = (Drive.VOLTAGE, Drive.CURRENT)
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One injector of the gallery.
+    """One injector of the gallery by its name in the catalogue.
 
-    Attributes
-    ----------
-    name : str
-        In the catalogue.
-    injector : Injector
-    points : tuple of OperatingPoint
-    solutions : dict of str to Solution
-        By rail pressure, as the legend says it.
-    notes : tuple of str
-        Sentences about what is not measured or assumed.
+    `solutions` are by rail pressure, as the legend says it; `notes` say what is not measured or assumed.
     """
 
     name: str
@@ -52,14 +43,9 @@ class Exhibit:
 
 
 def exhibit(name: str, injector: Injector) -> Exhibit:
-    """Simulate an injector for the gallery.
+    """Simulate an injector of the catalogue for the gallery.
 
-    Parameters
-    ----------
-    name : str
-        In the catalogue.
-    injector : Injector
-        One that follows a measured voltage or current is driven by the peaks and holds of its file instead.
+    One that follows a measured voltage or current is driven by the peaks and holds of its file instead.
     """
     notes = [injector.synthetic] if injector.synthetic else []
     shown, drive = injector, injector.variant.drive
@@ -77,14 +63,7 @@ def exhibit(name: str, injector: Injector) -> Exhibit:
 
 
 def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
-    """Page of several injectors.
-
-    Parameters
-    ----------
-    exhibits : sequence of Exhibit
-    version : str
-        Of the program.
-    """
+    """Page of several injectors; `version` is that of the program."""
     return render(
         "gallery.html",
         exhibits=[
@@ -120,17 +99,13 @@ def _commands(e: Exhibit) -> list[str]:
 def _curves(e: Exhibit) -> Figure:
     """Rates and lifts at all points."""
     whole = course_figure(e.solutions)
-    lasting = quantity(e.points[0].pulses[0][1], "s", 3)
+    lasting, back = quantity(e.points[0].pulses[0][1], "s", 3), quantity(e.points[0].initial_pressures()[1], "Pa", 3)
     return replace(
         whole,
         title=f"Rate and lifts, energised for {lasting}",
-        caption=f"Simulated, not measured, in steps of 1 µs; against {quantity(_back(e), 'Pa', 3)} in the cylinder.",
+        caption=f"Simulated, not measured, in steps of 1 µs; against {back} in the cylinder.",
         panels=whole.panels[:2],
     )
-
-
-def _back(e: Exhibit) -> float:
-    return float(e.points[0].initial_pressures()[1])
 
 
 def _figures(e: Exhibit) -> Table:
@@ -141,11 +116,11 @@ def _figures(e: Exhibit) -> Table:
         e.solutions.items(),
         (
             ("rail pressure", lambda row: row[0]),
-            ("quantity, mm³", lambda row: fixed(row[1].injected_volume * 1e9, 2)),
-            ("opening delay, µs", lambda row: fixed(row[1].opening * MICRO, 0)),
-            ("closing delay, µs", lambda row: fixed((row[1].closing - end) * MICRO, 0)),
+            ("quantity, mm³", lambda row: fixed(row[1].injected_volume, 2, MM3)),
+            ("opening delay, µs", lambda row: fixed(row[1].opening, 0, MICROSECOND)),
+            ("closing delay, µs", lambda row: fixed(row[1].closing - end, 0, MICROSECOND)),
             ("peak rate, mm³/ms", lambda row: fixed(max(row[1].rate_mm3_per_ms), 2)),
-            ("largest lift, µm", lambda row: fixed(max(row[1].channels["needle_lift"]) * MICRO, 0)),
+            ("largest lift, µm", lambda row: fixed(max(row[1].channels["needle_lift"]) * 1e6, 0)),
             ("outcome", lambda row: row[1].sentence),
         ),
         note="Quantities by volume at the density at cylinder pressure.",

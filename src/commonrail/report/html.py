@@ -31,11 +31,7 @@ def _environment(package: str = CORE) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["drawing"] = Markup
-    environment.filters["breakable"] = breakable
-    environment.filters["unbroken"] = unbroken
-    environment.filters["print_size"] = print_size
-    environment.filters["is_long"] = is_long
+    environment.filters.update({f.__name__: f for f in (breakable, unbroken, print_size, is_long)})
     return environment
 
 
@@ -82,16 +78,8 @@ def _unbroken_words(text: str, is_number: bool) -> list[str]:
 
 
 def render(template: str, package: str = CORE, **values: Any) -> str:
-    """Fill a template.
+    """Page from a template in the folder ``templates`` of a package, such as ``__package__`` of a plug-in.
 
-    Parameters
-    ----------
-    template : str
-        Name of its file.
-    package : str
-        Package whose folder ``templates`` has it, such as ``__package__`` of a plug-in; what it extends or includes may
-        be in `CORE`.
-    **values
-        What stands in the template.
+    What it extends or includes may be in that of `CORE`; `values` are what stands in it.
     """
     return _environment(package).get_template(template).render(**{"dated": "", "record": {}, **values})

@@ -9,36 +9,33 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from commonrail.base.chart import HeatMap
+from commonrail.base.chart import Chart
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import fixed, quantity, significant
-from commonrail.calibration.compare import Comparison
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import counted, fixed, quantity, significant
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
-from commonrail.data.base import DataSet
+from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
-from commonrail.report.draw.figure import figure_svg
-from commonrail.report.draw.heat_map import error_maps, heat_map_svg
-from commonrail.report.fit.figures import convergence_figure, figures_of
+from commonrail.report.draw.figure import svg
+from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
 from commonrail.report.fit.tables import parameter_table, tables_of
 from commonrail.report.html import render
-from commonrail.report.presenter import Array, Arrays, Drawn, Presenter, in_common_unit, presenter_of
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit, presenter_of
 from commonrail.report.simulation import course_figure
 from commonrail.runs.folder import rate_curves
 
 # Presenters of simulations, injectors, studies, fits and comparisons: what notebooks show of them.
 
-MICRO, MM3 = 1e6, 1e9
 LONGEST = 100  # letters of a title within a line
 
 
 def _solution_lines(s: Solution) -> list[str]:
     return [
         f"{s.status.name}; {fixed(s.injected_volume, 2, MM3)} mm³ injected, {fixed(s.returned_volume, 2, MM3)} mm³ "
-        f"returned; opens at {fixed(s.opening, 1, MICRO)} µs, closes at {fixed(s.closing, 1, MICRO)} µs"
+        f"returned; opens at {fixed(s.opening, 1, MICROSECOND)} µs, closes at {fixed(s.closing, 1, MICROSECOND)} µs"
     ]
 
 
@@ -54,41 +51,28 @@ def _injector_lines(injector: Injector) -> list[str]:
 
 def _study_lines(study: Study) -> list[str]:
     names = ", ".join(data.name for data in study.data[:4]) + (", …" if len(study.data) > 4 else "")
-    count = study.space.dimension
-    return [f"“{study.title}”: {count} parameter{'' if count == 1 else 's'} of {study.injector.name}; data {names}"]
+    parameters = counted(study.space.dimension, "parameter")
+    return [f"“{study.title}”: {parameters} of {study.injector.name}; data {names}"]
 
 
 def _study_tables(study: Study) -> list[Table]:
-    return [_free_table(study), _data_table(study.data)]
-
-
-def _free_table(study: Study) -> Table:
-    return tabulated(
-        "Free parameters",
-        study.space.parameters,
-        [
-            ("parameter", lambda p: p.name),
-            ("start", lambda p: quantity(p.reference, p.unit)),
-            ("lower", lambda p: quantity(p.lower, p.unit)),
-            ("upper", lambda p: quantity(p.upper, p.unit)),
-        ],
-    )
-
-
-def _data_table(data: Sequence[DataSet]) -> Table:
-    return tabulated(
-        "Data",
-        data,
-        [
-            ("data set", lambda d: d.name),
-            ("kind", lambda d: d.kind),
-            ("role", lambda d: d.role.value),
-            ("values", lambda d: str(len(d.measured))),
-            ("points", lambda d: str(len(d.points))),
-        ],
-        "",
-        3,
-    )
+    free: list[Column] = [
+        ("parameter", lambda p: p.name),
+        ("start", lambda p: quantity(p.reference, p.unit)),
+        ("lower", lambda p: quantity(p.lower, p.unit)),
+        ("upper", lambda p: quantity(p.upper, p.unit)),
+    ]
+    data: list[Column] = [
+        ("data set", lambda d: d.name),
+        ("kind", lambda d: d.kind),
+        ("role", lambda d: d.role.value),
+        ("values", lambda d: str(len(d.measured))),
+        ("points", lambda d: str(len(d.points))),
+    ]
+    return [
+        tabulated("Free parameters", study.space.parameters, free),
+        tabulated("Data", study.data, data, "", 3),
+    ]
 
 
 def _calibration_lines(c: Calibration) -> list[str]:
@@ -105,7 +89,7 @@ def _calibration_tables(c: Calibration) -> list[Table]:
     return [parameter_table(record["parameters"]), *tables_of(record["data"], record["labels"])]
 
 
-def _calibration_figures(c: Calibration) -> Iterator[Drawn]:
+def _calibration_figures(c: Calibration) -> Iterator[Chart]:
     record = result_record(c, {})
     traces = {
         curve.data: {"time_s": 0.5 * (curve.bounds[1:] + curve.bounds[:-1]), **curve.rates}
@@ -115,10 +99,6 @@ def _calibration_figures(c: Calibration) -> Iterator[Drawn]:
     yield from figures_of(record, traces)
     if len(record["generations"]) > 1:
         yield convergence_figure(record["generations"])
-
-
-def _comparison_lines(c: Comparison) -> list[str]:
-    return [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"]
 
 
 _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}
@@ -148,30 +128,29 @@ def _batch_arrays(found: Batch) -> Arrays:
 
 def _calibration_arrays(found: Calibration) -> Arrays:
     arrays = _study_arrays(found.study)
-    best = np.array([found.best[name] for name in found.study.space.names])
-    return arrays._replace(values={"calibrated": Array(("parameter",), best), **arrays.values})
+    best = _by_parameter([found.best[name] for name in found.study.space.names])
+    return arrays._replace(values={"calibrated": best, **arrays.values})
 
 
 def _study_arrays(found: Study) -> Arrays:
     """Free parameters in SI units."""
-    own = found.space.parameters
-    axis = ("parameter",)
-    values = {key: Array(axis, np.array([getattr(p, name) for p in own])) for key, name in _BOUNDS.items()}
-    return Arrays({"parameter": Array(axis, np.array([p.name for p in own]))}, values, found.title)
-
-
-_BOUNDS = {"start": "reference", "lower": "lower", "upper": "upper", "unit": "unit"}
+    attributes = {"start": "reference", "lower": "lower", "upper": "upper", "unit": "unit"}
+    parameters = found.space.parameters
+    values = {key: _by_parameter([getattr(p, name) for p in parameters]) for key, name in attributes.items()}
+    return Arrays({"parameter": _by_parameter(found.space.names)}, values, found.title)
 
 
 def _injector_arrays(found: Injector) -> Arrays:
-    names = list(found.values)
-    axis = ("parameter",)
     values = {
-        "value": Array(axis, np.array([found.values[name] for name in names])),
-        "unit": Array(axis, np.array([found.quantities[name].unit for name in names])),
-        "meaning": Array(axis, np.array([found.quantities[name].meaning for name in names])),
+        "value": _by_parameter(list(found.values.values())),
+        "unit": _by_parameter([found.quantities[name].unit for name in found.values]),
+        "meaning": _by_parameter([found.quantities[name].meaning for name in found.values]),
     }
-    return Arrays({"parameter": Array(axis, np.array(names))}, values, found.title)
+    return Arrays({"parameter": _by_parameter(list(found.values))}, values, found.title)
+
+
+def _by_parameter(values: Sequence[Any]) -> Array:
+    return Array(("parameter",), np.array(values))
 
 
 SOLUTION = Presenter(_solution_lines, figures=lambda s: [course_figure({"": s})], arrays=_solution_arrays)
@@ -181,7 +160,7 @@ STUDY = Presenter(_study_lines, _study_tables, arrays=_study_arrays)
 CALIBRATION = Presenter(
     _calibration_lines, _calibration_tables, lambda c: list(_calibration_figures(c)), _calibration_arrays
 )
-COMPARISON = Presenter(_comparison_lines)
+COMPARISON = Presenter(lambda c: [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"])
 
 
 MOST_ROWS = 24  # of a table in a notebook
@@ -189,20 +168,14 @@ MOST_FIGURES = 12
 
 
 class Picture:
-    """Figures of a result: a notebook shows them, `save` writes them as a page that needs no other file.
+    """Figures of a result: a notebook shows them, `save` writes them as a page that needs no other file."""
 
-    Parameters
-    ----------
-    title : str
-    figures : sequence of Figure or HeatMap
-    """
-
-    def __init__(self, title: str, figures: Sequence[Drawn]) -> None:
+    def __init__(self, title: str, figures: Sequence[Chart]) -> None:
         self.title, self.figures = title, tuple(figures)
 
     def __repr__(self) -> str:
         """Title and number of figures."""
-        return f"<Picture: {self.title}, {len(self.figures)} figure{'' if len(self.figures) == 1 else 's'}>"
+        return f"<Picture: {self.title}, {counted(len(self.figures), 'figure')}>"
 
     def _repr_html_(self) -> str:
         """Figures, drawn."""
@@ -213,7 +186,7 @@ class Picture:
         from commonrail.base.output import write_text
 
         path = Path(path)
-        parts = [(figure, _svg(figure)) for figure in self.figures]
+        parts = [(figure, svg(figure)) for figure in self.figures]
         write_text(path, render("picture.html", title=self.title, kind="Figures", synthetic=[], figures=parts))
         return path
 
@@ -236,13 +209,7 @@ def html_of(result: Any) -> str:
 
 
 def plot_of(result: Any) -> Picture:
-    """Figures of a result.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are none.
-    """
+    """Figures of a result; ConfigurationError if there are none."""
     figures = list(presenter_of(result).figures(result))
     if not figures:
         raise ConfigurationError(
@@ -256,12 +223,8 @@ def plot_of(result: Any) -> Picture:
 def frame_of(result: Any) -> Any:
     """Values of a result as a pandas.DataFrame: a row for each place on its axes, the unit behind each name.
 
-    A result that makes rows of its own has those, in SI units.
-
-    Raises
-    ------
-    ConfigurationError
-        If pandas is missing, or there are no values.
+    A result that makes rows of its own has those, in SI units. ConfigurationError if pandas is missing, or there are no
+    values.
     """
     pandas = _library("pandas")
     if hasattr(result, "rows"):
@@ -279,10 +242,7 @@ def frame_of(result: Any) -> Any:
 def dataset_of(result: Any) -> Any:
     """Values of a result as an xarray.Dataset; units are in the attribute `units` of each array.
 
-    Raises
-    ------
-    ConfigurationError
-        If xarray is missing, or there are no values.
+    ConfigurationError if xarray is missing, or there are no values.
     """
     xarray, arrays = _library("xarray"), _arrays(result)
     made = {
@@ -317,13 +277,9 @@ def _library(name: str) -> Any:
         ) from error
 
 
-def _svg(figure: Drawn) -> Markup:
-    return Markup(heat_map_svg(figure) if isinstance(figure, HeatMap) else figure_svg(figure))
-
-
-def _figure_html(figure: Drawn) -> str:
+def _figure_html(figure: Chart) -> str:
     shown = Markup('<div style="max-width:860px;background:#fff"><b>{}</b>{}<small>{}</small></div>')
-    return shown.format(figure.title, _svg(figure), figure.caption)
+    return shown.format(figure.title, svg(figure), figure.caption)
 
 
 def _table_html(table: Table) -> str:

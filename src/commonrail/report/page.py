@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,8 @@ from commonrail.base.text import duration, number, significant
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.data.records import Record
 from commonrail.report.draw.figure import drawings, figure_html, small_html
-from commonrail.report.draw.heat_map import error_maps, heat_map_html
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables
-from commonrail.report.fit.figures import convergence_figure, figures_of
+from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
 from commonrail.report.fit.record import rerun_lines
 from commonrail.report.fit.tables import parameter_rows, tables_of
 from commonrail.report.fit.verdict import (
@@ -88,28 +87,23 @@ CALIBRATION = ResultKind(RESULT, "calibration", "calibrate", _page, KEYS)
 def report_html(
     record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN", bench: bool = False
 ) -> str:
-    """Page of a result.
+    """Page of a calibration from its record and its curves by data set.
 
-    Parameters
-    ----------
-    record, traces : mapping
-        Record, and curves by data set.
-    run : str
-        The folder's name, for the command lines in the page.
-    bench : bool
-        A page with sliders lies beside, to be linked.
+    `run` is the folder's name for the command lines in the page; with `bench` a page with sliders lies beside, to be
+    linked.
     """
     figures = figures_of(record, traces)
     many = len(figures) > MANY
+    by_effect = sorted(record["parameters"], key=lambda p: number(p.get("effect")) or 0.0, reverse=True)
     return render(
         "report.html",
         kind="Calibration",
         record=record,
-        dated=_dated(record),
+        dated=str(record["clock"]["ended"]).replace("T", " ").replace("+00:00", " UTC"),
         verdict=verdict(record, run),
         many=many,
-        contents=_contents(record, figures) if many else [],
-        heats=[(heat, heat_map_html(heat, f"error-{i}")) for i, heat in enumerate(error_maps(record))],
+        contents=[(figure.title, f"small-{i}") for i, figure in enumerate(figures, start=1)] if many else [],
+        heats=drawings(error_maps(record), name="error"),
         lines=headline(record),
         tables=tables_of(record["data"], record["labels"]),
         figures=[(f, small_html(f, f"figure-{i}")) for i, f in enumerate(figures)] if many else drawings(figures),
@@ -118,7 +112,7 @@ def report_html(
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
         certainty_tables=certainty_tables(record),
-        parameters=parameter_rows(sorted(record["parameters"], key=_effect, reverse=True), record.get("certainty")),
+        parameters=parameter_rows(by_effect, record.get("certainty")),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
@@ -126,21 +120,6 @@ def report_html(
         bench=BENCH if bench else "",
         facts=_facts(record),
     )
-
-
-def _effect(parameter: Record) -> float:
-    """Effect of a parameter on the data, by which the page ranks it."""
-    return number(parameter.get("effect")) or 0.0
-
-
-def _dated(record: Record) -> str:
-    """Day and time at which the search ended."""
-    return str(record["clock"]["ended"]).replace("T", " ").replace("+00:00", " UTC")
-
-
-def _contents(record: Record, figures: Sequence[Figure]) -> list[tuple[str, str]]:
-    """Name and anchor of each figure of a long page."""
-    return [(figure.title, f"small-{i}") for i, figure in enumerate(figures, start=1)]
 
 
 def _convergence(record: Record) -> tuple[Figure, str] | None:

@@ -12,14 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base import registry
-from commonrail.base.chart import Figure, HeatMap
+from commonrail.base.chart import Chart
 from commonrail.base.table import Table
+from commonrail.base.text import field_unit
 from commonrail.base.units import convert
-
-# Unit of the field for the values of an SI unit.
-_COMMON = {"Pa": "MPa", "s": "us", "m3": "mm3", "kg": "mg", "m": "um", "K": "degC", "m3/s": "mm3/ms"}
-
-Drawn = Figure | HeatMap
 
 
 class Array(NamedTuple):
@@ -61,7 +57,7 @@ class Presenter(NamedTuple):
 
     lines: Callable[[Any], Sequence[str]]
     tables: Callable[[Any], Sequence[Table]] = lambda _: ()
-    figures: Callable[[Any], Sequence[Drawn]] = lambda _: ()
+    figures: Callable[[Any], Sequence[Chart]] = lambda _: ()
     arrays: Callable[[Any], Arrays] | None = None
 
 
@@ -72,15 +68,7 @@ def presenter_of(result: Any) -> Presenter:
 
 
 def in_common_unit(axes: tuple[str, ...], values: Any, unit: str) -> Array:
-    """Array in the unit of the field, such as MPa, from values in an SI unit.
-
-    Parameters
-    ----------
-    axes : tuple of str
-    values : array
-    unit : str
-        SI unit.
-    """
+    """Array in the unit of the field, such as MPa, from values in an SI unit."""
+    name = "degC" if unit == "K" else field_unit(unit).name
     own = np.asarray(values)
-    common = _COMMON.get(unit, unit)
-    return Array(axes, convert(own, unit, common) if unit in _COMMON else own, common.removesuffix("1"))
+    return Array(axes, own if name == unit else convert(own, unit, name), "" if unit == "1" else name)

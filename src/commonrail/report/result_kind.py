@@ -50,13 +50,7 @@ class ResultKind(NamedTuple):
     extra: Callable[[Path], str] = _nothing
 
     def read(self, folder: Path) -> Record:
-        """Record of a folder.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or is of another kind or schema, or incomplete.
-        """
+        """Record of a folder; InputError if it cannot be read, or is of another kind or schema, or incomplete."""
         record = read_record(folder / self.file, f"commonrail {self.verb}")
         where = f"{folder}: {self.file}"
         if record.get("kind") != self.name:

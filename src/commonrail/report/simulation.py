@@ -12,20 +12,18 @@ from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, Panel, Series, points
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.curves.page import RATE
+from commonrail.data.records import MICROSECOND, MM3_PER_MS
 from commonrail.engine.solution import Solution
 from commonrail.report.draw.figure import figure_html
 from commonrail.report.html import render
 
-MICRO = 1e6
-MPA = 1e-6
-
 # Title, factor from SI, and the channels with their names.
-_RATE = (RATE, MICRO, {"rate": "rate"})  # 1 m³/s is 1e6 mm³/ms
+_RATE = (RATE, MM3_PER_MS, {"rate": "rate"})
 _PANELS = (
-    ("lift, µm", MICRO, {"needle_lift": "needle", "valve_lift": "valve", "armature_lift": "armature"}),
+    ("lift, µm", 1e6, {"needle_lift": "needle", "valve_lift": "valve", "armature_lift": "armature"}),
     (
         "pressure, MPa",
-        MPA,
+        1e-6,
         {
             "rail_pressure": "rail",
             "accumulation_pressure": "accumulation",
@@ -88,23 +86,17 @@ def simulation_figure(
 
 
 def course_figure(solutions: Mapping[str, Solution], shown: Mapping[str, Floats] = MappingProxyType({})) -> Figure:
-    """Figure data of solutions by name ("" for a single one).
+    """Figure of solutions by name ("" for a single one).
 
-    A single solution has a colour for each channel; several have a colour each, and a dash for each
-    channel of a panel.
-
-    Parameters
-    ----------
-    solutions : mapping of str to Solution
-    shown : mapping of str to (samples,)
-        Rates [m³/s] of the single solution as meters show them, by the meters' names.
+    A single solution has a colour for each channel; several have a colour each, and a dash for each channel of a panel.
+    `shown` are rates (samples,) [m³/s] of the single solution as meters show them, by the meters' names.
     """
     panels = []
     for y_title, scale, channels in (_RATE, *_PANELS):
         share = 0.34 if y_title == RATE else 0.22
         series = tuple(_series(solutions, scale, channels))
         if y_title == RATE:
-            time = points(next(iter(solutions.values())).sample_time * MICRO)
+            time = points(next(iter(solutions.values())).sample_time * MICROSECOND)
             series += tuple(
                 Series(f"rate by meter {name}", "dash", time, points(rate * scale), family=len(_ORDER) + i)
                 for i, (name, rate) in enumerate(shown.items())
@@ -125,7 +117,7 @@ def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[s
             yield Series(
                 f"{words}, {name}" if name else words,
                 _DASHES[index % len(_DASHES)],
-                points(time * MICRO),
+                points(time * MICROSECOND),
                 points(values * scale),
                 family=family if len(solutions) > 1 else _ORDER.index(key),
             )

@@ -21,7 +21,7 @@ import commonrail as cr
 from commonrail.data.curves.data import RateData
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.page.page import page_html
-from commonrail.plugins.page.subject import Slid, Subject, read_subject
+from commonrail.plugins.page.subject import Slider, Subject, read_subject
 from commonrail.runs.folder import read_fit
 from tools.browser import CHROMIUM, Browser, browsing
 
@@ -426,8 +426,8 @@ def test_an_injector_that_follows_a_current_is_that_of_the_engine(browser: Brows
     solution = cr.simulate(injector, point)
     rate = np.diff(np.interp(bounds, solution.time, solution.injected)) / np.diff(bounds) / solution.reference_density
     data = cr.RateData("traced", cr.Role.FIT, point, bounds, rate, 1.0, "simulated", "simulated, not measured")
-    slid = Slid("valve.spring_preload", 60.0, 80.0)
-    subject = Subject("traced", injector, (slid,), 1e-6, {}, (data,), (), None)
+    slider = Slider("valve.spring_preload", 60.0, 80.0)
+    subject = Subject("traced", injector, (slider,), 1e-6, {}, (data,), (), None)
     (tmp_path / "traced.html").write_text(page_html(subject), encoding="utf-8")
     browser.complaints.clear()
     opened(browser, tmp_path / "traced.html")

@@ -20,7 +20,7 @@ from commonrail.engine.plan import candidate_matrix
 from commonrail.physics.variants import Variant
 from commonrail.plugins.certainty.posterior.file import POSTERIOR
 from commonrail.plugins.page.page import FIRST_POINT, content
-from commonrail.plugins.page.subject import MEMBERS, WORSE, Slid, Subject, near_fits, read_subject
+from commonrail.plugins.page.subject import MEMBERS, WORSE, Slider, Subject, near_fits, read_subject
 from commonrail.runs.folder import read_fit
 
 
@@ -122,12 +122,12 @@ def test_numbers_of_a_direct_acting_injector_are_in_the_columns_of_its_parts() -
     current = cr.Trace((0.0, 280e-6, 400e-6, 600e-6, 640e-6), (0.0, 11.0, 2.5, 2.5, 0.0))
     point = cr.OperatingPoint(20e6, [], 0.1e6, 0.1e6, drive=current, horizon=1.3e-3)
     data = cr.RateData("traced", Role.FIT, point, np.linspace(0.0, 1.3e-3, 131), np.zeros(130), 1.0, "none", "zeros")
-    slid = Slid("armature.idle_stroke", 20e-6, 90e-6)
-    found = content(Subject("direct", direct, (slid,), 1e-6, {}, (data,), (), None), FIRST_POINT, "0")
+    slider = Slider("armature.idle_stroke", 20e-6, 90e-6)
+    found = content(Subject("direct", direct, (slider,), 1e-6, {}, (data,), (), None), FIRST_POINT, "0")
     assert {"armature_lift", "needle_lift"} <= set(found["channels"])
     theta = unpacked(found["theta"])
     assert len(theta) == found["columns"]
-    assert theta[found["columnOf"][slid.name]] == direct.values[slid.name]
+    assert theta[found["columnOf"][slider.name]] == direct.values[slider.name]
     assert found["traced"]
     # J of a rate of zero is all that is injected
     assert found["data"][0]["reference"] > 1.0

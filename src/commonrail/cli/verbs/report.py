@@ -35,8 +35,8 @@ def report(
       commonrail report runs/paper-1 --pdf
       commonrail report runs/paper-1 --page
     """
-    from commonrail.report.draw.print import browser, print_pdf
     from commonrail.report.page import write_report
+    from commonrail.report.pdf import browser, print_pdf
     from commonrail.report.result_kind import kind_of
 
     if pdf:

@@ -10,7 +10,8 @@ import math
 import re
 import struct
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import starmap
 from typing import NamedTuple
 
 from commonrail.base.errors import ConfigurationError
@@ -33,40 +34,24 @@ _CALLS = {
     **{"llvm.maxnum.f64": "fmax", "llvm.minnum.f64": "fmin", "llvm.copysign.f64": "copysign", "llvm.fma.f64": "fma"},
     **{f"llvm.{name}.i64": name for name in ("smax", "smin", "umax", "umin", "abs")},
 }
+_BLOCK = r'%"[^"]+"|%[\w.$-]+'
 VALUE = r'(?:%"[^"]+"|%[\w.$-]+|-?[\w.+-]+)'
 FLAGS = r"(?:(?:reassoc|nsz|arcp|contract|nnan|ninf|afn|fast|nuw|nsw|exact|disjoint|nneg|samesign|tail|noundef) )*"
 
 
 def expression(text: str, c: Value) -> tuple[str, str]:
-    """Type and C text of the value of an instruction.
+    """Type and C text of the value of an instruction, whose right side `text` is; `c` makes C texts of its operands.
 
-    Parameters
-    ----------
-    text : str
-        Right side of the instruction.
-    c : function (value, type) -> str
-        C text of its operands.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no translation of it.
+    ConfigurationError if there is no translation of it.
     """
-    for read in _READERS:
-        found = read(text, c)
-        if found is not None:
-            return found
+    for pattern, rule in _EXPRESSIONS:
+        if match := pattern.match(text):
+            return rule(c, *match.groups())
     raise unknown(text)
 
 
 def constant(value: str, kind: str) -> str:
-    """C constant of an LLVM one.
-
-    Parameters
-    ----------
-    value, kind : str
-        Its text and type.
-    """
+    """C constant of an LLVM one of a type."""
     if kind == "double":
         return _double(value)
     if value in ("true", "false"):
@@ -79,95 +64,54 @@ def constant(value: str, kind: str) -> str:
     return str(number % 2**32) + "u" if kind == "i32" else str(number)
 
 
-def _infix(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"(\w+) {FLAGS}(\w+) ({VALUE}), ({VALUE})$", text)
-    if match is None or match.group(1) not in _INFIX:
-        return None
-    operation, kind, left, right = match.groups()
-    return kind, f"{c(left, kind)} {_INFIX[operation]} {c(right, kind)}"
-
-
-def _negation(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"(fneg|freeze) {FLAGS}(\w+) ({VALUE})$", text)
-    if match is None:
-        return None
-    operation, kind, value = match.groups()
-    return kind, ("-" if operation == "fneg" else "") + c(value, kind)
-
-
-def _shift(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"(ashr|sdiv|srem) {FLAGS}i64 ({VALUE}), ({VALUE})$", text)
-    if match is None:
-        return None
-    operation, left, right = match.groups()
+def _signed(c: Value, operation: str, left: str, right: str) -> tuple[str, str]:
     sign = {"ashr": ">>", "sdiv": "/", "srem": "%"}[operation]
     return "i64", f"(uint64_t)((int64_t){c(left, 'i64')} {sign} (int64_t){c(right, 'i64')})"
 
 
-def _comparison(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"([if])cmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", text)
-    if match is None:
-        return None
-    real, word, kind, left, right = match.groups()
+def _real_comparison(c: Value, word: str, kind: str, left: str, right: str) -> tuple[str, str]:
     a, b = c(left, kind), c(right, kind)
-    if real == "f":
-        return "i1", _real_comparison(word, a, b)
-    if word in ("eq", "ne"):
-        return "i1", f"{a} {_ORDERED[word]} {b}"
-    cast = "(int64_t)" if word[0] == "s" else ""
-    return "i1", f"{cast}{a} {_ORDERED[word[1:]]} {cast}{b}"
-
-
-def _choice(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"select {FLAGS}i1 ({VALUE}), (\w+) ({VALUE}), \w+ ({VALUE})$", text)
-    if match is None:
-        return None
-    condition, kind, yes, no = match.groups()
-    return kind, f"{c(condition, 'i1')} ? {c(yes, kind)} : {c(no, kind)}"
-
-
-def _conversion(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"(\w+) {FLAGS}(\w+) ({VALUE}) to (\w+)$", text)
-    if match is None:
-        return None
-    operation, origin, value, kind = match.groups()
-    given = c(value, origin)
-    known = {
-        "sitofp": f"(double)(int64_t){given}",
-        "uitofp": f"(double){given}",
-        "fptosi": f"(uint64_t)(int64_t){given}",
-        "zext": f"(uint64_t){given}",
-        "sext": f"(uint64_t)-(int64_t){given}" if origin == "i1" else f"(uint64_t)(int64_t)(int32_t){given}",
-        "ptrtoint": f"(uint64_t)(uintptr_t){given}",
-        "trunc": f"({TYPES.get(kind, kind)}){given}" if kind != "i1" else f"(int)({given} & 1)",
+    whole = {
+        "ord": f"{a} == {a} && {b} == {b}",
+        "uno": f"{a} != {a} || {b} != {b}",
+        "one": f"{a} < {b} || {a} > {b}",
+        "une": f"{a} != {b}",
+        "ueq": f"!({a} < {b} || {a} > {b})",
     }
-    if operation == "bitcast" and origin == kind:
-        return kind, given
-    return (kind, known[operation]) if operation in known else None
+    if word in whole:
+        return "i1", whole[word]
+    return "i1", f"{a} {_ORDERED[word[1:]]} {b}" if word[0] == "o" else f"!({a} {_NEGATED[word[1:]]} {b})"
 
 
-def _place(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"getelementptr (?:inbounds |nuw |nusw )*(\w+), ptr ({VALUE}), i64 ({VALUE})$", text)
-    if match is None or match.group(1) not in _SIZES:
-        return None
-    kind, place, index = match.groups()
-    return "ptr", f"{c(place, 'ptr')} + (int64_t){c(index, 'i64')} * {_SIZES[kind]}"
+def _whole_comparison(c: Value, word: str, kind: str, left: str, right: str) -> tuple[str, str]:
+    cast = "(int64_t)" if word[0] == "s" else ""
+    sign = _ORDERED[word if word in ("eq", "ne") else word[1:]]
+    return "i1", f"{cast}{c(left, kind)} {sign} {cast}{c(right, kind)}"
 
 
-def _load(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"load (double|i64), ptr ({VALUE})", text)
-    if match is None:
-        return None
-    return match.group(1), f"load_{match.group(1)}({c(match.group(2), 'ptr')})"
+def _conversion(c: Value, operation: str, origin: str, value: str, kind: str) -> tuple[str, str]:
+    operand = c(value, origin)
+    if operation == "bitcast":
+        if origin != kind:
+            raise unknown(f"bitcast {origin} to {kind}")
+        return kind, operand
+    casts = {
+        "sitofp": "(double)(int64_t)",
+        "uitofp": "(double)",
+        "fptosi": "(uint64_t)(int64_t)",
+        "zext": "(uint64_t)",
+        "sext": "(uint64_t)-(int64_t)" if origin == "i1" else "(uint64_t)(int64_t)(int32_t)",
+        "ptrtoint": "(uint64_t)(uintptr_t)",
+        "trunc": f"({TYPES.get(kind, kind)})",
+    }
+    if operation == "trunc" and kind == "i1":
+        return kind, f"(int)({operand} & 1)"
+    return kind, casts[operation] + operand
 
 
-def _call(text: str, c: Value) -> tuple[str, str] | None:
-    match = re.match(rf"(?:tail |notail )?call {FLAGS}(\w+) @([\w.]+)\((.*)\)", text)
-    if match is None or match.group(2) not in _CALLS:
-        return None
-    kind, name, arguments = match.groups()
-    given = [part.split()[-1] for part in arguments.split(", ")]
-    return kind, f"{_CALLS[name]}({', '.join(c(one, kind) for one in given)})"
+def _call(c: Value, kind: str, name: str, arguments: str) -> tuple[str, str]:
+    operands = [part.split()[-1] for part in arguments.split(", ")]
+    return kind, f"{_CALLS[name]}({', '.join(c(operand, kind) for operand in operands)})"
 
 
 def _double(value: str) -> str:
@@ -180,20 +124,6 @@ def _double(value: str) -> str:
     return f"({number.hex()})" if number < 0.0 else number.hex()
 
 
-def _real_comparison(word: str, a: str, b: str) -> str:
-    if word in ("ord", "uno"):
-        return f"{a} == {a} && {b} == {b}" if word == "ord" else f"{a} != {a} || {b} != {b}"
-    if word == "one":
-        return f"{a} < {b} || {a} > {b}"
-    if word == "une":
-        return f"{a} != {b}"
-    if word == "ueq":
-        return f"!({a} < {b} || {a} > {b})"
-    if word[0] == "o":
-        return f"{a} {_ORDERED[word[1:]]} {b}"
-    return f"!({a} {_NEGATED[word[1:]]} {b})"
-
-
 def unknown(what: str) -> ConfigurationError:
     """Refusal of an instruction."""
     return ConfigurationError(
@@ -202,17 +132,38 @@ def unknown(what: str) -> ConfigurationError:
     )
 
 
-_READERS = (
-    _infix,
-    _negation,
-    _load,
-    _place,
-    _comparison,
-    _choice,
-    _call,
-    _conversion,
-    _shift,
-)
+def _any(words: Iterable[str]) -> str:
+    return f"({'|'.join(map(re.escape, words))})"
+
+
+# Right side of an instruction, and what makes type and C text of the groups in it.
+_EXPRESSIONS: list[tuple[re.Pattern[str], Callable[..., tuple[str, str]]]] = [
+    (re.compile(pattern), rule)
+    for pattern, rule in (
+        (
+            rf"{_any(_INFIX)} {FLAGS}(\w+) ({VALUE}), ({VALUE})$",
+            lambda c, sign, kind, a, b: (kind, f"{c(a, kind)} {_INFIX[sign]} {c(b, kind)}"),
+        ),
+        (
+            rf"(fneg|freeze) {FLAGS}(\w+) ({VALUE})$",
+            lambda c, word, kind, a: (kind, ("-" if word == "fneg" else "") + c(a, kind)),
+        ),
+        (rf"load (double|i64), ptr ({VALUE})", lambda c, kind, address: (kind, f"load_{kind}({c(address, 'ptr')})")),
+        (
+            rf"getelementptr (?:inbounds |nuw |nusw )*{_any(_SIZES)}, ptr ({VALUE}), i64 ({VALUE})$",
+            lambda c, kind, base, index: ("ptr", f"{c(base, 'ptr')} + (int64_t){c(index, 'i64')} * {_SIZES[kind]}"),
+        ),
+        (rf"fcmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", _real_comparison),
+        (rf"icmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", _whole_comparison),
+        (
+            rf"select {FLAGS}i1 ({VALUE}), (\w+) ({VALUE}), \w+ ({VALUE})$",
+            lambda c, condition, kind, yes, no: (kind, f"{c(condition, 'i1')} ? {c(yes, kind)} : {c(no, kind)}"),
+        ),
+        (rf"(?:tail |notail )?call {FLAGS}(\w+) @{_any(_CALLS)}\((.*)\)", _call),
+        (rf"(sitofp|uitofp|fptosi|zext|sext|ptrtoint|trunc|bitcast) {FLAGS}(\w+) ({VALUE}) to (\w+)$", _conversion),
+        (rf"(ashr|sdiv|srem) {FLAGS}i64 ({VALUE}), ({VALUE})$", _signed),
+    )
+]
 
 
 _UNTRANSLATED = r"llvm\.(?:assume|lifetime|experimental\.noalias|dbg)"
@@ -234,18 +185,7 @@ static inline uint64_t umin(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
 
 def kernel_source(text: str) -> str:
-    """C source of a module.
-
-    Parameters
-    ----------
-    text : str
-        LLVM text, of `objects.linked_text`.
-
-    Raises
-    ------
-    ConfigurationError
-        If it contains an instruction that is not translated.
-    """
+    """C source of a module from LLVM's text of it; ConfigurationError if an instruction has no translation."""
     functions = re.findall(r"^define [^\n]*\n.*?^}", text, re.M | re.S)
     return "\n".join([_HEAD, *(_Function(one).source() for one in functions)])
 
@@ -257,7 +197,7 @@ class _Phi(NamedTuple):
 
 
 class _Function:
-    """Translation of one function."""
+    """Translation of one function: its values, blocks and phis by their LLVM names."""
 
     def __init__(self, text: str) -> None:
         head, *lines = text.splitlines()
@@ -271,42 +211,43 @@ class _Function:
         """C text."""
         self._read_phis()
         body = self._body()
-        declared = "".join(
-            f"    {TYPES[kind]}{'' if kind == 'ptr' else ' '}{name} = 0;\n" for name, kind in self.kinds.items()
-        )
-        incoming = "".join(
-            f"    {TYPES[phi.kind]}{'' if phi.kind == 'ptr' else ' '}{phi.variable}_in = 0;\n"
-            for phis in self.phis.values()
-            for phi in phis
-        )
+        variables = {**self.kinds, **{f"{phi.variable}_in": phi.kind for phis in self.phis.values() for phi in phis}}
+        declared = "".join(f"    {_declared(name, kind)} = 0;\n" for name, kind in variables.items())
         signature, parameters = self._signature()
         unused = "".join(f"    (void){name};\n" for name in parameters)
-        return f"{signature} {{\n{declared}{incoming}{unused}{body}}}\n"
+        return f"{signature} {{\n{declared}{unused}{body}}}\n"
 
     def _signature(self) -> tuple[str, list[str]]:
         match = re.search(r"@([\w.$]+)\((.*)\) (?:local_unnamed_addr )?(?:#\d+ )?{", self.head)
         if match is None or " i32 @" not in self.head:
             raise unknown(self.head)
-        parameters, names = [], []
-        for part in re.split(r", (?=(?:ptr|i64|i32|double) )", match.group(2)):
-            kind, value = part.split()[0], part.split()[-1]
-            name = self._name(value)
-            names.append(name)
-            parameters.append(f"{TYPES[kind]}{'' if kind == 'ptr' else ' '}{name}")
-        return f"int32_t {match.group(1)}({', '.join(parameters)})", names
+        parts = [part.split() for part in re.split(r", (?=(?:ptr|i64|i32|double) )", match.group(2))]
+        parameters = {self.value(words[-1], words[0]): words[0] for words in parts}
+        return f"int32_t {match.group(1)}({', '.join(starmap(_declared, parameters.items()))})", list(parameters)
 
-    def _name(self, value: str) -> str:
-        return self.names.setdefault(value, f"v{len(self.names)}")
-
-    def _label(self, name: str) -> str:
+    def label(self, name: str) -> str:
+        """C label of a block."""
         return self.labels.setdefault(name.strip('%"'), f"b{len(self.labels)}")
 
-    def _define(self, value: str, kind: str) -> str:
-        name = self._name(value)
+    def value(self, value: str, kind: str) -> str:
+        """C text of a value of a type."""
+        return self.names.setdefault(value, f"v{len(self.names)}") if value[0] == "%" else constant(value, kind)
+
+    def define(self, value: str, kind: str) -> str:
+        """C name of a value that is computed, of which the type is declared."""
         if kind not in TYPES:
             raise unknown(kind)
+        name = self.value(value, kind)
         self.kinds[name] = kind
         return name
+
+    def goto(self, origin: str, label: str) -> str:
+        """C text of the way from a block to another, whose phis receive their values."""
+        target = label.strip('%"')
+        moves = "".join(
+            f"{phi.variable}_in = {self.value(phi.sources[origin], phi.kind)}; " for phi in self.phis.get(target, ())
+        )
+        return f"{moves}goto {self.label(target)};"
 
     def _read_phis(self) -> None:
         """Phis of each block: their values are assigned on the way to it."""
@@ -316,76 +257,78 @@ class _Function:
                 block = label
             elif match := re.match(rf"({VALUE}) = phi {FLAGS}(\w+) (.*)", line):
                 value, kind, sources = match.groups()
-                found = re.findall(rf'\[ ({VALUE}), (%"[^"]+"|%[\w.$-]+) \]', sources)
-                one = _Phi(self._define(value, kind), kind, {origin.strip('%"'): given for given, origin in found})
-                self.phis.setdefault(block, []).append(one)
+                pairs = re.findall(rf"\[ ({VALUE}), ({_BLOCK}) \]", sources)
+                phi = _Phi(self.define(value, kind), kind, {origin.strip('%"'): source for source, origin in pairs})
+                self.phis.setdefault(block, []).append(phi)
 
     def _body(self) -> str:
         out: list[str] = []
-        block, targeted = "", self._targets()
+        block = ""
+        targets = {name.strip('%"') for line in self.lines for name in re.findall(rf"label ({_BLOCK})", line)}
         for line in self.lines:
             if (label := _label_of(line)) is not None:
                 block = label
-                if label in targeted:
-                    out.append(f"{self._label(label)}:;")
+                if label in targets:
+                    out.append(f"{self.label(label)}:;")
                 out.extend(f"    {phi.variable} = {phi.variable}_in;" for phi in self.phis.get(label, ()))
             elif " = phi " not in line:
-                out.extend(f"    {statement}" for statement in self._statements(line, block))
+                out.extend(f"    {statement}" for statement in _statements(self, block, line))
         return "\n".join(out) + "\n"
 
-    def _targets(self) -> set[str]:
-        return {name.strip('%"') for line in self.lines for name in re.findall(r'label (%"[^"]+"|%[\w.$-]+)', line)}
 
-    def _goto(self, origin: str, label: str) -> str:
-        target = label.strip('%"')
-        given = "".join(
-            f"{phi.variable}_in = {self._value(phi.sources[origin], phi.kind)}; " for phi in self.phis.get(target, ())
-        )
-        return f"{given}goto {self._label(target)};"
+def _declared(name: str, kind: str) -> str:
+    return f"{TYPES[kind]}{'' if kind == 'ptr' else ' '}{name}"
 
-    def _value(self, value: str, kind: str) -> str:
-        return self._name(value) if value.startswith("%") else constant(value, kind)
 
-    def _statements(self, line: str, block: str) -> list[str]:
-        if match := re.match(rf"br i1 ({VALUE}), label ({VALUE}), label ({VALUE})", line):
-            condition, yes, no = match.groups()
-            return [f"if ({self._value(condition, 'i1')}) {{ {self._goto(block, yes)} }}", self._goto(block, no)]
-        if match := re.match(rf"br label ({VALUE})", line):
-            return [self._goto(block, match.group(1))]
-        if match := re.match(rf"switch (\w+) ({VALUE}), label ({VALUE}) \[(.*)\]", line):
-            kind, value, other, cases = match.groups()
-            found = re.findall(rf"\w+ ({VALUE}), label ({VALUE})", cases)
-            tests = [
-                f"if ({self._value(value, kind)} == {self._value(case, kind)}) {{ {self._goto(block, label)} }}"
-                for case, label in found
-            ]
-            return [*tests, self._goto(block, other)]
-        if match := re.match(rf"ret i32 ({VALUE})", line):
-            return [f"return (int32_t){self._value(match.group(1), 'i32')};"]
-        if match := re.match(rf"store (\w+) ({VALUE}), ptr ({VALUE})", line):
-            kind, value, place = match.groups()
-            return [f"store_{kind}({self._value(place, 'ptr')}, {self._value(value, kind)});"]
-        if line.startswith("unreachable"):
-            return ["return -1;"]
-        if match := re.match(r"(?:tail |notail )?call void @([\w.]+)\((.*)\)", line):
-            return self._effect(*match.groups())
-        if match := re.match(rf"({VALUE}) = (.*)", line):
-            value, given = match.groups()
-            kind, text = expression(given, self._value)
-            return [f"{self._define(value, kind)} = {text};"]
-        raise unknown(line)
+def _statements(f: _Function, block: str, line: str) -> list[str]:
+    """C statements of an instruction in a block."""
+    for pattern, rule in _STATEMENTS:
+        if match := pattern.match(line):
+            return rule(f, block, *match.groups())
+    raise unknown(line)
 
-    def _effect(self, name: str, arguments: str) -> list[str]:
-        given = [part.split()[-1] for part in arguments.split(", ")]
-        if name.startswith("llvm.memset"):
-            value, count = self._value(given[1], "i8"), self._value(given[2], "i64")
-            return [f"memset({self._value(given[0], 'ptr')}, {value}, (size_t){count});"]
-        if name.startswith(("llvm.memcpy", "llvm.memmove")):
-            to, origin, count = (
-                self._value(one, kind) for one, kind in zip(given, ("ptr", "ptr", "i64"), strict=False)
-            )
-            return [f"memmove({to}, {origin}, (size_t){count});"]
-        raise unknown(name)
+
+def _branch(f: _Function, block: str, condition: str, yes: str, no: str) -> list[str]:
+    return [f"if ({f.value(condition, 'i1')}) {{ {f.goto(block, yes)} }}", f.goto(block, no)]
+
+
+def _switch(f: _Function, block: str, kind: str, value: str, other: str, cases: str) -> list[str]:
+    tests = [
+        f"if ({f.value(value, kind)} == {f.value(case, kind)}) {{ {f.goto(block, label)} }}"
+        for case, label in re.findall(rf"\w+ ({VALUE}), label ({VALUE})", cases)
+    ]
+    return [*tests, f.goto(block, other)]
+
+
+def _store(f: _Function, _block: str, kind: str, value: str, address: str) -> list[str]:
+    return [f"store_{kind}({f.value(address, 'ptr')}, {f.value(value, kind)});"]
+
+
+def _assignment(f: _Function, _block: str, value: str, text: str) -> list[str]:
+    kind, c = expression(text, f.value)
+    return [f"{f.define(value, kind)} = {c};"]
+
+
+def _memory(f: _Function, _block: str, function: str, arguments: str) -> list[str]:
+    values = [part.split()[-1] for part in arguments.split(", ")]
+    kinds = ("ptr", "i8" if function == "memset" else "ptr", "i64")
+    to, source, count = (f.value(value, kind) for value, kind in zip(values, kinds, strict=False))
+    return [f"{'memset' if function == 'memset' else 'memmove'}({to}, {source}, (size_t){count});"]
+
+
+_STATEMENTS: list[tuple[re.Pattern[str], Callable[..., list[str]]]] = [
+    (re.compile(pattern), rule)
+    for pattern, rule in (
+        (rf"br i1 ({VALUE}), label ({VALUE}), label ({VALUE})", _branch),
+        (rf"br label ({VALUE})", lambda f, block, label: [f.goto(block, label)]),
+        (rf"switch (\w+) ({VALUE}), label ({VALUE}) \[(.*)\]", _switch),
+        (rf"ret i32 ({VALUE})", lambda f, _, value: [f"return (int32_t){f.value(value, 'i32')};"]),
+        (rf"store (\w+) ({VALUE}), ptr ({VALUE})", _store),
+        (r"unreachable", lambda *_: ["return -1;"]),
+        (r"(?:tail |notail )?call void @llvm\.(memset|memcpy|memmove)[\w.]*\((.*)\)", _memory),
+        (rf"({VALUE}) = (.*)", _assignment),
+    )
+]
 
 
 def _joined(lines: list[str]) -> list[str]:

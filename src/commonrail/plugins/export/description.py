@@ -11,6 +11,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree as Xml
 
 from commonrail.base.choices import Drive
+from commonrail.base.units import FAST
 from commonrail.engine.operating_point import OTHER_PRESSURES, RAIL_PRESSURES
 from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS
 from commonrail.physics import variants
@@ -47,14 +48,14 @@ BASE_UNITS = {
     "s": {"s": 1},
     "s/m": {"m": -1, "s": 1},
 }
-# What people read a quantity in: name, factor from SI, offset.
+# Units that people read a quantity in, the usual one first.
 DISPLAY_UNITS = {
-    "K": (("degC", 1.0, -273.15),),
-    "Pa": (("bar", 1e-5, 0.0), ("MPa", 1e-6, 0.0)),
-    "kg": (("mg", 1e6, 0.0),),
-    "kg/s": (("mg/ms", 1e3, 0.0),),
-    "m": (("um", 1e6, 0.0), ("mm", 1e3, 0.0)),
-    "s": (("us", 1e6, 0.0), ("ms", 1e3, 0.0)),
+    "K": ("degC",),
+    "Pa": ("bar", "MPa"),
+    "kg": ("mg",),
+    "kg/s": ("mg/ms",),
+    "m": ("um", "mm"),
+    "s": ("us", "ms"),
 }
 _NOMINAL = {"Pa": 1e8, "kg": 1e-5, "kg/s": 1e-2, "m": 1e-4, "A": 10.0, "N": 100.0, "s": 1e-3, "V": 10.0}
 
@@ -68,34 +69,19 @@ class Kind(NamedTuple):
 
 
 class Variable(NamedTuple):
-    """One variable.
+    """One variable with its reference in the C sources; `start`, `low` and `high` are in its SI unit.
 
-    Attributes
-    ----------
-    name : str
-    reference : int
-    kind : Kind
-    unit : str
-        SI unit, "" for what is no real number.
-    start : float or None
-    low, high : float
-        Limits, infinite where there are none.
-    meaning : str
+    `unit` is "" for what is no real number.
     """
 
     name: str
     reference: int
     kind: Kind
     unit: str
-    start: float | None
-    low: float
-    high: float
     meaning: str
-
-    @property
-    def nominal(self) -> float | None:
-        """Usual size of an output."""
-        return _NOMINAL.get(self.unit) if self.kind.causality == "output" else None
+    start: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
 
 
 _FIXED = Kind("Real", "parameter", "fixed")
@@ -111,42 +97,33 @@ def variables(injector: Injector) -> list[Variable]:
 def _parameters(injector: Injector) -> list[Variable]:
     found, unread = [], variants.unread_parameters(injector.variant)
     for i, path in enumerate((*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)):
-        if path in unread:
-            continue
-        low, high, low_open, high_open = bounds_of(injector, path)
-        limits = _inside(low, high, low_open), _inside(high, low, high_open)
-        quantity = injector.quantities[path]
-        found.append(Variable(path, i, _FIXED, quantity.unit, injector.values[path], *limits, quantity.meaning))
+        if path not in unread:
+            low, high, low_open, high_open = bounds_of(injector, path)
+            limits = _inside(low, high, low_open), _inside(high, low, high_open)
+            quantity, value = injector.quantities[path], injector.values[path]
+            found.append(Variable(path, i, _FIXED, quantity.unit, quantity.meaning, value, *limits))
     return found
 
 
 def _inside(limit: float, other: float, is_open: int) -> float:
-    """Limit that belongs to the range itself, as the standard's do: the next number inside where it does not.
-
-    Parameters
-    ----------
-    limit, other : float
-    is_open : int
-        1 if the limit itself is outside.
-    """
+    """Limit that belongs to the range itself, as the standard's do: the next number inside where it `is_open`."""
     if not is_open:
         return limit
     beside = math.nextafter(limit, other)
-    return (
-        beside if limit else math.copysign(sys.float_info.min, beside)
-    )  # no denormal number, which importers may flush
+    return beside if limit else math.copysign(sys.float_info.min, beside)  # importers may flush denormal numbers
 
 
 def _plan() -> list[Variable]:
-    step = "inner time step"
-    found = [Variable("time_step", _STEP, _FIXED, "s", DEFAULT_STEP, TIME_STEPS.low, TIME_STEPS.high, step)]
-    for i in range(PLANNED):
-        start = f"start of planned energising {i + 1}, after the start of the simulation"
-        duration = f"duration of planned energising {i + 1}; 0: there is none"
-        name, at = f"energising[{i + 1}]", _PLAN + 2 * i
-        found.append(Variable(f"{name}.start", at, _FIXED, "s", 0.0, 0.0, math.inf, start))
-        found.append(Variable(f"{name}.duration", at + 1, _FIXED, "s", 0.0, 0.0, math.inf, duration))
-    return found
+    step = Variable("time_step", _STEP, _FIXED, "s", "inner time step", DEFAULT_STEP, TIME_STEPS.low, TIME_STEPS.high)
+    meanings = {
+        "start": "start of planned energising {}, after the start of the simulation",
+        "duration": "duration of planned energising {}; 0: there is none",
+    }
+    return [step] + [
+        Variable(f"energising[{i + 1}].{key}", _PLAN + 2 * i + j, _FIXED, "s", text.format(i + 1), 0.0, 0.0)
+        for i in range(PLANNED)
+        for j, (key, text) in enumerate(meanings.items())
+    ]
 
 
 def _inputs(injector: Injector) -> list[Variable]:
@@ -154,69 +131,57 @@ def _inputs(injector: Injector) -> list[Variable]:
     rail = max(low, RAIL_PRESSURES.low), min(high, RAIL_PRESSURES.high)
     other = max(low, OTHER_PRESSURES.low), min(high, OTHER_PRESSURES.high)
     what, unit = ("voltage", "V") if injector.variant.drive is Drive.VOLTAGE else ("current", "A")
-    given = [
-        (variants.RAIL, "Pa", RAIL, *rail, "rail pressure"),
-        ("cylinder_pressure", "Pa", CYLINDER, *other, "pressure in the cylinder"),
-        (variants.RETURN, "Pa", RETURN, *other, "pressure at the end of the return line"),
-        (variants.DRIVE, unit, 0.0, -math.inf, math.inf, f"measured coil {what}, which drives the injector"),
-    ]
+    back, driven = "pressure at the end of the return line", f"measured coil {what}, which drives the injector"
+    boundaries = (
+        Variable(variants.RAIL, _INPUT, _INPUT_KIND, "Pa", "rail pressure", RAIL, *rail),
+        Variable("cylinder_pressure", _INPUT + 1, _INPUT_KIND, "Pa", "pressure in the cylinder", CYLINDER, *other),
+        Variable(variants.RETURN, _INPUT + 2, _INPUT_KIND, "Pa", back, RETURN, *other),
+        Variable(variants.DRIVE, _INPUT + 3, _INPUT_KIND, unit, driven, 0.0),
+    )
     unread = variants.unread_inputs(injector.variant)
-    found = [
-        Variable(f"boundary.{name}", _INPUT + i, _INPUT_KIND, own, start, least, most, meaning)
-        for i, (name, own, start, least, most, meaning) in enumerate(given)
-        if name not in unread
-    ]
+    found = [v._replace(name=f"boundary.{v.name}") for v in boundaries if v.name not in unread]
     if variants.RAIL in unread:
         meaning = "rail pressure at rest; from then on that of the rail's volume is simulated"
-        found.insert(0, Variable(AT_REST, _INPUT, _FIXED, "Pa", RAIL, *rail, meaning))
+        found.insert(0, Variable(AT_REST, _INPUT, _FIXED, "Pa", meaning, RAIL, *rail))
     command = "true: the solenoid is energised"
     if variants.COMMAND in unread:
         command = "true: an injection begins, of which the instants are; the coil is driven by boundary.drive"
-    kind = Kind("Boolean", "input", "discrete")
-    return [*found, Variable("command", _COMMAND, kind, "", 0.0, -math.inf, math.inf, command)]
+    return [*found, Variable("command", _COMMAND, Kind("Boolean", "input", "discrete"), "", command, 0.0)]
 
 
 def _outputs(injector: Injector) -> list[Variable]:
-    infinite = (-math.inf, math.inf)
-    found = [
-        Variable(c.name, _CHANNEL + i, _OUTPUT, c.unit, None, *infinite, c.meaning)
-        for i, c in enumerate(channels(injector.variant.actuation))
-    ]
     mean = "mean over the inner steps of the last communication step"
-    more = (
-        ("injection_rate", "kg/s", f"injection rate, {mean}"),
-        ("return_rate", "kg/s", f"flow to the return, {mean}"),
-        ("opening", "s", "instant at which the needle first rose by 5 um; 0 before"),
-        ("closing", "s", "instant at which the needle met its seat for the last time; 0 while it is open"),
-        ("first_closing", "s", "instant at which the needle first met its seat after it was open; 0 before"),
-    )
-    found += [
-        Variable(name, _RATE + i, _OUTPUT, unit, None, *infinite, text) for i, (name, unit, text) in enumerate(more)
-    ]
     is_open, status = Kind("Boolean", "output", "discrete"), Kind("Integer", "output", "discrete")
-    found.append(Variable("needle_open", _RATE + 5, is_open, "", None, *infinite, "the needle is open"))
-    words = "status of the simulation: 0 well, 5 the needle is open, others a failure"
-    found.append(Variable("status", _RATE + 6, status, "", None, *infinite, words))
-    return found
+    more = (
+        ("injection_rate", _OUTPUT, "kg/s", f"injection rate, {mean}"),
+        ("return_rate", _OUTPUT, "kg/s", f"flow to the return, {mean}"),
+        ("opening", _OUTPUT, "s", "instant at which the needle first rose by 5 um; 0 before"),
+        ("closing", _OUTPUT, "s", "instant at which the needle met its seat for the last time; 0 while it is open"),
+        ("first_closing", _OUTPUT, "s", "instant at which the needle first met its seat after it was open; 0 before"),
+        ("needle_open", is_open, "", "the needle is open"),
+        ("status", status, "", "status of the simulation: 0 well, 5 the needle is open, others a failure"),
+    )
+    observed = channels(injector.variant.actuation)
+    return [
+        *(Variable(c.name, _CHANNEL + i, _OUTPUT, c.unit, c.meaning) for i, c in enumerate(observed)),
+        *(Variable(name, _RATE + i, kind, unit, text) for i, (name, kind, unit, text) in enumerate(more)),
+    ]
 
 
-# modelDescription.xml of FMI 2.0.
+# modelDescription.xml of both versions.
+
+_TIME = 2200  # reference of the independent variable; c/fmu.h
+_TYPES = {"Real": "Float64", "Boolean": "Boolean", "Integer": "Int32"}
 
 
 def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
-    """Text of the description.
+    """Text of modelDescription.xml of FMI 2.0; `token` is the GUID that the binary compares.
 
-    Parameters
-    ----------
-    model : Model
-    listed : sequence of Variable
-    token : str
-        GUID that the binary compares.
-    sources : sequence of str
-        C files to be compiled where there is no binary.
+    `sources` are the C files to be compiled where there is no binary.
     """
-    attributes = {"fmiVersion": "2.0", "guid": token, **about(model), "numberOfEventIndicators": "0"}
-    root = Xml.Element("fmiModelDescription", attributes)
+    root = Xml.Element(
+        "fmiModelDescription", {"fmiVersion": "2.0", "guid": token, **_about(model), "numberOfEventIndicators": "0"}
+    )
     simulation = Xml.SubElement(
         root,
         "CoSimulation",
@@ -229,28 +194,52 @@ def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Seq
     files = Xml.SubElement(simulation, "SourceFiles")
     for name in sources:
         Xml.SubElement(files, "File", name=name)
-    root.append(units_element(listed))
-    categories = Xml.SubElement(root, "LogCategories")
-    Xml.SubElement(categories, "Category", name="logStatusError", description="Sentences on what failed")
-    Xml.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.01", stepSize="1e-05")
+    _add_units_and_experiment(root, listed)
     table = Xml.SubElement(root, "ModelVariables")
     for variable in listed:
-        _variable(table, variable)
+        element = Xml.SubElement(table, "ScalarVariable", _identity(variable) | _initial(variable))
+        Xml.SubElement(element, variable.kind.type, _range(variable) | _start(variable))
     outputs = [i for i, variable in enumerate(listed, start=1) if variable.kind.causality == "output"]
     structure = Xml.SubElement(root, "ModelStructure")
     for name in ("Outputs", "InitialUnknowns"):
         unknowns = Xml.SubElement(structure, name)
         for index in outputs:
             Xml.SubElement(unknowns, "Unknown", index=str(index))
-    return written(root)
+    return _written(root)
 
 
-def about(model: Model) -> dict[str, str]:
+def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
+    """Text of modelDescription.xml of FMI 3.0, as `describe2`; its `sources` are in `build_description`."""
+    root = Xml.Element("fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": token, **_about(model)})
+    Xml.SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=model.name,
+        canGetAndSetFMUState="true",
+        canSerializeFMUState="true",
+        canHandleVariableCommunicationStepSize="true",
+        maxOutputDerivativeOrder="0",
+    )
+    _add_units_and_experiment(root, listed)
+    table = Xml.SubElement(root, "ModelVariables")
+    time = {"name": "time", "valueReference": str(_TIME), "causality": "independent", "variability": "continuous"}
+    Xml.SubElement(table, "Float64", {**time, "unit": "s", "description": "simulated time"})
+    for variable in listed:
+        attributes = _identity(variable) | _range(variable) | _initial(variable) | _start(variable)
+        Xml.SubElement(table, _TYPES[variable.kind.type], attributes)
+    structure = Xml.SubElement(root, "ModelStructure")
+    for name in ("Output", "InitialUnknown"):
+        for variable in listed:
+            if variable.kind.causality == "output":
+                Xml.SubElement(structure, name, valueReference=str(variable.reference))
+    return _written(root)
+
+
+def _about(model: Model) -> dict[str, str]:
     """Attributes that name the model and its maker."""
-    injector = model.injector
     return {
-        "modelName": injector.name,
-        "description": injector.title,
+        "modelName": model.injector.name,
+        "description": model.injector.title,
         "version": version("commonrail"),
         "license": "Apache-2.0",
         "copyright": "The commonrail authors",
@@ -261,124 +250,61 @@ def about(model: Model) -> dict[str, str]:
     }
 
 
-def units_element(listed: Sequence[Variable]) -> Xml.Element:
-    """Definitions of the units that variables have."""
-    units = Xml.Element("UnitDefinitions")
+def _add_units_and_experiment(root: Xml.Element, listed: Sequence[Variable]) -> None:
+    """Add the definitions of the units that variables have, the category of messages, and the usual experiment."""
+    units = Xml.SubElement(root, "UnitDefinitions")
     for name in sorted({variable.unit for variable in listed if variable.unit}):
         unit = Xml.SubElement(units, "Unit", name=name)
         Xml.SubElement(unit, "BaseUnit", {base: str(power) for base, power in BASE_UNITS[name].items()})
-        for shown, factor, offset in DISPLAY_UNITS.get(name, ()):
-            Xml.SubElement(unit, "DisplayUnit", {"name": shown, "factor": number(factor), "offset": number(offset)})
-    return units
+        for shown in DISPLAY_UNITS.get(name, ()):
+            scale = FAST[shown]
+            numbers = {"factor": repr(1.0 / scale.factor), "offset": repr(0.0 - scale.offset)}
+            Xml.SubElement(unit, "DisplayUnit", {"name": shown, **numbers})
+    categories = Xml.SubElement(root, "LogCategories")
+    Xml.SubElement(categories, "Category", name="logStatusError", description="Sentences on what failed")
+    Xml.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.01", stepSize="1e-05")
 
 
-def _variable(table: Xml.Element, variable: Variable) -> None:
-    kind = variable.kind
-    initial = {"parameter": "exact", "output": "calculated"}.get(kind.causality)
-    attributes = {
+def _identity(variable: Variable) -> dict[str, str]:
+    return {
         "name": variable.name,
         "valueReference": str(variable.reference),
         "description": variable.meaning,
-        "causality": kind.causality,
-        "variability": kind.variability,
-        **({"initial": initial} if initial else {}),
+        "causality": variable.kind.causality,
+        "variability": variable.kind.variability,
     }
-    element = Xml.SubElement(table, "ScalarVariable", attributes)
-    typed: dict[str, str] = {}
-    if kind.type == "Real":
-        typed["unit"] = variable.unit
-        if variable.unit in DISPLAY_UNITS:
-            typed["displayUnit"] = DISPLAY_UNITS[variable.unit][0][0]
-        typed |= limits(variable)
-        if variable.start is not None:
-            typed["start"] = number(variable.start)
-    elif variable.start is not None:
-        typed["start"] = "true" if variable.start else "false"
-    Xml.SubElement(element, kind.type, typed)
 
 
-def limits(variable: Variable) -> dict[str, str]:
-    """Attributes of the limits and the usual size."""
-    found = {"min": variable.low, "max": variable.high, "nominal": variable.nominal}
-    return {name: number(value) for name, value in found.items() if value is not None and math.isfinite(value)}
+def _range(variable: Variable) -> dict[str, str]:
+    """Unit, limits and usual size of a real variable."""
+    if variable.kind.type != "Real":
+        return {}
+    unit = {"unit": variable.unit}
+    if variable.unit in DISPLAY_UNITS:
+        unit["displayUnit"] = DISPLAY_UNITS[variable.unit][0]
+    nominal = _NOMINAL.get(variable.unit, math.inf) if variable.kind.causality == "output" else math.inf
+    numbers = {"min": variable.low, "max": variable.high, "nominal": nominal}
+    return unit | {name: repr(float(value)) for name, value in numbers.items() if math.isfinite(value)}
 
 
-def number(value: float) -> str:
-    """Number with all its digits."""
-    return repr(float(value))
+def _initial(variable: Variable) -> dict[str, str]:
+    kinds = {"parameter": "exact", "output": "calculated"}
+    return {"initial": kinds[variable.kind.causality]} if variable.kind.causality in kinds else {}
 
 
-def written(root: Xml.Element) -> str:
+def _start(variable: Variable) -> dict[str, str]:
+    if variable.start is None:
+        return {}
+    return {"start": repr(float(variable.start)) if variable.kind.type == "Real" else str(bool(variable.start)).lower()}
+
+
+def _written(root: Xml.Element) -> str:
     """Text of a document."""
     Xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
 
 
-# Description of FMI 3.0: modelDescription.xml, what builds the sources, and the terminals.
-
-_TIME = 2200  # reference of the independent variable; c/fmu.h
-_TYPES = {"Real": "Float64", "Boolean": "Boolean", "Integer": "Int32"}
-
-
-def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
-    """Text of the description.
-
-    Parameters
-    ----------
-    model : Model
-    listed : sequence of Variable
-    token : str
-        Instantiation token that the binary compares.
-    sources : sequence of str
-        Not used: `build_description` lists them.
-    """
-    root = Xml.Element("fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": token, **about(model)})
-    Xml.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=model.name,
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-        canHandleVariableCommunicationStepSize="true",
-        maxOutputDerivativeOrder="0",
-    )
-    units = units_element(listed)
-    root.append(units)
-    categories = Xml.SubElement(root, "LogCategories")
-    Xml.SubElement(categories, "Category", name="logStatusError", description="Sentences on what failed")
-    Xml.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.01", stepSize="1e-05")
-    table = Xml.SubElement(root, "ModelVariables")
-    time = {"name": "time", "valueReference": str(_TIME), "causality": "independent", "variability": "continuous"}
-    Xml.SubElement(table, "Float64", {**time, "unit": "s", "description": "simulated time"})
-    for variable in listed:
-        Xml.SubElement(table, _TYPES[variable.kind.type], _attributes(variable))
-    structure = Xml.SubElement(root, "ModelStructure")
-    outputs = [variable for variable in listed if variable.kind.causality == "output"]
-    for name in ("Output", "InitialUnknown"):
-        for variable in outputs:
-            Xml.SubElement(structure, name, valueReference=str(variable.reference))
-    return written(root)
-
-
-def _attributes(variable: Variable) -> dict[str, str]:
-    kind = variable.kind
-    found = {
-        "name": variable.name,
-        "valueReference": str(variable.reference),
-        "description": variable.meaning,
-        "causality": kind.causality,
-        "variability": kind.variability,
-    }
-    if kind.type == "Real":
-        found["unit"] = variable.unit
-        if variable.unit in DISPLAY_UNITS:
-            found["displayUnit"] = DISPLAY_UNITS[variable.unit][0][0]
-        found |= limits(variable)
-    if kind.causality in ("parameter", "output"):
-        found["initial"] = "exact" if kind.causality == "parameter" else "calculated"
-    if variable.start is not None:
-        found["start"] = number(variable.start) if kind.type == "Real" else ("true" if variable.start else "false")
-    return found
+# What builds the sources, and the terminals: FMI 3.0 alone.
 
 
 def build_description(model: Model, sources: Sequence[str]) -> str:
@@ -389,17 +315,11 @@ def build_description(model: Model, sources: Sequence[str]) -> str:
     for name in sources:
         Xml.SubElement(files, "SourceFile", name=name)
     Xml.SubElement(configuration, "Library", name="m", external="true")
-    return written(root)
+    return _written(root)
 
 
 def terminals(listed: Sequence[Variable]) -> str:
-    """Text of ``terminalsAndIcons/terminalsAndIcons.xml``: fuel line and coil.
-
-    Parameters
-    ----------
-    listed : sequence of Variable
-        Of the FMU: a terminal has the variables that are among them.
-    """
+    """Text of terminalsAndIcons.xml: fuel line and coil, each with those of its variables that are `listed`."""
     names = {variable.name for variable in listed}
     root = Xml.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     table = Xml.SubElement(root, "Terminals")
@@ -418,4 +338,4 @@ def terminals(listed: Sequence[Variable]) -> str:
                 memberName=member,
                 variableKind="inflow" if member == "flow" else "signal",
             )
-    return written(root)
+    return _written(root)

@@ -57,13 +57,8 @@ class Channel(NamedTuple):
 class Sizes(NamedTuple):
     """Numbers in the arrays of a wiring.
 
-    Attributes
-    ----------
-    parameters, fuel : int
-        Columns of theta: the parameters, then the coefficients of the fuel.
-    work : int
-        Working rows; `waves` has 3 ring numbers, and at least as many as theta.
-    inputs, figures, channels : int
+    theta has `parameters`, then the coefficients of the `fuel`. `work` are the working rows; `waves` has 3 ring
+    numbers, and at least as many as theta.
     """
 
     parameters: int

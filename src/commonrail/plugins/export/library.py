@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -34,13 +34,8 @@ from commonrail.plugins.export.sources import Model, model_of, named, template
 def placed(folder: Path) -> Iterator[Path]:
     """Empty folder to write into; when the block ends without an error, its files are those of `folder`.
 
-    A new folder appears at once. In one that exists, each file takes the place of that of its name, and others stay.
-    After an error nothing has changed.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing, with the folders above it.
+    A new folder, with those above it, appears at once. In one that exists, each file takes the place of that of its
+    name, and others stay. After an error nothing has changed.
     """
     exists = folder.exists()
     if not exists:
@@ -51,19 +46,14 @@ def placed(folder: Path) -> Iterator[Path]:
     try:
         yield made
         if exists:
-            _replace_files(made, folder)
+            for path in filter(Path.is_file, sorted(made.rglob("*"))):
+                target = folder / path.relative_to(made)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(path, target)
         else:
             os.rename(made, folder)
     finally:
         shutil.rmtree(own, ignore_errors=True)
-
-
-def _replace_files(made: Path, folder: Path) -> None:
-    files = [path for path in sorted(made.rglob("*")) if not path.is_dir()]
-    for path in files:
-        target = folder / path.relative_to(made)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        os.replace(path, target)
 
 
 # Sources of examples, and the names of their files.
@@ -71,17 +61,7 @@ _EXAMPLES = {name: name.removesuffix(".in") for name in ("example.c", "example.c
 
 
 class Library(NamedTuple):
-    """Files of a library.
-
-    Attributes
-    ----------
-    model : Model
-    folder : Path
-    shared : dict of str to Path
-        Shared library of each target.
-    files : tuple of Path
-        All that was written.
-    """
+    """Files of a library: the shared one of each target by its name, and all that was written."""
 
     model: Model
     folder: Path
@@ -90,29 +70,15 @@ class Library(NamedTuple):
 
 
 @lasting(ALL_ENTRIES)
-def write_library(injector: Injector, folder: Path, targets: Sequence[Target], prefer_zig: bool = False) -> Library:
+def write_library(injector: Injector, folder: Path, targets: Sequence[Target]) -> Library:
     """Write an injector as a C library; nothing is changed before all of it is complete.
 
-    Parameters
-    ----------
-    injector : Injector
-    folder : Path
-        Made where it is missing; files of the same names are replaced.
-    targets : sequence of Target
-        Each gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
-        folders by their names.
-    prefer_zig : bool
-        See `compiler_for`.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no compiler for a target, or it fails.
-    InputError
-        If files of the examples' names are there that no export has written.
+    Each target gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
+    folders by their names. Files of the same names are replaced. ConfigurationError if there is no compiler for a
+    target, or it fails; InputError if files of the examples' names are there that no export has written.
     """
     _refuse_foreign_examples(folder)
-    compilers = {target.name: compiler_for(target, prefer_zig) for target in targets if target.suffix != ".wasm"}
+    compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
     model = model_of(injector)
     shared: dict[str, Path] = {}
     with placed(folder) as made:
@@ -126,7 +92,7 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
             written = _write_binaries(model, made, place, target, compilers[target.name])
             shared[target.name] = written[-1]
             files += written
-        files += write_examples(model, made, "PLATFORM/" if len(targets) > 1 else "")
+        files += _write_examples(model, made, "PLATFORM/" if len(targets) > 1 else "")
     moved = {path: folder / path.relative_to(made) for path in files}
     return Library(
         model, folder, {name: moved[path] for name, path in shared.items()}, tuple(moved[path] for path in files)
@@ -140,29 +106,16 @@ def _write_kernel(model: Model, place: Path, target: Target) -> Path:
     return kernel
 
 
-def _write_block(model: Model, folder: Path) -> tuple[Path, ...]:
+def _write_block(model: Model, folder: Path) -> list[Path]:
     """Write header and source of blocks of injectors."""
-    texts = {
-        f"{model.name}_block.h": template("block.h").replace("/*LANES*/", str(LANES)),
-        f"{model.name}_block.c": template("block.c"),
-    }
-    for name, text in texts.items():
-        (folder / name).write_text(named(text, model.name), encoding="utf-8")
-    return tuple(folder / name for name in texts)
+    texts = {"block.h": template("block.h").replace("/*LANES*/", str(LANES)), "block.c": template("block.c")}
+    return write_texts(folder, {f"{model.name}_{name}": named(text, model.name) for name, text in texts.items()})
 
 
 def _write_binaries(model: Model, folder: Path, place: Path, target: Target, compiler: Compiler) -> list[Path]:
-    """Write what is compiled for a target: objects, static library and, last, the shared one.
+    """Write what is compiled for a target into `place`: objects, static library and, last, the shared one.
 
-    Parameters
-    ----------
-    model : Model
-    folder : Path
-        Of the sources.
-    place : Path
-        Folder to write to.
-    target : Target
-    compiler : Compiler
+    `folder` has the sources.
     """
     upper, vectors = model.name.upper(), vectors_of(target)
     kernels = [_write_kernel(model, place, target)]
@@ -174,7 +127,8 @@ def _write_binaries(model: Model, folder: Path, place: Path, target: Target, com
     objects = [place / f"{source.stem}.o" for source in sources]
     for source, made in zip(sources, objects, strict=True):
         compile_source(compiler, source, made, target, defines)
-    static, shared = place / f"lib{model.name}.a", place / shared_name(model, target)
+    prefix = "" if target.suffix == ".dll" else "lib"
+    static, shared = place / f"lib{model.name}.a", place / f"{prefix}{model.name}{target.suffix}"
     archive(compiler, (*objects, *kernels), static)
     for made in objects:
         made.unlink()
@@ -182,17 +136,16 @@ def _write_binaries(model: Model, folder: Path, place: Path, target: Target, com
     return [*kernels, static, shared]
 
 
-def shared_name(model: Model, target: Target) -> str:
-    """File name of a shared library."""
-    return f"{'' if target.suffix == '.dll' else 'lib'}{model.name}{target.suffix}"
-
-
-def write_sources(model: Model, folder: Path) -> tuple[Path, ...]:
+def write_sources(model: Model, folder: Path) -> list[Path]:
     """Write header and sources of a model."""
-    texts = {f"{model.name}.h": model.header, **model.sources}
+    return write_texts(folder, {f"{model.name}.h": model.header, **model.sources})
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Write texts as files of these names; returns the files."""
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return tuple(folder / name for name in texts)
+    return [folder / name for name in texts]
 
 
 def _refuse_foreign_examples(folder: Path) -> None:
@@ -202,22 +155,21 @@ def _refuse_foreign_examples(folder: Path) -> None:
         raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
 
 
-def write_examples(model: Model, folder: Path, beside: str) -> tuple[Path, ...]:
+def _write_examples(model: Model, folder: Path, beside: str) -> list[Path]:
     """Write programs that use the library.
 
-    Parameters
-    ----------
-    model : Model
-    folder : Path
-    beside : str
-        Path from there to the binaries, as in a command line; "" where they are in the folder itself.
+    `beside` is the path from `folder` to the binaries, as in a command line; "" where they are in the folder itself.
     """
     size = sizes(model.injector.wired())
-    numbers = f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}"
-    written = []
+    replacements = {
+        "FOLDER/": beside,
+        "libcr.a": f"lib{model.name}.a",
+        " cr.c ": f" {model.name}.c ",
+        "PARAMETERS, CHANNELS = 0, 0": f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}",
+    }
+    texts = {}
     for source, name in {**_EXAMPLES, "sfunction.c": f"{model.name}_sfunction.c"}.items():
-        text = named(template(source), model.name).replace("FOLDER/", beside).replace("libcr.a", f"lib{model.name}.a")
-        text = text.replace(" cr.c ", f" {model.name}.c ").replace("PARAMETERS, CHANNELS = 0, 0", numbers)
-        (folder / name).write_text(text, encoding="utf-8")
-        written.append(folder / name)
-    return tuple(written)
+        texts[name] = named(template(source), model.name)
+        for before, after in replacements.items():
+            texts[name] = texts[name].replace(before, after)
+    return write_texts(folder, texts)

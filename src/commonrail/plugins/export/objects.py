@@ -22,20 +22,9 @@ from commonrail.plugins.export.texts import block_texts, entry_texts, refuse_for
 class Target(NamedTuple):
     """Processor and system of a binary.
 
-    Attributes
-    ----------
-    name : str
-        Name on the command line.
-    triple : str
-        Name that LLVM has for it.
-    processor, features : str
-        LLVM's processor, and instruction sets beyond it.
-    zig : str
-        Name that zig has for it, with the oldest C library that the binary may meet.
-    fmi2, fmi3 : str
-        Folder of its binary in an FMU; "" where that version of the standard knows none.
-    suffix : str
-        Ending of a shared library.
+    `triple`, `processor` and `features` are LLVM's names of it, of the processor, and of instruction sets beyond that
+    one; `zig` that of zig, with the oldest C library that the binary may meet. `fmi2` and `fmi3` are the folders of its
+    binary in an FMU, "" where that version of the standard knows none; `suffix` ends the name of a shared library.
     """
 
     name: str
@@ -67,13 +56,7 @@ _VECTORS = {"x86_64": {"avx2": "x86-64-v3", "avx512": "x86-64-v4"}}
 
 
 def target_named(name: str) -> Target:
-    """Target by its name.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none of that name.
-    """
+    """Target by its name; ConfigurationError if there is none."""
     if name not in TARGETS:
         raise ConfigurationError(f'There is no platform "{name}"{nearest(name, TARGETS)}; known: {", ".join(TARGETS)}.')
     return TARGETS[name]
@@ -83,20 +66,9 @@ def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
     """Object file with the entries of `export.entries`, each named ``PREFIX_ENTRY`` and hidden.
 
     The entries follow Numba's calling convention: ``int32_t f(void *result, void **exception, arguments …)`` returns 0;
-    `result` receives a pointer, and `exception` is not written.
-
-    Parameters
-    ----------
-    variant : Variant
-        Wiring to compile; a Numba compilation of some ten seconds where its text is in no cache.
-    target : Target or str
-    prefix : str
-        Begins the names of the entries, so that the objects of two models can be linked into one program.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such target, or the compiler fails.
+    `result` receives a pointer, and `exception` is not written. Prefixes let the objects of two models be linked into
+    one program. Where the text of the wiring is in no cache, Numba compiles it for some ten seconds. ConfigurationError
+    if there is no such target, or the compiler fails.
     """
     machine, module = _linked(variant, target if isinstance(target, Target) else target_named(target), prefix)
     return bytes(machine.emit_object(module))
@@ -108,22 +80,9 @@ def vectors_of(target: Target) -> tuple[str, ...]:
 
 
 def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr") -> bytes:
-    """Object file with the entry of `export.block_entries`, named ``PREFIX_ENTRY_VECTORS`` and hidden.
+    """Object file with the entry of `make_block_entries`, named ``PREFIX_ENTRY_VECTORS`` and hidden; else as `emit`.
 
-    Parameters
-    ----------
-    variant : Variant
-        As of `emit`.
-    target : Target
-    vectors : str
-        One of `vectors_of` the target.
-    prefix : str
-        Begins the name of the entry.
-
-    Raises
-    ------
-    ConfigurationError
-        If the compiler fails.
+    `vectors` is one of `vectors_of` the target.
     """
     import llvmlite.binding as llvm
 
@@ -162,16 +121,7 @@ def _machine(target: Target, processor: str, features: str) -> Any:
 
 
 def _module(texts: Mapping[str, str], machine: Any, names: Mapping[str, str]) -> Any:
-    """Module of all texts for a machine.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-        LLVM text of each entry.
-    machine : LLVM's machine
-    names : mapping of str to str
-        Name that each entry receives.
-    """
+    """Module of all texts for LLVM's machine, each entry under its name in `names`, without what none of them uses."""
     import llvmlite.binding as llvm
 
     whole: Any = None
@@ -218,18 +168,10 @@ def own_platform() -> tuple[str, ...]:
 
 
 def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
-    """Compiler that makes binaries for a target.
+    """Compiler that makes binaries for a target; ConfigurationError if there is none, with what to install.
 
-    Parameters
-    ----------
-    target : Target
-    prefer_zig : bool
-        Take zig, where it is installed, for this machine's own platform too: its binaries run with older C libraries.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none, with what to install.
+    With `prefer_zig` zig, where it is installed, serves this machine's own platform too: its binaries run with older C
+    libraries.
     """
     zig = importlib.util.find_spec("ziglang") is not None
     own = target.name in own_platform()
@@ -247,61 +189,27 @@ def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
 def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: Target, defines: Sequence[str]) -> None:
     """Compile C sources and link them with objects into a shared library that exports what is marked so.
 
-    Parameters
-    ----------
-    compiler : Compiler
-    inputs : sequence of Path
-        Sources and objects, in one folder with their headers.
-    out : Path
-    target : Target
-    defines : sequence of str
-        Names defined for the preprocessor.
+    All `inputs` lie in one folder with their headers; `defines` are names for the preprocessor.
     """
-    command = [
-        *compiler.command,
-        *_WARNINGS,
-        *_ARITHMETIC,
-        "-O2",
-        "-g0",
-        "-fvisibility=hidden",
-        *(f"-D{name}" for name in defines),
-        *(() if target.suffix == ".dll" else ("-fPIC",)),
-        "-shared",
-        "-s",
-        *map(_absolute, inputs),
-        "-o",
-        _absolute(out),
-        *(("-lm",) if target.suffix == ".so" else ()),
-    ]
-    run(command, out.parent)
+    options = [*_options(target, defines), "-fvisibility=hidden", "-shared", "-s"]
+    libraries = ("-lm",) if target.suffix == ".so" else ()
+    paths = [*map(_absolute, inputs), "-o", _absolute(out)]
+    run([*compiler.command, *options, *paths, *libraries], out.parent)
 
 
 def compile_source(compiler: Compiler, source: Path, out: Path, target: Target, defines: Sequence[str] = ()) -> None:
-    """Compile one C source into an object.
+    """Compile one C source into an object; `defines` as of `link_shared`."""
+    paths = [_absolute(source), "-o", _absolute(out)]
+    run([*compiler.command, *_options(target, defines), "-c", *paths], out.parent)
 
-    Parameters
-    ----------
-    compiler : Compiler
-    source, out : Path
-    target : Target
-    defines : sequence of str
-        As of `link_shared`.
-    """
+
+def _options(target: Target, defines: Sequence[str]) -> list[str]:
     position = () if target.suffix == ".dll" else ("-fPIC",)
-    options = [*_WARNINGS, *_ARITHMETIC, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
-    run([*compiler.command, *options, "-c", _absolute(source), "-o", _absolute(out)], out.parent)
+    return [*_WARNINGS, *_ARITHMETIC, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
 
 
 def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:
-    """Put objects into a static library.
-
-    Parameters
-    ----------
-    compiler : Compiler
-    objects : sequence of Path
-    out : Path
-        Replaced where it exists.
-    """
+    """Put objects into a static library, which is replaced where it exists."""
     out.unlink(missing_ok=True)
     tool = (sys.executable, "-m", "ziglang", "ar") if compiler.is_zig else (shutil.which("ar") or "ar",)
     run([*tool, "rcs", _absolute(out), *map(_absolute, objects)], out.parent)
@@ -313,13 +221,7 @@ def _absolute(path: Path) -> str:
 
 
 def run(command: Sequence[str], folder: Path) -> None:
-    """Run a compiler in a folder.
-
-    Raises
-    ------
-    ConfigurationError
-        With its first error line, if it fails.
-    """
+    """Run a compiler in a folder; ConfigurationError with its first error line if it fails."""
     caches = {name: str(zig_cache()) for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR")}
     environment = os.environ | {name: value for name, value in caches.items() if name not in os.environ}
     built = _built(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))

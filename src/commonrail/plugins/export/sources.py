@@ -6,11 +6,13 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.polynomial import chebyshev
 
 from commonrail.base.arrays import Floats
@@ -28,7 +30,6 @@ from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, u
 from commonrail.plugins.export.c_source import kernel_source
 from commonrail.plugins.export.entries import channels, sizes
 from commonrail.plugins.export.objects import linked_text
-from commonrail.plugins.export.texts import entry_texts
 
 # The condition on the time step as C, from its Python source.
 #
@@ -75,94 +76,45 @@ def _used(lines: list[str], result: str) -> list[str]:
     return kept[::-1]
 
 
-class _Symbol:
-    """A number or condition whose value C computes: operations on it append a statement to `lines`."""
-
-    __slots__ = ("lines", "text")
+class _Symbol(NDArrayOperatorsMixin):
+    """A number or condition that C computes: each of NumPy's operations on it appends a statement to `lines`."""
 
     def __init__(self, text: str, lines: list[str]) -> None:
         self.text, self.lines = text, lines
 
-    def _made(self, expression: str, kind: str = "double") -> _Symbol:
+    def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **_: Any) -> Any:
+        if function is np.power and inputs[1] == 0.5:
+            return self._statement("double", f"sqrt({_text(inputs[0])})")
+        kind, expression = _IN_C.get(function, ("", ""))
+        return self._statement(kind, expression.format(*map(_text, inputs))) if kind else NotImplemented
+
+    def clip(self, low: Any, high: Any, out: None = None) -> _Symbol:
+        """Value within limits, as `numpy.clip` asks for it."""
+        return self._statement("double", f"fmin(fmax({self.text}, {_text(low)}), {_text(high)})")
+
+    def _statement(self, kind: str, expression: str) -> _Symbol:
         name = f"t{len(self.lines)}"
         self.lines.append(f"const {kind} {name} = {expression};")
         return _Symbol(name, self.lines)
 
-    def _two(self, left: Any, sign: str, right: Any, kind: str = "double") -> _Symbol:
-        return self._made(f"{_text(left)} {sign} {_text(right)}", kind)
 
-    def __add__(self, other: Any) -> _Symbol:
-        return self._two(self, "+", other)
-
-    def __radd__(self, other: Any) -> _Symbol:
-        return self._two(other, "+", self)
-
-    def __sub__(self, other: Any) -> _Symbol:
-        return self._two(self, "-", other)
-
-    def __rsub__(self, other: Any) -> _Symbol:
-        return self._two(other, "-", self)
-
-    def __mul__(self, other: Any) -> _Symbol:
-        return self._two(self, "*", other)
-
-    def __rmul__(self, other: Any) -> _Symbol:
-        return self._two(other, "*", self)
-
-    def __truediv__(self, other: Any) -> _Symbol:
-        return self._two(self, "/", other)
-
-    def __rtruediv__(self, other: Any) -> _Symbol:
-        return self._two(other, "/", self)
-
-    def __pow__(self, exponent: Any) -> _Symbol:
-        if exponent != 0.5:
-            raise NotImplementedError(f"a power of {exponent}")
-        return self._made(f"sqrt({self.text})")
-
-    def __abs__(self) -> _Symbol:
-        return self._made(f"fabs({self.text})")
-
-    def __gt__(self, other: Any) -> _Symbol:
-        return self._two(self, ">", other, "int")
-
-    def __ge__(self, other: Any) -> _Symbol:
-        return self._two(self, ">=", other, "int")
-
-    def __lt__(self, other: Any) -> _Symbol:
-        return self._two(self, "<", other, "int")
-
-    def __le__(self, other: Any) -> _Symbol:
-        return self._two(self, "<=", other, "int")
-
-    def __eq__(self, other: object) -> Any:
-        return self._two(self, "==", other, "int")
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __and__(self, other: Any) -> _Symbol:
-        return self._two(self, "&", other, "int")
-
-    def __rand__(self, other: Any) -> _Symbol:
-        return self._two(other, "&", self, "int")
-
-    def __or__(self, other: Any) -> _Symbol:
-        return self._two(self, "|", other, "int")
-
-    def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **_: Any) -> Any:
-        known: Mapping[Any, Callable[..., str]] = {
-            np.maximum: lambda a, b: f"fmax({a}, {b})",
-            np.minimum: lambda a, b: f"fmin({a}, {b})",
-        }
-        if method != "__call__" or function not in known:
-            return NotImplemented
-        return self._made(known[function](*map(_text, inputs)))
-
-    def __array_function__(self, function: Any, types: Any, arguments: Any, named: Any) -> Any:
-        if function is not np.clip:
-            return NotImplemented
-        value, low, high = map(_text, arguments)
-        return self._made(f"fmin(fmax({value}, {low}), {high})")
+# Type and C text of each operation.
+_IN_C: dict[Any, tuple[str, str]] = {
+    np.add: ("double", "{} + {}"),
+    np.subtract: ("double", "{} - {}"),
+    np.multiply: ("double", "{} * {}"),
+    np.divide: ("double", "{} / {}"),
+    np.absolute: ("double", "fabs({})"),
+    np.maximum: ("double", "fmax({}, {})"),
+    np.minimum: ("double", "fmin({}, {})"),
+    np.greater: ("int", "{} > {}"),
+    np.greater_equal: ("int", "{} >= {}"),
+    np.less: ("int", "{} < {}"),
+    np.less_equal: ("int", "{} <= {}"),
+    np.equal: ("int", "{} == {}"),
+    np.bitwise_and: ("int", "{} & {}"),
+    np.bitwise_or: ("int", "{} | {}"),
+}
 
 
 def _text(value: Any) -> str:
@@ -183,16 +135,10 @@ DEGREE = 24
 
 
 class FuelTable(NamedTuple):
-    """Series of `FuelCoefficients` over a range of temperature.
+    """Series of `FuelCoefficients` over a range of temperature, from `coldest` to `hottest` [K].
 
-    Attributes
-    ----------
-    coldest, hottest : float
-        [K].
-    series : (coefficients, degree + 1)
-        In T_k((2 T − coldest − hottest)/(hottest − coldest)).
-    own : (coefficients,)
-        Those of the model's own temperature, to the last bit.
+    `series` (coefficients, degree + 1) are in T_k((2 T − coldest − hottest)/(hottest − coldest)); `own` (coefficients,)
+    are those of the model's own temperature, to the last bit.
     """
 
     coldest: float
@@ -207,21 +153,11 @@ class FuelTable(NamedTuple):
 
 
 def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
-    """Table of a fuel.
+    """Table of a fuel, with the coefficients of `fuel_coefficients` at the temperature `exact_at` [K].
 
     Single coefficients carry rounding of the fit of some 1e-11, which cancels in the polynomials; a shift makes them
-    those of `fuel_coefficients` at one temperature.
-
-    Parameters
-    ----------
-    fuel : Fuel
-    exact_at : float
-        That temperature [K].
-
-    Raises
-    ------
-    ConfigurationError
-        If the fuel's laws bend too sharply for the polynomials of the hot loop anywhere in its range.
+    those at that one temperature. ConfigurationError if the fuel's laws bend too sharply for the polynomials of the hot
+    loop anywhere in its range.
     """
     low, high = fuel.temperature_range
     nodes = chebyshev.chebpts1(DEGREE + 1)
@@ -265,20 +201,10 @@ _OWN_SENTENCES = {
 
 
 class Model(NamedTuple):
-    """Sources of a model.
+    """Sources of an injector's library.
 
-    Attributes
-    ----------
-    injector : Injector
-        With the variant that computes it.
-    name : str
-        C identifier that begins its functions' names.
-    stamp : str
-        Hexadecimal digest of all that decides over its numbers.
-    header : str
-        Text of ``NAME.h``.
-    sources : dict of str to str
-        Texts of the other files by name.
+    `name` is a C identifier that begins its functions' names, `stamp` a hexadecimal digest of all that decides over its
+    numbers, `header` the text of ``NAME.h``, `sources` are the texts of the other files by name.
     """
 
     injector: Injector
@@ -291,17 +217,12 @@ class Model(NamedTuple):
 def model_of(injector: Injector) -> Model:
     """Sources of an injector's library.
 
-    Raises
-    ------
-    ConfigurationError
-        If the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
+    ConfigurationError if the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
     """
     wired = injector.wired()
-    tables, defines = _tables(injector), _defines(injector)
-    parts = (tables, defines, json.dumps(entry_texts(wired)))
-    digest = hashlib.sha256("".join(parts).encode()).hexdigest()
-    name = _identifier(injector.name)
-    size = sizes(wired)
+    name, size = _identifier(injector.name), sizes(wired)
+    tables, defines, kernel = _tables(injector), _defines(injector), kernel_source(linked_text(wired, name))
+    digest = hashlib.sha256((tables + defines + kernel).encode()).hexdigest()
     public = "".join(
         f"#define CR_{key} {value} /* {meaning} */\n"
         for key, value, meaning in (
@@ -321,7 +242,7 @@ def model_of(injector: Injector) -> Model:
             f"{name}.c": named(template("core.c"), name),
             f"{name}_core.h": named(template("core.h").replace("/*DEFINES*/\n", core), name),
             f"{name}_model.h": named(tables, name),
-            f"{name}_kernel.c": kernel_source(linked_text(wired, name)),
+            f"{name}_kernel.c": kernel,
         },
     )
 
@@ -338,9 +259,14 @@ def reads_of(variant: Variant) -> list[tuple[str, int, str]]:
     return [(f"READS_{name.upper()}", int(name not in unread), text) for name, text in words.items()]
 
 
+def source_file(name: str) -> Traversable:
+    """Hand-written source, or another file that goes with a model."""
+    return resources.files("commonrail.plugins.export").joinpath("c", name)
+
+
 def template(name: str) -> str:
     """Text of a hand-written source."""
-    return resources.files("commonrail.plugins.export").joinpath("c", name).read_text(encoding="utf-8")
+    return source_file(name).read_text(encoding="utf-8")
 
 
 def named(text: str, name: str) -> str:
@@ -392,11 +318,14 @@ def _tables(injector: Injector) -> str:
     """Text of the private header: parameters, channels, fuel, sentences, the condition on the step."""
     wired = injector.wired()
     fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    observed = [[_quoted(c.name), _quoted(c.unit)] for c in channels(wired.actuation)]
+    ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
+    sentences = [[str(status), _quoted(text)] for status, text in (ends | _OWN_SENTENCES).items()]
     sizes_of_tables = {
         "DEGREE": fuel.series.shape[1] - 1,
         "COLDEST": repr(fuel.coldest),
         "HOTTEST": repr(fuel.hottest),
-        "SENTENCES": len(_sentences()),
+        "SENTENCES": len(sentences),
     }
     return "\n".join(
         [
@@ -407,8 +336,8 @@ def _tables(injector: Injector) -> str:
             "#include <stdint.h>",
             _directives(sizes_of_tables),
             _parameters(injector),
-            _rows(_CHANNEL, "cr_channel cr_channels[]", _channel_rows(wired)),
-            _rows(_SENTENCE, "cr_words cr_sentences[]", _sentence_rows()),
+            _rows(_CHANNEL, "cr_channel cr_channels[]", observed),
+            _rows(_SENTENCE, "cr_words cr_sentences[]", sentences),
             _fuel(fuel),
             _longest_way(wired.actuation),
             step_condition(wired),
@@ -423,23 +352,8 @@ def _rows(kind: str, name: str, rows: Iterable[Iterable[str]]) -> str:
     return f"{kind};\nstatic const {name} = {{\n{body}\n}};"
 
 
-def _channel_rows(variant: Variant) -> list[list[str]]:
-    return [[_quoted(c.name), _quoted(c.unit)] for c in channels(variant.actuation)]
-
-
-def _sentence_rows() -> list[list[str]]:
-    return [[str(status), _quoted(text)] for status, text in _sentences().items()]
-
-
 def bounds_of(injector: Injector, path: str) -> tuple[float, float, int, int]:
-    """Smallest and largest value of a parameter, and 1 for each of the two that is itself outside.
-
-    Parameters
-    ----------
-    injector : Injector
-    path : str
-        Dotted name of the parameter.
-    """
+    """Smallest and largest value of a parameter [SI], and 1 for each of the two that is itself outside."""
     if path == FUEL_TEMPERATURE:
         coldest, hottest = injector.fuel.temperature_range
         return coldest - _TOLERANCE, hottest + _TOLERANCE, 0, 0
@@ -451,24 +365,13 @@ def _parameters(injector: Injector) -> str:
     for path in (*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE):
         quantity = injector.quantities[path]
         low, high, low_open, high_open = bounds_of(injector, path)
-        numbers = [_number(injector.values[path]), _number(low), _number(high), str(low_open), str(high_open)]
-        rows.append([_quoted(path), _quoted(quantity.unit), *numbers])
+        numbers = [repr(float(value)).replace("inf", "HUGE_VAL") for value in (injector.values[path], low, high)]
+        rows.append([_quoted(path), _quoted(quantity.unit), *numbers, str(low_open), str(high_open)])
     return _rows(_PARAMETER, "cr_parameter cr_parameters[]", rows)
-
-
-def _number(value: float) -> str:
-    if math.isinf(value):
-        return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
-    return repr(float(value))
 
 
 def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=True)
-
-
-def _sentences() -> dict[int, str]:
-    ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
-    return ends | _OWN_SENTENCES
 
 
 def _fuel(table: FuelTable) -> str:

@@ -33,23 +33,14 @@ _FOREIGN = re.compile(r"inttoptr|addrspacecast|asm |alloca .*ptr|@llvm\.(x86|aar
 
 
 def entry_texts(variant: Variant) -> dict[str, str]:
-    """LLVM text of each entry by its name, from the cache where it is kept.
-
-    Raises
-    ------
-    ConfigurationError
-        If the compiler fails.
-    """
+    """LLVM text of each entry by name, from the cache where it is kept; ConfigurationError if the compiler fails."""
     return _kept(variant, _SINGLE)
 
 
 def block_texts(variant: Variant) -> dict[str, str]:
-    """LLVM text of the entry that marches several injectors by its name; its loop over lanes is not vectorised yet.
+    """LLVM text of the entries that march several injectors by name; its loop over lanes is not vectorised yet.
 
-    Raises
-    ------
-    ConfigurationError
-        If the compiler fails.
+    ConfigurationError if the compiler fails.
     """
     return _kept(variant, _BLOCK)
 
@@ -94,13 +85,7 @@ def _compile(variant: Variant, which: str) -> bytes:
 
 
 def refuse_foreign(text: str) -> None:
-    """Refuse a text that only one machine could run.
-
-    Raises
-    ------
-    ConfigurationError
-        That names what was found.
-    """
+    """Refuse a text that only one machine could run (ConfigurationError that names what was found)."""
     found = sorted({match.group() for match in _FOREIGN.finditer(text)})
     if found:
         raise ConfigurationError(

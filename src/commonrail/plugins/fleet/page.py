@@ -14,8 +14,7 @@ from commonrail.base.text import duration, fixed, listed, number, percent, quant
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
-from commonrail.report.draw.figure import drawings, small_html
-from commonrail.report.draw.heat_map import heat_map_html
+from commonrail.report.draw.figure import drawings, figure_html, small_html
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -127,7 +126,7 @@ def _names(record: Record) -> dict[str, str]:
 
 def _correlations(record: Record) -> tuple[HeatMap, str] | None:
     heat = correlation_map(record, _names(record))
-    return None if heat is None else (heat, heat_map_html(heat, "correlations"))
+    return None if heat is None else (heat, figure_html(heat, "correlations"))
 
 
 def _data_table(record: Record) -> Table:

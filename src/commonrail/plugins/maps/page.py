@@ -19,7 +19,6 @@ from commonrail.plugins.maps.response import FALL
 from commonrail.plugins.maps.run import InjectionMap, MapBands
 from commonrail.plugins.maps.table import notes_of
 from commonrail.report.draw.figure import drawings
-from commonrail.report.draw.heat_map import heat_map_html
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
@@ -67,7 +66,7 @@ def page(
         kind=kind,
         synthetic=[injector.synthetic for injector in injectors if injector.synthetic],
         lines=lines,
-        heats=[(heat, heat_map_html(heat, f"map-{i}")) for i, heat in enumerate(heats)],
+        heats=drawings(heats, name="map"),
         curves=drawings(curves, 460),
         tables=tables,
         commands=[],

@@ -27,14 +27,7 @@ _BARE = "wasm32-freestanding"
 def wasm_module(variant: Variant) -> bytes:
     """Module that simulates one injection a call; it imports nothing.
 
-    Parameters
-    ----------
-    variant : Variant
-
-    Raises
-    ------
-    ConfigurationError
-        If neither a kept module nor zig is there, or a compiler fails.
+    ConfigurationError if neither a kept module nor zig is there, or a compiler fails.
     """
     return kept_or_made(_file_name(variant), lambda: _linked(variant))
 

@@ -8,13 +8,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined, select_autoescape
 from markupsafe import Markup
+from numpy.typing import ArrayLike
 
 from commonrail.base.arrays import Floats
 from commonrail.base.hooks import ALL_ENTRIES, lasting
@@ -34,37 +33,41 @@ from commonrail.engine.recorder import Outcome
 from commonrail.engine.stepper.loop import CoursePlan
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.meters import Meter, given_values, is_of_meter
+from commonrail.physics.meters import Meter, given_values, is_of_meter, low_pass
 from commonrail.plugins.export.entries import channels, sizes
-from commonrail.plugins.page.meters import meter_of, packed
 from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
-from commonrail.plugins.page.sliders import ONE, borne, limits_of, variant_of
-from commonrail.plugins.page.subject import Slid, Subject, is_traced, read_subject
+from commonrail.plugins.page.subject import (
+    ONE,
+    Slider,
+    Subject,
+    is_traced,
+    limits_of,
+    read_subject,
+    stable_sliders,
+    variant_of,
+)
 from commonrail.readers.injector.file import injector_text
+from commonrail.report.html import render
 
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
 RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees needle and valve alone
 SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
+NEGLIGIBLE = 1e-13  # share of the largest value of a response; what is smaller at its ends is left out
 MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
 
 
 def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, Any]:
     """Mapping that the page's script reads; arrays are base64 of little-endian doubles.
 
-    Parameters
-    ----------
-    subject : Subject
-    first : OperatingPoint
-        Of a page without data; of one with maps alone it is the measured point that lies nearest to this one.
-    version : str
-        Of the program.
+    `first` is the operating point of a page without data; of one with maps alone it is the measured point that lies
+    nearest to this one. `version` is that of the program.
     """
     injector, variant = subject.injector, variant_of(subject)
     first = _first_measured(subject, first)
     limits = limits_of(subject, first)
-    sliders, share = borne(subject, limits["rail"][1])
+    sliders, share = stable_sliders(subject, limits["rail"][1])
     nodes, at = _nodes(injector)
     size = sizes(variant)
     simulator = Simulator(injector, (), subject.time_step)
@@ -86,11 +89,11 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "ring": _ring(subject, sliders, first),
         "channels": [c.name for c in channels(variant.actuation)],
         "figures": list(Outcome._fields),
-        "theta": packed(candidate_matrix(injector, (), ONE)[0]),
+        "theta": _packed(candidate_matrix(injector, (), ONE)[0]),
         "temperature": {
             "nodes": nodes,
             "at": at,
-            "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
+            "coefficients": [_packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
         },
         "density": _densities(injector, limits["cylinder"], nodes),
         "limits": limits,
@@ -100,7 +103,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "columnOf": _columns(injector, subject, sliders),
         "data": data,
         "reference": {"label": "J of the fit" if subject.start else ""},
-        "fan": _fan(subject),
+        "fan": None if subject.fan is None else {**vars(subject.fan), "members": subject.fan.members.tolist()},
         "presets": _presets(subject, first, data),
         "traced": is_traced(injector),
         "map": None if is_traced(injector) else _map(subject, limits["rail"]),
@@ -140,7 +143,7 @@ def _densities(injector: Injector, ends: tuple[float, float], nodes: list[float]
     return {"cylinders": pressures.tolist(), "rows": np.round(rows, 9).tolist()}
 
 
-def _slider(injector: Injector, s: Slid) -> dict[str, Any]:
+def _slider(injector: Injector, s: Slider) -> dict[str, Any]:
     q = injector.quantities[s.name]
     unit = to_text(max(abs(s.low), abs(s.high)), q.unit).partition(" ")[2]
     return {
@@ -165,7 +168,7 @@ def _constraints(space: Space) -> list[dict[str, Any]]:
     return found
 
 
-def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> dict[str, int]:
+def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slider]) -> dict[str, int]:
     """Columns of all parameters that the page may set."""
     names = dict.fromkeys([*(s.name for s in sliders), *subject.start, *(subject.fan.names if subject.fan else ())])
     names.pop(FUEL_TEMPERATURE, None)
@@ -173,15 +176,8 @@ def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> d
     return dict(zip(known, map(int, columns(known, injector.variant.actuation)), strict=True))
 
 
-def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) -> int:
-    """Slots of a ring of waves that suffice for every place of the sliders.
-
-    Parameters
-    ----------
-    subject : Subject
-    sliders : tuple of Slid
-    first : OperatingPoint
-    """
+def _ring(subject: Subject, sliders: tuple[Slider, ...], first: OperatingPoint) -> int:
+    """Slots of a ring of waves that suffice for every place of the sliders."""
     injector = subject.injector
     longest_ways = {s.name: max(s.high, injector.values[s.name]) for s in sliders if s.name.endswith(".length")}
     longer = replace(injector, values={**injector.values, **longest_ways})
@@ -190,6 +186,7 @@ def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) ->
 
 def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, Any]:
     point, injector = d.point, simulator.injector
+    cylinder = point.at_start(point.cylinder_pressure)
     traced = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
     return {
         "name": d.name,
@@ -197,10 +194,10 @@ def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, An
         "origin": origin_of({"synthetic": d.synthetic}),
         "point": _point(point),
         "courses": [_course(course, point, simulator.time_step) for course in traced],
-        "bounds": packed(d.bounds),
-        "rate": packed(d.rate),
-        "density": _density(d, injector, nodes),
-        "meter": meter_of(d, simulator.time_step),
+        "bounds": _packed(d.bounds),
+        "rate": _packed(d.rate),
+        "density": _densities_of(d.mass_density, d.meter, cylinder, injector, nodes),
+        "meter": _meter(d, simulator.time_step),
         "reference": number(d.score(simulator).j),
     }
 
@@ -246,26 +243,12 @@ def _measured_map(d: QuantityData, simulator: Simulator, nodes: Sequence[float])
     }
 
 
-def _density(d: RateData, injector: Injector, nodes: Sequence[float]) -> list[float]:
-    pressure = d.point.at_start(d.point.cylinder_pressure)
-    return _densities_of(d.mass_density, d.meter, pressure, injector, nodes)
-
-
 def _densities_of(
     mass_density: float, meter: Meter | None, pressure: float, injector: Injector, nodes: Sequence[float]
 ) -> list[float]:
-    """Densities [kg/m³] that make volumes of masses, one for each temperature of the fuel, or one for all.
+    """Densities [kg/m³] that make volumes of masses, one for each temperature [K] of `nodes`, or one for all.
 
-    Parameters
-    ----------
-    mass_density : float
-        That the data state [kg/m³], or NaN.
-    meter : Meter or None
-    pressure : float
-        In the cylinder [Pa].
-    injector : Injector
-    nodes : sequence of float
-        Temperatures [K].
+    `mass_density` is what the data state [kg/m³], or NaN; `pressure` is that in the cylinder [Pa].
     """
     known = {} if meter is None else meter.values
     if np.isfinite(mass_density):
@@ -283,7 +266,7 @@ def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> s
         return None
     end = max(course.time[-1] - point.start, point.duration)
     begin: Floats = np.asarray(point.start + dt * np.arange(math.ceil(end / dt) + 1), float)
-    return packed(course.mean(begin, np.asarray(begin + dt, float)))
+    return _packed(course.mean(begin, np.asarray(begin + dt, float)))
 
 
 def _point(point: OperatingPoint) -> dict[str, Any]:
@@ -295,17 +278,6 @@ def _point(point: OperatingPoint) -> dict[str, Any]:
         "start": point.start,
         "pulses": [list(p) for p in point.pulses],
         "duration": point.duration,
-    }
-
-
-def _fan(subject: Subject) -> dict[str, Any] | None:
-    if subject.fan is None:
-        return None
-    return {
-        "short": subject.fan.short,
-        "note": subject.fan.note,
-        "names": list(subject.fan.names),
-        "members": subject.fan.members.tolist(),
     }
 
 
@@ -334,6 +306,42 @@ def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
     return {"pressures": pressures.tolist(), "times": np.linspace(100e-6, longest, MAP_TIMES).tolist()}
 
 
+# Meters of the data: the responses of their filters, and their quantities, for the page's script.
+
+
+def _packed(values: ArrayLike) -> str:
+    """Base64 of little-endian doubles."""
+    return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode()
+
+
+def _meter(d: RateData, dt: float) -> dict[str, Any] | None:
+    """Meter of an injection curve for steps of `dt` [s], None where there is none or it shows what it is given."""
+    if d.meter is None or d.meter.neutral:
+        return None
+    given = {key: float(value[0]) for key, value in given_values(d.meter, {}, 1).items()}
+    steps = max(round((d.point.duration + d.meter.ahead) / dt), 1)
+    echoes = [{key: given[f"{echo}_{key}"] for key in ("share", "delay", "lag")} for echo in ("echo", "second_echo")]
+    return {
+        "name": d.meter.name,
+        "ahead": d.meter.ahead,
+        **{key: given[key] for key in ("delay", "gain", "offset", "blend", "zeroing")},
+        "echoes": [echo for echo in echoes if echo["share"]],
+        "early": _filter(d.meter, given["cutoff"], steps, dt),
+        "late": _filter(d.meter, given.get("late_cutoff", np.inf), steps, dt),
+    }
+
+
+def _filter(meter: Meter, cutoff: float, steps: int, dt: float) -> dict[str, Any] | None:
+    """Response to a step's unit signal, from its first step that counts; None without a filter."""
+    if np.isinf(cutoff):
+        return None
+    impulse = np.zeros(2 * steps - 1)
+    impulse[steps - 1] = 1.0
+    response = low_pass(impulse, dt, meter.law, meter.order, cutoff)
+    used = np.flatnonzero(np.abs(response) > NEGLIGIBLE * np.max(np.abs(response)))
+    return {"first": int(used[0]) - (steps - 1), "response": _packed(response[used[0] : used[-1] + 1])}
+
+
 # The page itself: styles, scripts, numbers and the compiled module in one HTML file.
 
 FIRST_POINT = OperatingPoint(100e6, 700e-6)  # of a page whose subject has no data
@@ -341,33 +349,22 @@ FIRST_POINT = OperatingPoint(100e6, 700e-6)  # of a page whose subject has no da
 
 @lasting(ALL_ENTRIES)
 def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
-    """Page of a subject, one HTML document that loads nothing.
+    """Page of a subject, one HTML document that loads nothing; `point` is the first one where the subject has no data.
 
-    Parameters
-    ----------
-    subject : Subject
-    point : OperatingPoint
-        First operating point of a page whose subject has no data.
-
-    Raises
-    ------
-    ConfigurationError
-        If the module cannot be made, as in `wasm_module`, or the fuel does not cover the point.
+    ConfigurationError if the module cannot be made, as in `wasm_module`, or the fuel does not cover the point.
     """
     program = version("commonrail")
     numbers = content(subject, point, program)
     module = wasm_module(variant_of(subject))
-    environment = Environment(autoescape=select_autoescape(default_for_string=True), undefined=StrictUndefined)
-    return environment.from_string(_asset("bench.html")).render(
+    return render(
+        "bench.html",
+        package=__package__,
         title=subject.title,
         lead=_lead(subject, numbers),
         synthetic=subject.synthetic,
-        style=Markup(_asset("bench.css")),
-        model=Markup(_embedded(numbers)),
+        model=_embedded(numbers),
         wasm=base64.b64encode(module).decode(),
-        worker=_script("numbers.js", "meter.js", "simulation.js", "worker.js"),
-        script=_script("numbers.js", "simulation.js", "plot.js", "bench.js"),
-        footer=f"Made by commonrail {program}. The page holds all it needs and loads nothing.",
+        version=program,
     )
 
 
@@ -376,24 +373,16 @@ def page_of_run(folder: Path) -> str:
     return page_html(read_subject(str(folder)))
 
 
-def _asset(name: str) -> str:
-    return (files("commonrail.plugins.page") / "assets" / name).read_text(encoding="utf-8")
-
-
-def _script(*names: str) -> Markup:
-    return Markup("\n".join(map(_asset, names)))
-
-
-def _embedded(numbers: dict[str, Any]) -> str:
+def _embedded(numbers: dict[str, Any]) -> Markup:
     """JSON that no text in it can end as a script."""
-    return json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return Markup(json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def _lead(subject: Subject, numbers: dict[str, Any]) -> str:
     step = f"{subject.time_step * 1e6:g} µs"
-    told = f"{subject.injector.name}: {numbers['variant']}, simulated in this page in steps of {step}."
+    lead = f"{subject.injector.name}: {numbers['variant']}, simulated in this page in steps of {step}."
     if subject.start:
-        told += " The first values are the calibrated ones; sliders are the free parameters between their bounds."
+        lead += " The first values are the calibrated ones; sliders are the free parameters between their bounds."
     if numbers["narrowed"] < 1.0:
-        told += f" The sliders' ranges are narrowed to {numbers['narrowed']:.0%}, for which steps of {step} are stable."
-    return told
+        lead += f" The sliders' ranges are narrowed to {numbers['narrowed']:.0%}, for which steps of {step} are stable."
+    return lead

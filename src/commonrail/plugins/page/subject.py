@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
-from commonrail.base.hooks import note as tell
+from commonrail.base.hooks import note as warn
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.influence import around
 from commonrail.calibration.objective import Objective
@@ -25,9 +25,12 @@ from commonrail.data.kinds import of_role
 from commonrail.data.metering import with_meters
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.time_step import DEFAULT_STEP
+from commonrail.engine.plan import candidate_matrix
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.time_step import DEFAULT_STEP, longest_step, medium_of, stiffest_corner
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import is_of_meter
+from commonrail.physics.variants import Variant
 from commonrail.plugins.certainty.posterior.file import POSTERIOR, RefusedDrawsError, read_posterior
 from commonrail.runs.folder import RESULT, read_fit
 from commonrail.runs.model_name import read_model_name
@@ -45,16 +48,9 @@ FLOOR = 1e-3  # smallest share of the largest curvature: beyond it a direction i
 
 @dataclass(frozen=True)
 class Fan:
-    """Members of a fan.
+    """Members of a fan (members, names) [SI] in the parameters of these dotted names.
 
-    Attributes
-    ----------
-    short, note : str
-        Text of the legend, and a sentence that says what the members are.
-    names : tuple of str
-        Dotted names of the parameters in which they differ.
-    members : (members, names)
-        [SI].
+    `short` is the text of the legend, `note` a sentence that says what the members are.
     """
 
     short: str
@@ -64,16 +60,7 @@ class Fan:
 
 
 def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan | None:
-    """Parts whose parameters scatter about their values, at random.
-
-    Parameters
-    ----------
-    names : tuple of str
-    values : (names,)
-        [SI].
-    injector : Injector
-        Its domains bound what may be drawn.
-    """
+    """Parts whose parameters scatter about their values (names,) [SI], at random; None if that leaves their domains."""
     if not names:
         return None
     random = np.random.default_rng(SEED)
@@ -91,27 +78,16 @@ def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan
 
 
 def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int | None = None) -> Fan | None:
-    """Draws from the posterior of a run if it has one that may be used, else fits little worse than the best one.
+    """Draws from the posterior of a run if it has one that may be used, else fits little worse than the best one [SI].
 
-    Parameters
-    ----------
-    run : Path
-    study : Study
-    best : mapping of str to float
-        [SI].
-    threads : int, optional
-
-    Raises
-    ------
-    InputError
-        If posterior.npz is damaged.
+    InputError if posterior.npz is damaged.
     """
     names = tuple(study.space.names)
     if (run / POSTERIOR).is_file():
         try:
             draws = read_posterior(run, names)
         except RefusedDrawsError as error:
-            tell(f"{error} The page shows fits near the best one instead.")
+            warn(f"{error} The page shows fits near the best one instead.")
         else:
             chosen = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
             note = f"Fan: {len(chosen)} draws of the {len(draws)} from the posterior of the run."
@@ -184,7 +160,7 @@ SHARE = 0.3
 
 
 @dataclass(frozen=True)
-class Slid:
+class Slider:
     """Parameter on a slider: dotted name and ends [SI]."""
 
     name: str
@@ -196,32 +172,15 @@ class Slid:
 class Subject:
     """Content of a page before it is put into numbers.
 
-    Attributes
-    ----------
-    title : str
-    injector : Injector
-        With the calibrated values of a run.
-    sliders : tuple of Slid
-        Those of a run's free parameters first.
-    time_step : float
-        [s].
-    start : dict of str to float
-        Start values of a run's free parameters [SI]; empty for a model.
-    data : tuple of RateData
-        Injection curves of a run.
-    synthetic : tuple of str
-        Sentences about what is not measured.
-    fan : Fan or None
-        Fits near the best one.
-    space : Space or None
-        Of a run, whose linear constraints its sliders keep.
-    maps : tuple of QuantityData
-        Quantity maps of a run, without those of the quantity that returns.
+    The injector has the calibrated values of a run, whose free parameters are the first sliders and have the `start`
+    values [SI]; `start` is empty for a model. `time_step` is in s. `synthetic` says what is not measured, `fan` are
+    fits near the best one; a run's `space` has the linear constraints that its sliders keep. `data` are a run's
+    injection curves, `maps` its quantity maps without those of the quantity that returns.
     """
 
     title: str
     injector: Injector
-    sliders: tuple[Slid, ...]
+    sliders: tuple[Slider, ...]
     time_step: float
     start: dict[str, float]
     data: tuple[RateData, ...]
@@ -237,23 +196,11 @@ class Subject:
 
 
 def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None) -> Subject:
-    """Subject that the command line names.
+    """Subject that the command line names: a run folder, an injector's file or a name of the catalogue.
 
-    Parameters
-    ----------
-    text : str
-        A run folder, an injector's file or a name of the catalogue, as `read_model_name` takes them.
-    more : tuple of str
-        Dotted names of further parameters for sliders.
-    threads : int, optional
-        That simulate the fits near the best one.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or there is no such parameter.
-    ConfigurationError
-        If the injector follows a measured voltage or current, and there are no data that hold it.
+    `more` are dotted names of further parameters for sliders, `threads` simulate the fits near the best one. InputError
+    if it cannot be read, or there is no such parameter; ConfigurationError if the injector follows a measured voltage
+    or current, and there are no data that hold it.
     """
     run = Path(text)
     if run.is_dir() and (run / RESULT).is_file():
@@ -314,23 +261,23 @@ def is_traced(injector: Injector) -> bool:
     return injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
 
 
-def _bounded(space: Space, best: dict[str, float]) -> tuple[Slid, ...]:
+def _bounded(space: Space, best: dict[str, float]) -> tuple[Slider, ...]:
     """Free parameters between their bounds."""
     return tuple(
-        Slid(p.name, min(p.lower, best[p.name]), max(p.upper, best[p.name]))
+        Slider(p.name, min(p.lower, best[p.name]), max(p.upper, best[p.name]))
         for p in space.parameters
         if p.name in best and p.name != FUEL_TEMPERATURE
     )
 
 
-def _around(injector: Injector, names: tuple[str, ...]) -> tuple[Slid, ...]:
+def _around(injector: Injector, names: tuple[str, ...]) -> tuple[Slider, ...]:
     """Parameters that the injector has, `SHARE` to both sides of their values."""
     known = {name: injector.values[name] for name in names if injector.values.get(name)}
     ends = {name: sorted(((1.0 - SHARE) * value, (1.0 + SHARE) * value)) for name, value in known.items()}
-    return tuple(Slid(name, low, high) for name, (low, high) in ends.items())
+    return tuple(Slider(name, low, high) for name, (low, high) in ends.items())
 
 
-def _with_more(injector: Injector, sliders: tuple[Slid, ...], more: tuple[str, ...]) -> tuple[Slid, ...]:
+def _with_more(injector: Injector, sliders: tuple[Slider, ...], more: tuple[str, ...]) -> tuple[Slider, ...]:
     """Sliders and those that were asked for besides, each once."""
     for name in more:
         if name not in injector.quantities or name == FUEL_TEMPERATURE:
@@ -345,3 +292,70 @@ def _with_more(injector: Injector, sliders: tuple[Slid, ...], more: tuple[str, .
             raise InputError(f"{name} is zero, which gives its slider no range; choose a parameter with a value.")
     had = {s.name for s in sliders}
     return sliders + _around(injector, tuple(name for name in dict.fromkeys(more) if name not in had))
+
+
+# Ends of the sliders, narrowed where the time step would be unstable in a corner of them.
+
+ONE = np.empty((1, 0))  # the candidate that is the injector as it is
+RAIL = (25e6, 200e6)  # ends of the sliders as far as the fuel's range reaches [Pa]
+CYLINDER, RETURN = (0.1e6, 20e6), (0.05e6, 3e6)
+ENERGISING, DWELL = (50e-6, 3e-3), (20e-6, 4e-3)  # [s]
+LONG = 1.5e-3  # energising after which the needle has risen as far as it will [s]
+LIFTED = 1.25  # margin on the largest lift, which takes room from the control chamber
+SHRUNK = 24  # halvings of the share of the sliders' ranges for which the time step is stable
+
+
+def variant_of(subject: Subject) -> Variant:
+    """Wiring that a page simulates, with the laws that a moved slider may need."""
+    return subject.injector.wired([s.name for s in subject.sliders])
+
+
+def limits_of(subject: Subject, point: OperatingPoint) -> dict[str, tuple[float, float]]:
+    """Ends of the sliders of an operating point [SI]; they hold the data's points and the first one's."""
+    low, high = subject.injector.fuel.pressure_range
+    points = [point, *subject.points]
+    rails, cylinders, returns = np.array([p.initial_pressures() for p in points]).T
+
+    def ends(usual: tuple[float, float], used: Floats) -> tuple[float, float]:
+        return max(min(usual[0], used.min()), low), min(max(usual[1], used.max()), high)
+
+    found = {"rail": ends(RAIL, rails), "cylinder": ends(CYLINDER, cylinders), "low": ends(RETURN, returns)}
+    below = 0.9 * found["rail"][0]  # no other pressure reaches the rail's
+    for name in ("cylinder", "low"):
+        found[name] = found[name][0], min(found[name][1], below)
+    return {name: (float(a), float(b)) for name, (a, b) in found.items()} | {"energising": ENERGISING, "dwell": DWELL}
+
+
+def stable_sliders(subject: Subject, rail: float) -> tuple[tuple[Slider, ...], float]:
+    """Sliders within whose ranges the time step is stable in every corner, and the share of the ranges that is left."""
+    injector, variant = subject.injector, variant_of(subject)
+    medium, lift = medium_of(injector, rail), LIFTED * _reached(subject, rail)
+
+    def narrowed(share: float) -> tuple[Slider, ...]:
+        middles = [(s, injector.values[s.name]) for s in subject.sliders]
+        return tuple(Slider(s.name, v + share * (s.low - v), v + share * (s.high - v)) for s, v in middles)
+
+    def is_stable(share: float) -> bool:
+        sliders = narrowed(share)
+        lower, upper = ({s.name: getattr(s, end) for s in sliders} for end in ("low", "high"))
+        corner = replace(injector, values=stiffest_corner(injector.values, lower, upper), variant=variant)
+        return subject.time_step <= longest_step(corner, candidate_matrix(corner, (), ONE)[0], medium, lift)
+
+    if not is_stable(0.0):
+        raise ConfigurationError(
+            f"{injector.name}: the time step of {subject.time_step * 1e6:g} us is too long for it at "
+            f"{rail * 1e-6:g} MPa, the highest rail pressure of the page; calibrate with a shorter time_step."
+        )
+    low, high = 0.0, 1.0
+    if is_stable(high):
+        return narrowed(high), high
+    for _ in range(SHRUNK):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_stable(middle) else (low, middle)
+    return narrowed(low), low
+
+
+def _reached(subject: Subject, rail: float) -> float:
+    """Largest lift [m] of the injector as it is, at the highest rail pressure."""
+    points = [d.point for d in subject.data] if is_traced(subject.injector) else [OperatingPoint(rail, LONG)]
+    return float(np.nanmax(simulate_batch(subject.injector, points, time_step=subject.time_step).greatest_lift))

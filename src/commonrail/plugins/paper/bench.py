@@ -31,59 +31,25 @@ PASSES = 2  # low-passes in a row
 class Sensor:
     """A measuring chain: two equal first-order low-passes in a row, then Gaussian noise, then rounding.
 
-    Attributes
-    ----------
-    bandwidth : float
-        Corner frequency of each low-pass [Hz]; infinite for none.
-    noise : float
-        Standard deviation of a sample, in the signal's unit; independent from sample to sample.
-    resolution : float
-        Step of the digital signal in the same unit; zero for none.
+    `bandwidth` is the corner frequency of each low-pass [Hz], infinite for none. `noise` is the standard deviation of a
+    sample, independent from sample to sample, and `resolution` the step of the digital signal, zero for none; both in
+    the signal's unit.
     """
 
     bandwidth: float = math.inf
     noise: float = 0.0
     resolution: float = 0.0
 
-    def of_means(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """Shown signal of one that was zero before, given as means.
-
-        Parameters
-        ----------
-        signal : (n,)
-        interval : float
-            Length of each mean [s].
-        rng : Generator
-            Of the noise.
-        """
-        return self._shown(self._passed(signal, 0.0, interval), rng)
-
-    def of_values(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """Shown signal of one that rested at its first value before, given as values.
-
-        Parameters
-        ----------
-        signal : (n,)
-        interval : float
-            Time between values [s].
-        rng : Generator
-            Of the noise.
-        """
-        return self._shown(self._passed(signal, float(signal[0]), interval), rng)
+    def shown(self, signal: Floats, interval: float, rng: np.random.Generator, rest: float = 0.0) -> Floats:
+        """Shown signal (n,) of means or values at an interval [s], which were `rest` before."""
+        for _ in range(PASSES):
+            signal = first_order(signal, 2.0 * math.pi * self.bandwidth * interval, rest)
+        noisy = signal + self.noise * rng.standard_normal(len(signal))
+        return np.asarray(np.round(noisy / self.resolution) * self.resolution) if self.resolution > 0.0 else noisy
 
     def as_meter(self, name: str) -> Meter:
         """The low-passes as a meter of a fit; noise and resolution are no part of it."""
         return Meter(name, {} if math.isinf(self.bandwidth) else {"cutoff": self.bandwidth}, LowPass.CASCADE, PASSES)
-
-    def _passed(self, signal: Floats, rest: float, interval: float) -> Floats:
-        """Signal behind the low-passes."""
-        for _ in range(PASSES):
-            signal = first_order(signal, 2.0 * math.pi * self.bandwidth * interval, rest)
-        return signal
-
-    def _shown(self, signal: Floats, rng: np.random.Generator) -> Floats:
-        noisy = signal + self.noise * rng.standard_normal(len(signal))
-        return np.asarray(np.round(noisy / self.resolution) * self.resolution) if self.resolution > 0.0 else noisy
 
 
 MASSES = 9  # of plunger and needle, Eq. (10)
@@ -263,6 +229,9 @@ PAPER_OPTIMUM = {
     "plunger_needle.k7": 6.44e7,
 }
 
+# Sec. 5
+RAIL_PRESSURES = {"160 MPa": 160e6, "120 MPa": 120e6, "80 MPa": 80e6}  # [Pa]
+ENERGISING_TIME = 700e-6  # [s]
 SAMPLES, INTERVAL = 520, 3e-6  # Sec. 5: 520 samples; their spacing [s] is ours
 
 
@@ -294,20 +263,10 @@ class Bench:
 
 
 class Curve(NamedTuple):
-    """One injection curve of the bench.
+    """One injection curve of the bench, at the rail pressure asked for [Pa]; arrays have 520 samples.
 
-    Attributes
-    ----------
-    rail_pressure : float
-        Asked for [Pa].
-    time : (520,)
-        Ends of the samples [s].
-    rate : (520,)
-        Shown by the rate meter, means over the samples [m³/s].
-    trace_time : (520,)
-        [s].
-    rail : (520,)
-        Pressure at the injector's inlet, shown by its sensor at `trace_time` [Pa].
+    `rate` are means over the samples [m³/s] as the rate meter shows them, which end at `time` [s]; `rail` is the
+    pressure at the injector's inlet [Pa] as its sensor shows it at `trace_time` [s].
     """
 
     rail_pressure: float
@@ -350,8 +309,9 @@ def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energisi
     streams = np.random.SeedSequence((seed, round(rail_pressure))).spawn(3)
     operation, rate_meter, rail_sensor = map(np.random.default_rng, streams)
     shot = _shoot(truth, injector, rail_pressure, energising_time, operation)
-    rate = truth.rate_meter.of_means(shot.rate, INTERVAL, rate_meter)
-    rail = truth.rail_sensor.of_values(shot.channels["inlet_pressure"], INTERVAL, rail_sensor)
+    inlet = shot.channels["inlet_pressure"]
+    rate = truth.rate_meter.shown(shot.rate, INTERVAL, rate_meter)
+    rail = truth.rail_sensor.shown(inlet, INTERVAL, rail_sensor, float(inlet[0]))
     return Curve(rail_pressure, shot.time[1:], rate, shot.time[1:], rail[1:])
 
 

@@ -20,10 +20,13 @@ from commonrail.base.units import to_text
 from commonrail.engine.reference import Resolution
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.parameters import Q
+from commonrail.plugins.paper import TRUTH
 from commonrail.plugins.paper.bench import (
+    ENERGISING_TIME,
     FRICTION,
     MASSES,
     QUANTITIES,
+    RAIL_PRESSURES,
     Curve,
     Friction,
     Scatter,
@@ -118,13 +121,7 @@ def truth_catalogue() -> list[str]:
 
 
 def truth_text(source: str | Path) -> tuple[str, str]:
-    """Text of a truth's file, and how to call the file in a message.
-
-    Raises
-    ------
-    InputError
-        If there is no such name or the file cannot be read.
-    """
+    """Text of a truth's file, and how to call the file in a message; InputError if it cannot be read."""
     source = source_of(source, "source of a truth")
     if isinstance(source, Path):
         return read_text(source, LARGEST_TOML), str(source)
@@ -215,37 +212,21 @@ def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
 
 # Write the curves of the virtual test bench as the data files of a case.
 
-DEFAULT_TRUTH = "virtual-lino-2016"
-RAIL_PRESSURES = (160e6, 120e6, 80e6)  # Sec. 5
-ENERGISING_TIME = 700e-6
-
 OWN = "# SYNTHETIC: virtual test bench of commonrail, not a measurement"  # first line of a file of the bench
 
 
 def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
     """Simulate the paper's three injection curves on the virtual test bench and write them to ``folder/data``.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the case.
-    seed : int
-        Of scatter and noise: the same seed gives the same files.
-    truth : Truth, optional
-        `DEFAULT_TRUTH` if left out.
-
-    Raises
-    ------
-    InputError
-        If the files cannot be written, or one of them exists and is not the bench's own.
-    SimulationError
-        If the truth cannot be simulated.
+    The same seed, of scatter and noise, gives the same files; `truth` is `TRUTH` if left out. InputError if the
+    files cannot be written, or one of them exists and is not the bench's own; SimulationError if the truth cannot be
+    simulated.
     """
-    truth = truth or load_truth(DEFAULT_TRUTH)
+    truth = truth or load_truth(TRUTH)
     injector = load_injector(truth.injector)
-    for pressure in RAIL_PRESSURES:
+    for pressure in RAIL_PRESSURES.values():
         _refuse_to_overwrite(_path(folder / "data", pressure))
-    curves = [bench_curve(truth, injector, pressure, ENERGISING_TIME, seed) for pressure in RAIL_PRESSURES]
+    curves = [bench_curve(truth, injector, pressure, ENERGISING_TIME, seed) for pressure in RAIL_PRESSURES.values()]
     try:
         (folder / "data").mkdir(parents=True, exist_ok=True)
         return [_write(folder / "data", curve, seed, truth) for curve in curves]

@@ -11,8 +11,7 @@ from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, check_folder
-
-TRUTH = "virtual-lino-2016"
+from commonrail.plugins.paper import TRUTH
 
 
 @verb

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +16,6 @@ from commonrail.base.text import number
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.run import LABELS, Repetition
-from commonrail.plugins.paper.study import Configuration
 
 # Figures 4, 5 and 6 of the paper from the record and the curves of a reproduction.
 
@@ -160,14 +157,7 @@ def box(values: ArrayLike) -> Box:
 def edges(rate: Floats, bounds: Floats, level: float) -> Edges:
     """First rise and last fall of a curve through a level, linear between the middles of the samples.
 
-    Parameters
-    ----------
-    rate : (n,)
-        [m³/s].
-    bounds : (n + 1,)
-        Of the samples [s].
-    level : float
-        [m³/s].
+    Rate (n,) and level are in m³/s, the bounds (n + 1,) of the samples in s.
     """
     middle = 0.5 * (bounds[1:] + bounds[:-1])
     above = rate > level
@@ -190,16 +180,9 @@ def level_of(measured: Floats) -> float:
 
 
 def j_by_phase(rate: Floats, measured: Floats, bounds: Floats, opening: float) -> Floats:
-    """Parts of J [mm³/ms] in the phases of `PHASES`; they add up to J.
+    """Parts of J [mm³/ms] in the phases of `PHASES`, counted from the experiment's opening [s]; they add up to J.
 
-    Parameters
-    ----------
-    rate, measured : (n,)
-        [m³/s].
-    bounds : (n + 1,)
-        Of the samples [s].
-    opening : float
-        Of the experiment [s]; phases count from it.
+    Rates (n,) are in m³/s, the bounds (n + 1,) of the samples in s.
     """
     middle = 0.5 * (bounds[1:] + bounds[:-1])
     phase = np.digitize(middle - opening, (0.0, PHASE_LENGTH, 2.0 * PHASE_LENGTH))
@@ -220,125 +203,59 @@ NEAR_MAXIMUM = 0.8  # of a range
 RANDOM_POINTS = 4000  # a share among them has a standard error of 0.8 % at most
 
 
-@dataclass(frozen=True)
 class Figures:
-    """Figures over n seeds; every array begins with the seeds."""
+    """Figures over n seeds; every array begins with the seeds.
 
-    repetitions: tuple[Repetition, ...]
+    `j` are J (n,) [mm³/ms] and `phases` its parts (n, phases) by data and label; phases count from the experiment's
+    opening. `theoretical` is the theoretical stiffness (7,) [N/m], `change` (n, 7) the optimised one over it, less one,
+    `random_change` (`RANDOM_POINTS`, 7) that of random feasible ones: what no search has chosen. `table3` are J (n, 3)
+    at 160, 120 and 80 MPa by configuration, `mean_j` (n,) their means and `validation_j` (n,) those of the unseen
+    pressures. `ninety` (n,) are generations at which 90 % of the gain is reached, `k6_high` (n,) shares of all members
+    of the search whose k6 lies in the upper fifth of its range, and `k6_high_at_random` is that of random points.
+    """
 
-    @property
-    def seeds(self) -> list[int]:
-        """Seeds."""
-        return [r.seed for r in self.repetitions]
+    def __init__(self, repetitions: tuple[Repetition, ...]) -> None:
+        self.repetitions = repetitions
+        self.seeds = [r.seed for r in repetitions]
+        self.space, self.rigid_space = repetitions[0].space, repetitions[0].rigid_space  # the same for all
+        self.theoretical = self.space.reference
+        self.change = np.array([r.best.x for r in repetitions]) / self.theoretical - 1.0
+        random = cr.sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0))
+        self.random_change = random / self.theoretical - 1.0
+        self.j = self._by_data_and_label(lambda r, i, label: float(r.data[i].misfit(r.rates[label][i])))
+        self.phases = self._by_data_and_label(_phases)
+        self.table3 = {c: np.array([r.table3[c][1] for r in repetitions]) for c in study.CONFIGURATIONS}
+        self.mean_j = {c: np.mean(js, axis=1) for c, js in self.table3.items()}
+        self.validation_j = {c: np.mean(js[:, 1:], axis=1) for c, js in self.table3.items()}
+        self.ninety = np.array([ninety_percent(r.best.history) for r in repetitions])
+        i = study.NAMES.index(K6)
+        high = self.space.lower[i] + NEAR_MAXIMUM * (self.space.upper[i] - self.space.lower[i])
+        self.k6_high = np.array([np.mean(r.best.members[..., i] >= high) for r in repetitions])
+        self.k6_high_at_random = float(np.mean(random[:, i] >= high))
 
-    @property
-    def space(self) -> cr.Space:
-        """Bounds and ordering of k1…k7, the same for all."""
-        return self.repetitions[0].space
-
-    @property
-    def rigid_space(self) -> cr.Space:
-        """Bounds of the rigid body's stop and control volume, the same for all."""
-        return self.repetitions[0].rigid_space
-
-    @cached_property
-    def j(self) -> dict[str, dict[str, Floats]]:
-        """J (n,) by data and label [mm³/ms]."""
-
-        def of(label: str, i: int) -> Floats:
-            return np.array([float(r.data[i].misfit(r.rates[label][i])) for r in self.repetitions])
-
-        return {name: {label: of(label, i) for label in LABELS} for i, name in enumerate(study.RAIL_PRESSURES)}
-
-    @cached_property
-    def change(self) -> Floats:
-        """Optimised over theoretical stiffness, less one, (n, 7)."""
-        return np.array([r.best.x for r in self.repetitions]) / self.theoretical - 1.0
-
-    @cached_property
-    def random_change(self) -> Floats:
-        """Random feasible over theoretical stiffness, less one, (`RANDOM_POINTS`, 7): what no search has chosen."""
-        return cr.sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0)) / self.theoretical - 1.0
+    def _by_data_and_label(self, make: Callable[[Repetition, int, str], Any]) -> dict[str, dict[str, Floats]]:
+        """Array over the seeds of what is made of a repetition, the number of a curve, and a label."""
+        return {
+            name: {label: np.array([make(r, i, label) for r in self.repetitions]) for label in LABELS}
+            for i, name in enumerate(study.RAIL_PRESSURES)
+        }
 
     def random_j(self, name: str) -> Floats:
         """J of random feasible stiffness (n, members) [mm³/ms]; NaN where the simulation failed."""
         i = list(study.RAIL_PRESSURES).index(name)
         return np.array([r.random_j[i] for r in self.repetitions])
 
-    @cached_property
-    def theoretical(self) -> Floats:
-        """Theoretical stiffness (7,) [N/m]."""
-        return self.space.reference
-
-    @cached_property
-    def table3(self) -> dict[Configuration, Floats]:
-        """J at 160, 120 and 80 MPa (n, 3) by configuration."""
-        return {c: np.array([r.table3[c][1] for r in self.repetitions]) for c in study.CONFIGURATIONS}
-
-    @cached_property
-    def mean_j(self) -> dict[Configuration, Floats]:
-        """Mean of the three J (n,) by configuration."""
-        return {c: np.mean(js, axis=1) for c, js in self.table3.items()}
-
-    @cached_property
-    def validation_j(self) -> dict[Configuration, Floats]:
-        """Mean J of the unseen pressures (n,) by configuration."""
-        return {c: np.mean(js[:, 1:], axis=1) for c, js in self.table3.items()}
-
-    @cached_property
-    def ninety(self) -> Floats:
-        """Generation at which 90 % of the gain is reached (n,)."""
-        return np.array([ninety_percent(r.best.history) for r in self.repetitions])
-
-    @cached_property
-    def k6_high(self) -> Floats:
-        """Share of all members of the search whose k6 lies in the upper fifth of its range (n,)."""
-        i = study.NAMES.index(K6)
-        return np.array([np.mean(r.best.members[..., i] >= self._k6_limit) for r in self.repetitions])
-
-    @cached_property
-    def k6_high_at_random(self) -> float:
-        """Share of random feasible points whose k6 lies in the upper fifth of its range."""
-        i = study.NAMES.index(K6)
-        return float(np.mean((1.0 + self.random_change[:, i]) * self.theoretical[i] >= self._k6_limit))
-
-    @property
-    def _k6_limit(self) -> float:
-        i = study.NAMES.index(K6)
-        return float(self.space.lower[i] + NEAR_MAXIMUM * (self.space.upper[i] - self.space.lower[i]))
-
-    @cached_property
-    def phases(self) -> dict[str, dict[str, Floats]]:
-        """J by phase (n, phases) by data and label; phases count from the experiment's opening."""
-
-        def of(label: str, i: int, r: Repetition) -> Floats:
-            d = r.data[i]
-            opening = edges(d.rate, d.bounds, level_of(d.rate)).opening
-            return j_by_phase(r.rates[label][i], d.rate, d.bounds, opening)
-
-        return {
-            name: {label: np.array([of(label, i, r) for r in self.repetitions]) for label in LABELS}
-            for i, name in enumerate(study.RAIL_PRESSURES)
-        }
-
     def edge_errors(self, name: str, label: str, which: str) -> Floats:
-        """Difference (n,) of a model's opening or closing from the experiment's [s].
-
-        Parameters
-        ----------
-        name, label : str
-            Of the data and of the model.
-        which : {"opening", "closing"}
-        """
+        """Difference (n,) of a model's "opening" or "closing" from the experiment's [s]."""
         i, at = list(study.RAIL_PRESSURES).index(name), Edges._fields.index(which)
-
-        def of(r: Repetition) -> float:
+        errors = []
+        for r in self.repetitions:
             data = r.data[i]
-            level = level_of(data.rate)
-            model, experiment = (edges(rate, data.bounds, level) for rate in (r.rates[label][i], data.rate))
-            return model[at] - experiment[at]
-
-        return np.array([of(r) for r in self.repetitions])
+            model, experiment = (
+                edges(rate, data.bounds, level_of(data.rate)) for rate in (r.rates[label][i], data.rate)
+            )
+            errors.append(model[at] - experiment[at])
+        return np.array(errors)
 
     def own_j(self, name: str) -> Floats:
         """J that a fit to the validation curve itself reaches (n,)."""
@@ -367,3 +284,9 @@ class Figures:
         bounded = [(low, high) for low, high in ends if low is not None or high is not None]
         inside = [(low is None or low <= truth) and (high is None or truth <= high) for low, high in bounded]
         return sum(inside), len(inside)
+
+
+def _phases(r: Repetition, i: int, label: str) -> Floats:
+    d = r.data[i]
+    opening = edges(d.rate, d.bounds, level_of(d.rate)).opening
+    return j_by_phase(r.rates[label][i], d.rate, d.bounds, opening)

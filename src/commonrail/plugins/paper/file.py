@@ -55,10 +55,7 @@ def _curves(repetitions: Iterable[Repetition]) -> Iterator[Curve]:
 def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
     """reproduce.json, and by seed and data set the arrays "time_s" and rates [m³/s] by column; NaN for an empty cell.
 
-    Raises
-    ------
-    InputError
-        If the folder was not left by ``commonrail reproduce``, or its files are broken.
+    InputError if the folder was not left by ``commonrail reproduce``, or its files are broken.
     """
     try:
         record = read_record(folder / RECORD, "commonrail reproduce")

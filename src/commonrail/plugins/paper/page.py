@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
@@ -13,7 +13,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.output import replacing, writing
 from commonrail.base.table import Cell, Column, Table, tabulated
 from commonrail.base.text import duration, field_unit, fixed, listed, number, percent, signed, significant
-from commonrail.data.records import Record
+from commonrail.data.records import MICROSECOND, Record
 from commonrail.plugins.paper import figures
 from commonrail.plugins.paper.file import RECORD, read_reproduction
 from commonrail.report.draw.figure import figure_html
@@ -22,7 +22,6 @@ from commonrail.report.result_kind import ResultKind
 
 SIGNS = {"holds": "✓", "does not hold": "✗", "cannot be told": "?"}
 PER_MICRON = 1e-6  # N/m to N/um
-MICROSECOND = 1e6
 _EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
 
 
@@ -219,20 +218,13 @@ PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as
 
 
 def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:
-    """Page of a reproduction.
+    """Page of a reproduction from its record and its curves by seed and data set.
 
-    Parameters
-    ----------
-    record : mapping
-    traces : mapping
-        Curves by seed and data set.
-    folder : str
-        Its name, for the command lines in the page.
-    plates : bool
-        Whether figures for print lie beside the page.
+    `folder` is its name for the command lines in the page, and `plates` is whether figures for print lie beside it.
     """
     charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
-    drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
+    heights = [400, 400, *(460 for _ in charts[2:])]  # [px], of one panel, and of two
+    drawn = [(f, figure_html(f, f"figure-{i}", h)) for i, (f, h) in enumerate(zip(charts, heights, strict=True))]
     return render(
         "reproduction.html",
         package=__package__,
@@ -266,18 +258,15 @@ def verdicts(record: Record) -> str:
     """Number of the paper's claims that hold, in one sentence; with too few seeds, the seeds in which each is true."""
     claims = record["claims"]
     if len(record["seeds"]) < FEWEST:
-        return f"{_each(claims)} Fewer than {FEWEST} seeds cannot tell a claim from chance."
+        always = sum(claim["true_in"] == claim["of"] > 0 for claim in claims)
+        never = sum(claim["true_in"] == 0 for claim in claims)
+        return (
+            f"Of {len(claims)} claims of the paper {always} are true in every seed, {never} in none, "
+            f"{len(claims) - always - never} in some. Fewer than {FEWEST} seeds cannot tell a claim from chance."
+        )
     found = [claim["verdict"] for claim in claims]
     parts = [f"{found.count(v)} {words}" for v, words in _WORDS.items() if v in found]
     return f"Of {len(found)} claims of the paper {listed(parts)} here."
-
-
-def _each(claims: Sequence[Record]) -> str:
-    """In how many seeds the claims are true, where there are too few of them for a verdict."""
-    always = sum(claim["true_in"] == claim["of"] > 0 for claim in claims)
-    never = sum(claim["true_in"] == 0 for claim in claims)
-    counts = f"{always} are true in every seed, {never} in none, {len(claims) - always - never} in some"
-    return f"Of {len(claims)} claims of the paper {counts}."
 
 
 _WORDS = {"holds": "hold", "does not hold": "do not hold", "cannot be told": "cannot be told"}
@@ -292,11 +281,6 @@ def _claim(claim: Record) -> dict[str, str]:
         "interval": f"{percent(low, 0)}–{percent(high, 0)} %",
         "chance": "" if claim["chance"] is None else f"{percent(claim['chance'], 0)} %",
     }
-
-
-def _height(index: int) -> int:
-    """Height of a figure on the page [px]: those of one panel, then those of two."""
-    return 400 if index < 2 else 460
 
 
 def _commands(record: Record, folder: str) -> list[tuple[str, str]]:
@@ -336,17 +320,8 @@ def _page(record: Record, folder: Path) -> str:
 def draw_plates(folder: Path) -> str:
     """Draw the figures for print of a reproduction's folder, those that are missing.
 
-    Returns
-    -------
-    str
-        Empty, or a sentence with the extra that is to be installed.
-
-    Raises
-    ------
-    InputError
-        If the folder is not whole.
-    OutputError
-        If they cannot be written.
+    Returns an empty text, or a sentence with the extra that is to be installed. InputError if the folder is not whole;
+    OutputError if they cannot be written.
     """
     if _has_plates(folder):
         return ""
@@ -365,7 +340,7 @@ def draw_plates(folder: Path) -> str:
 
 def make_plates(record: Record, traces: Traces) -> dict[str, bytes]:
     """Figures 4, 5 and 6 of the paper as SVG and PDF, by the names of their files."""
-    from commonrail.report.draw.print import COLUMN, PAGE, printed, side_by_side, single
+    from commonrail.plugins.paper.plates import COLUMN, PAGE, printed, side_by_side, single
 
     rates = figures.rates(record, traces)
     return printed(

@@ -31,20 +31,9 @@ METERED = {"known": "the bench's low-passes, known", "delay": "a delay, fitted"}
 
 @dataclass(frozen=True)
 class Found:
-    """End of one search.
+    """End of one search: best values (d,) of the free parameters [SI] and their J, +inf if no simulation succeeded.
 
-    Attributes
-    ----------
-    x : (d,)
-        Best values of the d free parameters, the stiffness k1…k7 but for the rigid body [SI].
-    cost : float
-        Its J; +inf if no simulation succeeded.
-    counts : Counts
-    history : tuple of Generation
-    members : (generations + 1, members, d)
-        The population after every generation [SI].
-    injections : int
-        Simulated.
+    `members` (generations + 1, members, d) is the population after every generation [SI]; `injections` were simulated.
     """
 
     x: Floats
@@ -57,33 +46,16 @@ class Found:
 
 @dataclass(frozen=True)
 class Repetition:
-    """All outcomes of one seed.
+    """All outcomes of one seed, whose `data` are the measurement at 160, 120 and 80 MPa.
 
-    Attributes
-    ----------
-    seed : int
-    data : tuple of RateData
-        The measurement at 160, 120 and 80 MPa.
-    space, rigid_space : Space
-        Bounds and ordering of k1…k7; bounds of the rigid body's stop and control volume.
-    rates : dict of str to (3, samples) array
-        Simulated rate of injection [m³/s] by label of `LABELS`, in the order of `data`; NaN if the simulation failed.
-    best : Found
-        Search (70, 50) at 160 MPa.
-    table3 : dict of Configuration to (Found, (3,) array)
-        Each search at 160 MPa and the J of its best at all pressures.
-    treatments : dict of str to Found
-    own : dict of str to Found
-        Searches (70, 50) on each of the validation curves.
-    rigid : Found
-        Stop and control volume of a rigid body, fitted at 160 MPa.
-    random_j : (3, members) array
-        J at all pressures of random feasible stiffness: of the best search's first population.
-    identified : dict
-        Certainty of each stiffness by the curve at 160 MPa, by name: the parameters of `certify`'s record, as in the
-        report of a run; empty if no simulation succeeded.
-    metered : dict of str to (Found, (3,) array)
-        By label of `METERED`: search (70, 50) at 160 MPa with a meter, and the J of its best at all pressures.
+    `space` and `rigid_space` have the bounds and ordering of k1…k7, and the bounds of the rigid body's stop and control
+    volume. `rates` (3, samples) are simulated rates of injection [m³/s] by label of `LABELS`; NaN if the simulation
+    failed. `best` is the search (70, 50) at 160 MPa; `table3` has each search at 160 MPa and the J (3,) of its best at
+    all pressures. `own` are searches (70, 50) on each of the validation curves, `rigid` is the rigid body fitted at 160
+    MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first population. `identified`
+    is the certainty of each stiffness by the curve at 160 MPa, by name, as `certify` records it; empty if no simulation
+    succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa with a meter, and the J (3,) of its
+    best.
     """
 
     seed: int
@@ -122,18 +94,8 @@ def generations_of_one() -> int:
 def repeat(bench: cr.Bench, seed: int, after: Callable[[], None]) -> Repetition:
     """Measure and search, on one thread, because repetitions run side by side.
 
-    Parameters
-    ----------
-    bench : Bench
-    seed : int
-        Of the measurement's scatter and noise, and of every search.
-    after : function
-        Called after every generation; what it raises ends the repetition.
-
-    Raises
-    ------
-    SimulationError
-        If the truth cannot be simulated.
+    The seed is that of the measurement's scatter and noise, and of every search. `after` is called after every
+    generation; what it raises ends the repetition. SimulationError if the truth cannot be simulated.
     """
     data = measure(bench, seed)
     fit = data[0]
@@ -199,16 +161,7 @@ def measure(bench: cr.Bench, seed: int) -> tuple[cr.RateData, ...]:
 
 
 def search(bench: cr.Bench, data: cr.RateData, settings: cr.EvolutionSettings, seed: int | tuple[int, ...]) -> Found:
-    """Fit k1…k7 to one curve.
-
-    Parameters
-    ----------
-    bench : Bench
-    data : RateData
-    settings : EvolutionSettings
-    seed : int or tuple of int
-        Of the search.
-    """
+    """Fit k1…k7 to one curve; the seed is that of the search."""
     return _models(bench)[0].search(data, settings, seed, lambda: None)
 
 
@@ -230,15 +183,7 @@ class _Model(NamedTuple):
         seed: int | tuple[int, ...],
         after: Callable[[], None],
     ) -> Found:
-        """Fit the free parameters to one curve by differential evolution.
-
-        Parameters
-        ----------
-        data, settings, seed
-            As for `search`.
-        after : function
-            Called after every generation.
-        """
+        """Fit the free parameters to one curve by differential evolution; `after` is called after every generation."""
         optimiser = cr.DifferentialEvolution(self.space, np.random.default_rng(seed), settings)
         history: list[cr.Generation] = []
         members: list[Floats] = []
@@ -254,13 +199,7 @@ class _Model(NamedTuple):
     def certainty(self, data: cr.RateData, found: Found, seed: int) -> dict[str, dict[str, Any]]:
         """Interval, standard error and verdict of each free parameter by one curve, by the function of a run's report.
 
-        Parameters
-        ----------
-        data : RateData
-        found : Found
-            End of the search on that curve.
-        seed : int
-            Of the measurement.
+        `found` is the end of the search on that curve, `seed` that of the measurement.
         """
         method = cr.Method(paper.BEST.settings)
         study = cr.Study(data.name, self.injector, (data,), self.space, method, seed, self.time_step)

@@ -14,6 +14,7 @@ from commonrail.cli.fit import Outcome
 from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads, free_run_folder
+from commonrail.plugins.paper import TRUTH
 
 if TYPE_CHECKING:
     from commonrail.calibration.seeds import SeedProgress
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 # Nine is the smallest number of seeds that tells a claim from chance though one of them deviates: the 95 % interval of
 # 8 of 9 begins at 52 %, that of 7 of 8 at 47 %, and 6 of 6 (54 %) allows none.
 SEEDS, QUICK_SEEDS = 20, 9
-TRUTH = "virtual-lino-2016"
 
 
 @verb
@@ -80,27 +80,11 @@ TIME_STEP = 1e-6
 
 
 def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, quick: bool) -> Outcome:
-    """Repeat the paper's study into a new folder, with its progress on stderr.
+    """Repeat the paper's study with seeds 1 to `count` into a new or empty folder, with its progress on stderr.
 
-    Parameters
-    ----------
-    truth : str
-        Name of a truth, or its file.
-    count : int
-        Number of repetitions, with seeds 1 to `count`.
-    folder : Path
-        New or empty.
-    threads : int or None
-        None: all processors.
-    quick : bool
-        Noted in the record.
-
-    Raises
-    ------
-    InputError
-        If the truth cannot be read, or the folder is not empty or cannot be written.
-    SimulationError
-        If the truth cannot be simulated; the empty folder is removed.
+    `truth` is its name or its file; None for `threads` are all processors; `quick` is noted in the record. InputError
+    if the truth cannot be read, or the folder is not empty or cannot be written; SimulationError if the truth cannot be
+    simulated, and the empty folder is removed.
     """
     from commonrail.plugins.paper.bench import Bench
     from commonrail.plugins.paper.bench_file import load_truth

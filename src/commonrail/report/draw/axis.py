@@ -16,16 +16,7 @@ PADDING = 0.04  # of the range, on either side
 
 @dataclass(frozen=True)
 class Axis:
-    """Map from values to pixels.
-
-    Attributes
-    ----------
-    low, high : float
-        Ends of the values; positive ones if logarithmic.
-    start, end : float
-        Their places [px].
-    logarithmic : bool
-    """
+    """Map from values, of which those of a logarithmic axis are positive, to pixels from `start` to `end`."""
 
     low: float
     high: float
@@ -56,16 +47,7 @@ class Axis:
 
 
 def span(values: Iterable[float], zero: bool = False, padded: bool = True) -> tuple[float, float]:
-    """Ends of an axis that shows all values.
-
-    Parameters
-    ----------
-    values : iterable of float
-    zero : bool
-        Include zero.
-    padded : bool
-        Leave some room on either side.
-    """
+    """Ends of an axis that shows all values, and zero if asked for; `padded` leaves some space on either side."""
     found = list(values)
     if zero:
         found.append(0.0)
@@ -120,6 +102,9 @@ def _text(value: float, step: float) -> str:
 # Letters of drawings: widths, what is cut, and names that stand upright where they do not fit beside one another.
 
 SIZE = 11.5  # of letters [px]
+INK = "#1d2733"
+FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
+WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
 LONGEST = 150.0  # names that stand upright [px]
 BETWEEN = 4.0  # names [px]
 

@@ -10,14 +10,14 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import Band, Bars, Boxes, Figure, Panel, Points, Series
-from commonrail.report.draw.axis import LONGEST, SIZE, Axis, cut, span, text_width, upright
+from commonrail.base.chart import Band, Bars, Boxes, Chart, Figure, HeatMap, Panel, Points, Series
+from commonrail.report.draw.axis import FONT, INK, LONGEST, NARROW, SIZE, WIDE, Axis, cut, span, text_width, upright
+from commonrail.report.draw.heat_map import heat_map_svg
 
 # Content of one panel of a figure as SVG: bands, boxes, bars, lines and markers.
 
 TENTHS = 10  # coordinates are whole tenths of a pixel
 PASSES = 5  # each may move a line by a tenth of a pixel
-INK = "#1d2733"
 
 # Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
 LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
@@ -93,13 +93,8 @@ def marker_style(series: Series) -> tuple[str, str, float, bool]:
 def marker_path(series: Series, path: str, attributes: str = "") -> Iterator[str]:
     """Markers as ends of lines of hardly any length at the places of a path.
 
-    Parameters
-    ----------
-    series : Series
-    path : str
-        "M1 2h1" for each marker; an end of no length at all is not printed.
-    attributes : str
-        Of the first element.
+    The path is "M1 2h1" for each marker, as an end of no length at all is not printed; `attributes` are of the first
+    element.
     """
     colour, cap, size, hollow = marker_style(series)
     kept = f'fill="none" stroke-linecap="{cap}" {_KEEPS_ITS_WIDTH}'
@@ -204,8 +199,6 @@ def _bars(bars: Bars, x: Axis, y: Axis, slot: tuple[int, int]) -> Iterator[str]:
 
 
 SOFT, GRID = "#586472", "#e3e7eb"
-FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
-WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
 LINE = 16.0  # of a legend [px]
 BETWEEN = 16.0  # panels [px]
 BELOW = 40.0  # the last panel: ticks and title [px]
@@ -231,42 +224,37 @@ class _Sheet:
         return self.width - self.left - RIGHT
 
 
-def drawings(figures: Iterable[Figure], height: int = 0) -> list[tuple[Figure, str]]:
-    """Figures with their elements of a page, which are numbered; `height` [px] as for `figure_html`."""
-    return [(figure, figure_html(figure, f"figure-{i}", height)) for i, figure in enumerate(figures)]
+def svg(figure: Chart, width: int = WIDE, height: int = 0, name: str = "") -> Markup:
+    """Picture of a chart, of a size [px] and by default as high as it needs; `name` is a class of the element."""
+    if isinstance(figure, HeatMap):
+        return Markup(heat_map_svg(figure, width))
+    return Markup(figure_svg(figure, width, height, name))
 
 
-def figure_html(figure: Figure, key: str, height: int = 0) -> str:
-    """Element of a page that shows a figure, drawn for a page and for a telephone.
+def figure_html(figure: Chart, key: str, height: int = 0) -> Markup:
+    """Element that shows a chart, drawn for a page and for a telephone.
 
-    Parameters
-    ----------
-    figure : Figure
-    key : str
-        Identifier, unique within the page.
-    height : int
-        [px]; by default what its panels need.
+    The identifier `key` is unique within the page; the height [px] is by default what its panels or rows need.
     """
-    sizes = (WIDE, height, "wide"), (NARROW, round(0.75 * height), "narrow")
-    wide, narrow = (figure_svg(figure, *size) for size in sizes)
-    return Markup('<div class="drawing" id="{}">{}{}</div>').format(key, Markup(wide), Markup(narrow))
+    kind = " heat" if isinstance(figure, HeatMap) else ""
+    pictures = svg(figure, WIDE, height, "wide") + svg(figure, NARROW, round(0.75 * height), "narrow")
+    return Markup('<div class="drawing{}" id="{}">{}</div>').format(kind, key, pictures)
 
 
-def small_html(figure: Figure, key: str) -> str:
-    """Element of a page that shows a figure among others beside it, with the identifier `key`."""
-    return Markup('<div class="drawing" id="{}">{}</div>').format(key, Markup(figure_svg(figure, NARROW)))
+def small_html(figure: Figure, key: str) -> Markup:
+    """Element that shows a figure among others beside it, with the identifier `key`."""
+    return Markup('<div class="drawing" id="{}">{}</div>').format(key, svg(figure, NARROW))
+
+
+def drawings(figures: Iterable[Chart], height: int = 0, name: str = "figure") -> Sequence[tuple[Chart, Markup]]:
+    """Charts with their elements, whose identifiers are the name and a number; `height` [px] as for `figure_html`."""
+    return [(figure, figure_html(figure, f"{name}-{i}", height)) for i, figure in enumerate(figures)]
 
 
 def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "") -> str:
-    """Picture of a figure, panels above one another.
+    """Picture of a figure, panels above one another, as an element of the class `name`.
 
-    Parameters
-    ----------
-    figure : Figure
-    width, height : int
-        [px]; the height by default what its panels need.
-    name : str
-        Class of the element.
+    Width and height are in px, the height by default what its panels need.
     """
     legend, top = _legend(figure, width)
     xs = _horizontals(figure.panels)
@@ -309,15 +297,9 @@ def _turned(panel: Panel, width: float) -> float:
 
 
 def _panes(figure: Figure, height: int, top: float) -> tuple[tuple[float, float], ...]:
-    """Top and height of each panel [px]; the panels share the height as they ask for it.
+    """Top and height of each panel [px], from the top of the first; they share the height as they ask for it.
 
-    Parameters
-    ----------
-    figure : Figure
-    height : int
-        Of the figure without upright names of categories [px].
-    top : float
-        Of the first panel [px].
+    `height` is that of the figure without upright names of categories [px].
     """
     available = height - top - BELOW - BETWEEN * (len(figure.panels) - 1)
     total = sum(panel.share for panel in figure.panels)
@@ -331,13 +313,7 @@ def _panes(figure: Figure, height: int, top: float) -> tuple[tuple[float, float]
 def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
     """Values and texts of the vertical axis: numbers in full, names of rows cut where they would fill the figure.
 
-    Parameters
-    ----------
-    panel : Panel
-    y : Axis
-        From the bottom to the top of the panel [px].
-    width : float
-        Of the figure [px].
+    The axis is from the bottom to the top of the panel, `width` that of the figure [px].
     """
     if panel.rows:
         return [(float(i), cut(name, LARGEST_NAME * width)) for i, name in enumerate(panel.rows)]
@@ -411,16 +387,7 @@ def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
 
 
 def _x_texts(panel: Panel, places: Sequence[tuple[float, str]], height: float, width: float) -> list[str]:
-    """Texts below a panel, upright where they do not fit beside one another.
-
-    Parameters
-    ----------
-    panel : Panel
-    places : sequence of (float, str)
-        Places [px] and texts.
-    height, width : float
-        Of the panel [px].
-    """
+    """Texts at places [px] below a panel of a size [px], upright where they do not fit beside one another."""
     if not _turned(panel, width):
         return [_text(text, place, height + 15.0, "middle") for place, text in places]
     return [

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import escape
 
 from commonrail.base.chart import HeatMap
-from commonrail.base.text import megapascal, number, signed, significant
-from commonrail.data.quantities.data import QuantityData
-from commonrail.data.quantities.returned import ReturnData
-from commonrail.data.records import JUDGED, MEASURED, MM3, Record, origin_of
-from commonrail.report.draw.axis import LONGEST, SIZE, cut, text_width, upright
-from commonrail.report.draw.figure import FONT, INK, NARROW, WIDE
+from commonrail.base.text import significant
+from commonrail.report.draw.axis import FONT, INK, LONGEST, SIZE, WIDE, cut, text_width, upright
 
 # Light enough throughout for dark numbers; they differ in lightness, so that they are told apart in grey too.
 _SEQUENTIAL = ("#f7fbff", "#a6cde4", "#5b9fcd")
@@ -22,7 +17,7 @@ _DIVERGING = ("#5b9fcd", "#ffffff", "#e0907a")
 NUMBERS = 9.5  # size of the numbers in the cells [px]
 NARROWEST, BROADEST = 31.0, 84.0  # columns: narrower ones show no numbers [px]
 LOWEST = 84.0  # map, whatever its rows: its vertical title is not cut [px]
-SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row, unless stated [px]
+SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row [px]
 TOP, BELOW, RIGHT = 12.0, 40.0, 12.0
 SMALLEST = 4.4  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
 
@@ -43,31 +38,12 @@ class _Frame(NamedTuple):
         return self.width < WIDE
 
 
-def heat_map_html(figure: HeatMap, key: str, height: int = 0) -> str:
-    """Element of a page that shows a heat map, drawn for a page and for a telephone.
+def heat_map_svg(figure: HeatMap, width: int = WIDE) -> str:
+    """Picture of a heat map, of a width [px].
 
-    Parameters
-    ----------
-    figure : HeatMap
-    key : str
-        Identifier, unique within the page.
-    height : int
-        [px]; by default a fixed one for each row.
+    A narrow picture has its scale of colours below the map.
     """
-    wide, narrow = Markup(heat_map_svg(figure, height)), Markup(heat_map_svg(figure, width=NARROW))
-    return Markup('<div class="drawing heat" id="{}">{}{}</div>').format(key, wide, narrow)
-
-
-def heat_map_svg(figure: HeatMap, height: int = 0, width: int = WIDE) -> str:
-    """Picture of a heat map.
-
-    Parameters
-    ----------
-    figure : HeatMap
-    height, width : int
-        [px]; the height by default a fixed one for each row. A narrow picture has its scale of colours below the map.
-    """
-    frame = _frame(figure, height, float(width))
+    frame = _frame(figure, float(width))
     size = _number_size(figure, frame)
     parts = [
         _cell(figure, (i, j), _place(frame, i, j), frame.is_narrow, size)
@@ -86,13 +62,13 @@ def heat_map_svg(figure: HeatMap, height: int = 0, width: int = WIDE) -> str:
     )
 
 
-def _frame(figure: HeatMap, height: int, width: float) -> _Frame:
+def _frame(figure: HeatMap, width: float) -> _Frame:
     rows, columns, narrow = max(len(figure.y), 1), max(len(figure.x), 1), width < WIDE
     left = max(map(text_width, figure.y), default=0.0) + 32.0
     left = min(left, 0.45 * width) if narrow else left
     cell = min((width - left - (0.0 if narrow else SCALE) - RIGHT) / columns, BROADEST)
     below = BELOW + _upright(figure.x, cell) + (34.0 if narrow else 0.0)
-    tall = (height - TOP - below) / rows if height else max(TALL, LOWEST / rows)
+    tall = max(TALL, LOWEST / rows)
     return _Frame(width, left, TOP + tall * rows, cell, tall, below)
 
 
@@ -151,17 +127,7 @@ def _cell(
 ) -> str:
     """Cell with its number, and on a page, which a mouse moves over, with its place and number in words.
 
-    Parameters
-    ----------
-    figure : HeatMap
-    at : (int, int)
-        Row and column.
-    place : (float, float, float, float)
-        Left, top, width and height [px].
-    narrow : bool
-        On a telephone.
-    size : float
-        Of the number [px]; 0 for none.
+    `at` is row and column, `place` left, top, width and height [px], `size` that of the number [px], 0 for none.
     """
     i, j = at
     value, text = figure.values[i][j], figure.texts[i][j]
@@ -227,106 +193,3 @@ def _scale(figure: HeatMap, frame: _Frame) -> str:
         for (px, py, anchor), text in zip(numbers, texts, strict=True)
     ]
     return "".join(parts)
-
-
-# Heat maps of the errors of measured quantity maps: all of it in percent, and the small quantities in mm³.
-
-SMALL = 5e-9  # largest quantity of the second map [m³]
-COLUMNS = 22  # of energising times; more share a column
-LARGEST_PERCENT, LARGEST_MM3 = 20.0, 1.0  # beyond them the colour stays the same
-_MICRO = 1e6
-
-
-class _Point(NamedTuple):
-    """Rail pressure [Pa], energising time [us], measured quantity [m³] and error [m³]."""
-
-    rail: float
-    time: float
-    measured: float
-    error: float
-
-
-def error_maps(record: Record) -> list[HeatMap]:
-    """Heat maps of each quantity map of a calibration; none for one with fewer than two pressures or four points."""
-    kinds = (QuantityData.kind, ReturnData.kind)
-    return [heat for data in record["data"] if data["kind"] in kinds for heat in _maps(data)]
-
-
-def _maps(data: Record) -> list[HeatMap]:
-    points = [
-        _Point(
-            float(row["rail_pressure"]),
-            float(row["energising_time"]) * _MICRO,
-            float(row[MEASURED]),
-            best - row[MEASURED],
-        )
-        for row in data["rows"]
-        if not row.get("dead_time") and (best := number(row.get(JUDGED))) is not None
-    ]
-    if len(points) < 4 or len({point.rail for point in points}) < 2:
-        return []
-    limit = float(data["figures"].get(JUDGED, {}).get("limit_quantity", 3e-9))
-    large = [point for point in points if point.measured > limit]
-    small = [point for point in points if point.measured <= SMALL]
-    what = f"{data['name']} ({data['role']})"
-    found = []
-    if large:
-        title = f"Error of {what}, % of the quantity, above {limit * MM3:.3g} mm³"
-        found.append(_heat(large, title, _percent, ("%", 1, LARGEST_PERCENT), data))
-    if small:
-        title = f"Error of {what}, mm³, quantities up to {SMALL * MM3:.3g} mm³"
-        found.append(_heat(small, title, _absolute, ("mm³", 2, LARGEST_MM3), data))
-    return found
-
-
-def _percent(point: _Point) -> float:
-    return 100.0 * point.error / point.measured
-
-
-def _absolute(point: _Point) -> float:
-    return point.error * MM3
-
-
-def _heat(
-    points: Sequence[_Point],
-    title: str,
-    measure: Callable[[_Point], float],
-    shown: tuple[str, int, float],
-    data: Record,
-) -> HeatMap:
-    """Heat map of some points; `shown` is the unit, its decimals, and the error of the last colour."""
-    unit, decimals, most = shown
-    rails = sorted({point.rail for point in points})
-    columns, names = _columns([point.time for point in points])
-    cells: dict[tuple[int, int], float] = {}
-    for point, column in zip(points, columns, strict=True):
-        cell, error = (rails.index(point.rail), column), measure(point)
-        if abs(error) >= abs(cells.get(cell, 0.0)):
-            cells[cell] = error
-    places = [[(i, j) for j in range(len(names))] for i in range(len(rails))]
-    largest = max(map(abs, cells.values()))
-    shared = " A cell with several points shows the largest error." if len(cells) < len(points) else ""
-    return HeatMap(
-        title,
-        f"Calibrated − {origin_of(data)}: red delivers too much, blue too little.{shared}",
-        "energising time, µs",
-        "rail pressure, MPa",
-        names,
-        tuple(map(megapascal, rails)),
-        tuple(tuple(cells.get(cell) for cell in row) for row in places),
-        tuple(tuple(signed(cells[cell], decimals) if cell in cells else "" for cell in row) for row in places),
-        unit,
-        True,
-        min(largest, most) or 1.0,
-    )
-
-
-def _columns(times: Sequence[float]) -> tuple[list[int], tuple[str, ...]]:
-    """Column of each energising time [us], and the names of the columns: single times, or ranges if there are many."""
-    rounded = np.round(times)
-    distinct = np.unique(rounded)
-    if len(distinct) <= COLUMNS:
-        return np.searchsorted(distinct, rounded).tolist(), tuple(f"{time:.0f}" for time in distinct)
-    edges = np.unique(np.round(np.quantile(distinct, np.linspace(0.0, 1.0, COLUMNS + 1))))
-    column = np.clip(np.searchsorted(edges, rounded, side="right") - 1, 0, len(edges) - 2)
-    return column.tolist(), tuple(f"{low:.0f}…" for low in edges[:-1])

@@ -35,11 +35,7 @@ def certainty_tables(record: Record) -> list[Table]:
 class Difference(NamedTuple):
     """Sentence on most likely values that differ from the calibrated ones.
 
-    Attributes
-    ----------
-    sentence : str
-    matters : bool
-        The difference is larger than noise explains, or an interval excludes the calibrated value beside it.
+    It matters if the difference is larger than noise explains, or an interval excludes the calibrated value beside it.
     """
 
     sentence: str
@@ -88,16 +84,8 @@ def _excludes(p: Record, best: float | None) -> bool:
 def interval_text(p: Record, known: Record, digits: int = DIGITS) -> str:
     """Interval of a parameter as far as it lies within the bounds.
 
-    An end beyond a bound says that the data do not bound the parameter on that side: a stiffness has no negative
-    values that could be given for it.
-
-    Parameters
-    ----------
-    p : mapping
-        Parameter of the certainty, with "lower", "upper" and its half width "percent".
-    known : mapping
-        Parameter of the study, with "lower", "upper" and "unit".
-    digits : int
+    An end beyond a bound says that the data do not bound the parameter on that side: a stiffness has no negative values
+    that could be given for it. `p` is a parameter of the certainty, `known` that of the study.
     """
     low, high = number(p["lower"]), number(p["upper"])
     if low is None or high is None:
@@ -161,15 +149,7 @@ def _combinations(found: Record) -> Table:
 
 
 def posterior_table(drawn: Record, units: Record) -> Table:
-    """Medians and intervals of draws, R-hat and effective draws.
-
-    Parameters
-    ----------
-    drawn : mapping
-        Record of a posterior.
-    units : mapping
-        SI units of the parameters by their names.
-    """
+    """Medians, intervals, R-hat and effective draws of the record of a posterior; units are SI, by parameter."""
     level = fixed(drawn["level"], 0, 100.0)
     parts = (
         Part(("parameter",), lambda p: (p["name"],)),

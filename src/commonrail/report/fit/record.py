@@ -70,13 +70,7 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
     """Purpose and command line of the control unit's map, at the pressures and with the step of a calibration.
 
     Where the data have several cylinder or return pressures, the most frequent are taken, and the purpose says so.
-
-    Parameters
-    ----------
-    record : mapping
-        Of the calibration.
-    run : str
-        Name of its folder.
+    `run` is the name of the calibration's folder.
     """
     counted = Counter(_options(point, _PRESSURES) for data in record["data"] for point in _points(data))
     ranked = [pressures for pressures, _ in counted.most_common()]

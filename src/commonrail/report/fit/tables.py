@@ -24,26 +24,14 @@ _LEAST = 1e-6  # of the effect alone: below, an effect with the others is the ro
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter.
+    """One parameter in words; values have their units.
 
-    Attributes
-    ----------
-    name, meaning, source, verdict : str
-    start, best, error, lower, upper : str
-        Values with units; `error` is the standard error of the best, empty where there is a most likely value.
-    likely : str
-        Most likely value and its interval, which is not about the best one; empty where the certainty was not computed.
-    change : str
-        Of the best against the start [%].
-    mark : str
-        Where the start value comes from, in words.
-    effect : str
-        Change of the residuals for a move of 1 % of the range: alone, and after the others have readjusted.
-    pull : str
-        Distance of the best from the prior's value in its standard deviations, "+0.8 σ"; empty without a prior.
-    best_at, start_at : float
-        Position between the bounds [%]; `start_at` is held within the bar.
-    at_bound : bool
+    `error` is the standard error of the best, empty where there is a most likely value. `likely` is that and its
+    interval, which is not about the best one; empty where the certainty was not computed. `change` is that of the best
+    against the start [%], `mark` says where the start value comes from. `effect` is the change of the residuals for a
+    move of 1 % of the range: alone, and after the others have readjusted. `pull` is the distance of the best from the
+    prior's value in its standard deviations, "+0.8 σ"; empty without a prior. `best_at` and `start_at` are positions
+    between the bounds, held within the bar [%].
     """
 
     name: str
@@ -66,14 +54,7 @@ class ParameterRow:
 
 
 def parameter_rows(parameters: Sequence[Record], certainty: Record | None = None) -> list[ParameterRow]:
-    """Rows of the table of parameters, in their order.
-
-    Parameters
-    ----------
-    parameters : sequence of mapping
-    certainty : mapping, optional
-        Of the same result.
-    """
+    """Rows of the table of parameters, in their order; `certainty` is that of the same result."""
     likely = {p["name"]: p for p in certainty["parameters"]} if certainty else {}
     level = fixed(certainty["level"], 0, 100.0) if certainty else ""
     return [_row(p, likely.get(p["name"]), level) for p in parameters]
@@ -82,11 +63,7 @@ def parameter_rows(parameters: Sequence[Record], certainty: Record | None = None
 def parameter_table(parameters: Sequence[Record], certainty: Record | None = None) -> Table:
     """Calibrated parameters for the terminal: what the report sets with bars.
 
-    Parameters
-    ----------
-    parameters : sequence of mapping
-    certainty : mapping, optional
-        Of the same result; its table, which follows, has the intervals about the most likely values.
+    The table of the `certainty` of the same result follows, and has the intervals about the most likely values.
     """
     found = parameter_rows(parameters, certainty)
     columns = {
@@ -97,7 +74,7 @@ def parameter_table(parameters: Sequence[Record], certainty: Record | None = Non
         "standard error": [r.error or MISSING for r in found],
         "change, %": [r.change for r in found],
         "bounds": [f"{r.lower} to {r.upper}" for r in found],
-        "at a bound": [_bound(r) for r in found],
+        "at a bound": ["yes" if r.at_bound else "no" for r in found],
         "from its prior": [r.pull or MISSING for r in found],
     }
     if certainty:
@@ -106,10 +83,6 @@ def parameter_table(parameters: Sequence[Record], certainty: Record | None = Non
         del columns["from its prior"]
     rows = zip(*columns.values(), strict=True)
     return Table("Parameters", tuple(columns), tuple(tuple(map(Cell, row)) for row in rows), texts=2)
-
-
-def _bound(row: ParameterRow) -> str:
-    return "yes" if row.at_bound else "no"
 
 
 def _row(p: Record, likely: Record | None, level: str) -> ParameterRow:

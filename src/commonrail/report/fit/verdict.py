@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
-from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import MISSING, fixed, listed, number, signed, significant
+from commonrail.base.table import Column, Part, Table, table_of, tabulated
+from commonrail.base.text import MISSING, counted, fixed, listed, number, signed, significant
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.base import DataSet
 from commonrail.data.kinds import kind_of
@@ -94,11 +94,9 @@ def warning_lines(record: Record) -> list[str]:
 def _task(record: Record) -> str:
     injector, data = record["injector"], record["data"]
     fit = [d["name"] for d in of_role(data, "fit")]
-    sets = f"{len(fit)} data set{'s' if len(fit) != 1 else ''}"
-    sets += f" ({listed(fit)})" if 0 < len(fit) <= NAMED else ""
+    sets = counted(len(fit), "data set") + (f" ({listed(fit)})" if 0 < len(fit) <= NAMED else "")
     name = injector.get("title") or injector["name"]
-    count = len(record["parameters"])
-    task = f"{count} parameter{'s' if count != 1 else ''} of “{name}” ({injector['variant']})"
+    task = f"{counted(len(record['parameters']), 'parameter')} of “{name}” ({injector['variant']})"
     if record["status"] == "interrupted":
         ending = "the search was stopped early and these are the best values up to then"
     else:
@@ -130,7 +128,11 @@ def judgement_lines(record: Record) -> list[str]:
     if known and not lines and all(None in (one["lower"], one["upper"]) for one in known):
         lines.append("There are no bands: no parameter has an interval, so nothing bounds what the model predicts.")
     if found := record.get("identifiability"):
-        lines.append(_effective(found, len(record["parameters"]), _unit(record)))
+        lines.append(
+            f"{found['residuals']} residuals determine {fixed(found['effective_parameters'], 1)} effective parameters "
+            f"of {len(record['parameters'])}; their scatter about the fit is {significant(found['scatter'], 3)} "
+            f"{_unit(record)}."
+        )
     refits = record.get("refits", {})
     lines += _seed_lines(refits.get("seeds", ()))
     lines += [line for one in refits.get("left_out", ()) for line in _left_out_lines(one)]
@@ -155,22 +157,22 @@ def combination_table(record: Record) -> Table | None:
     scatter = max(float(found["scatter"]), least)
     held = [c for c in found["combinations"] if c["singular_value"] > scatter]
     rest = len(record["parameters"]) - len(held)
-    parts = (
-        Part(("combination",), lambda c: (_weights(c["weights"]),)),
-        Part(("singular value",), lambda c: (significant(c["singular_value"], 3),)),
-        Part(("standard error, % of the bounds",), lambda c: (significant(100.0 * scatter / c["singular_value"], 2),)),
-    )
+
+    def weights(c: Record) -> str:
+        texts = [f"{signed(weight, 2)} {name}" for name, weight in c["weights"].items()]
+        return ", ".join(texts) or "many parameters, none with 0.2"
+
+    columns: list[Column] = [
+        ("combination", weights),
+        ("singular value", lambda c: significant(c["singular_value"], 3)),
+        ("standard error, % of the bounds", lambda c: significant(100.0 * scatter / c["singular_value"], 2)),
+    ]
     note = (
         "Moves of parameters, each in widths of its bounds, that change the fitted data, and their standard error by "
         f"the data alone; parameters with a weight below 0.2 are not named. {rest} further combinations are not known "
         "to within the width of the bounds: priors and bounds alone hold them."
     )
-    return table_of("Combinations that the data hold", held, parts, note, 1)
-
-
-def _weights(weights: Mapping[str, Any]) -> str:
-    texts = [f"{signed(weight, 2)} {name}" for name, weight in weights.items()]
-    return ", ".join(texts) or "many parameters, none with 0.2"
+    return tabulated("Combinations that the data hold", held, columns, note)
 
 
 def _unit(record: Record) -> str:
@@ -179,32 +181,20 @@ def _unit(record: Record) -> str:
     return units.pop() if len(units) == 1 else "of their weighted units"
 
 
-def _effective(found: Record, parameters: int, unit: str) -> str:
-    return (
-        f"{found['residuals']} residuals determine {fixed(found['effective_parameters'], 1)} effective parameters of "
-        f"{parameters}; their scatter about the fit is {significant(found['scatter'], 3)} {unit}."
-    )
-
-
 def _seed_lines(seeds: Sequence[Record]) -> list[str]:
     done = [seed for seed in seeds if not seed.get("failed")]
     if len(done) < 2:
         return []
-    names = done[0]["positions"]
-    spread = {name: _range(seed["positions"][name] for seed in done) for name in names}
-    widest = max(spread, key=lambda name: spread[name])
+    ends = {name: [float(seed["positions"][name]) for seed in done] for name in done[0]["positions"]}
+    spread = {name: max(values) - min(values) for name, values in ends.items()}
+    widest = max(spread, key=spread.__getitem__)
     if spread[widest] < 1e-3:
         return [f"{len(done)} seeds end at the same values, within 0.1 % of the bounds."]
-    ends = listed([significant(seed["objective"], 4) for seed in done])
+    objectives = listed([significant(seed["objective"], 4) for seed in done])
     return [
-        f"{len(done)} seeds end at objectives of {ends}; the parameter that differs most between them is {widest}, by "
-        f"{fixed(100.0 * spread[widest], 0)} % of its bounds."
+        f"{len(done)} seeds end at objectives of {objectives}; the parameter that differs most between them is "
+        f"{widest}, by {fixed(100.0 * spread[widest], 0)} % of its bounds."
     ]
-
-
-def _range(values: Any) -> float:
-    found = list(values)
-    return float(max(found) - min(found))
 
 
 def _seed_table(seeds: Sequence[Record]) -> Table:
@@ -290,18 +280,9 @@ class Step(NamedTuple):
 
 
 class ReportVerdict(NamedTuple):
-    """Verdict on a calibration.
+    """Verdict on a calibration: "good", "care" or "bad", what speaks against it, what to do next, most urgent on top.
 
-    Attributes
-    ----------
-    level : str
-        "good", "care" or "bad".
-    title : str
-        In a few words.
-    reasons : list of str
-        What speaks against the result; what speaks for it where there is nothing.
-    steps : list of Step
-        What to do next, the most urgent first.
+    `reasons` are what speaks for the result where there is nothing against it.
     """
 
     level: str

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from commonrail.cli.fit import Outcome
-from commonrail.plugins.paper import demo as module
 from tests.cli.conftest import Done, invoke
 from tests.report.samples import map_record, rate_record
+from tools import demo as module
 
 
 def run(*arguments: object) -> Done:
@@ -42,7 +42,7 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         (case / "data" / f"seed-{seed}.csv").touch()
         return []
 
-    monkeypatch.setattr(module, "_cases_folder", lambda: tmp_path / "cases")
+    monkeypatch.setattr(module, "FOLDER", tmp_path / "cases")
     monkeypatch.setattr(module, "run_study", run_study)
     monkeypatch.setattr(module, "run_reproduction", run_reproduction)
     monkeypatch.setattr("commonrail.calibration.study_file.file.load_study", lambda path: path.parent.name)
@@ -117,11 +117,4 @@ def test_an_interrupted_case_ends_the_demo(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 def test_the_cases_are_in_the_source_tree() -> None:
-    folder = module._cases_folder()
-    assert all((folder / name / "study.toml").is_file() for name in module.CASES)
-
-
-def test_outside_a_source_tree_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    fake_file = tmp_path / "a" / "b" / "c" / "demo.py"
-    monkeypatch.setattr(module, "__file__", str(fake_file))
-    assert "run the demo from a source tree" in run("--out", tmp_path / "demo").sentence
+    assert all((module.FOLDER / name / "study.toml").is_file() for name in module.CASES)

@@ -1,4 +1,4 @@
-"""Libraries of lane loops for a wheel or clone: ``python -m commonrail.plugins.export.wheel_libraries [FOLDER] [all]``.
+"""Libraries of lane loops for a wheel or clone: ``python -m tools.wheel_libraries [FOLDER] [all]``.
 
 Each level of x86-64 gets one library, of the same objects that the cache of kernels holds. `engine.library` uses them.
 """
@@ -58,22 +58,11 @@ def write_libraries(
     levels: Sequence[Processor] = (LEVEL_3, LEVEL_4),
     processes: int = 1,
 ) -> tuple[Path, ...]:
-    """Compile and link loops; returns the libraries.
+    """Compile and link loops; returns the libraries, which replace those of their names in `folder`.
 
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing; libraries of the same names are replaced.
-    variants, precisions, levels : sequences
-        A loop is compiled for each of each, some five seconds where it is in no cache; in double precision an exact one
-        too.
-    processes : int
-        That compile; one is this process.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no C compiler, or it fails.
+    A loop is compiled for each of the variants, precisions and levels, some five seconds where it is in no cache; in
+    double precision an exact one too. With one of `processes` this one compiles. ConfigurationError if there is no C
+    compiler, or it fails.
     """
     target = target_named("linux64")
     compiler = compiler_for(target)
@@ -83,7 +72,7 @@ def write_libraries(
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         _write_objects(place, _tasks(variants, precisions, levels), processes)
-        shutil.copy(Path(__file__).with_name("c") / "level.c", place)
+        shutil.copy(Path(__file__).with_name("level.c"), place)
         for level in levels:
             library = place / file_of(level.name).name
             inputs = [place / "level.c", *sorted((place / level.name).glob("*.o"))]
@@ -113,14 +102,7 @@ def _processors(precision: Precision, levels: Sequence[Processor]) -> tuple[Proc
 
 
 def _write_objects(place: Path, tasks: Sequence[_Task], processes: int) -> None:
-    """Object files of all loops, those of a level in a folder of its name.
-
-    Parameters
-    ----------
-    place : Path
-    tasks : sequence of _Task
-    processes : int
-    """
+    """Write object files of all loops, those of a level into a folder of its name."""
     for objects in _beside_each_other(tasks, processes) if processes > 1 else map(_compiled, tasks):
         for (level, symbol), content in objects.items():
             (place / level).mkdir(exist_ok=True)

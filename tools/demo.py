@@ -1,4 +1,4 @@
-"""Cases paper and cri2-16, and the paper's study: ``python -m commonrail.plugins.paper.demo --out demo``."""
+"""Cases paper and cri2-16, and the paper's study: ``python -m tools.demo --out demo``."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from commonrail.cli.fit import Outcome, run_study
 from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED, guarded
 from commonrail.cli.options import Threads
-from commonrail.plugins.paper.verb import QUICK_SEEDS, TRUTH, run_reproduction
+from commonrail.plugins.paper import TRUTH
+from commonrail.plugins.paper.verb import QUICK_SEEDS, run_reproduction
 
+FOLDER = Path(__file__).resolve().parents[1] / "cases"
 CASES = ("paper", "cri2-16")
 STUDY = "paper-study"
 BENCH_SEED = 1  # of the paper's case as its study file states it
@@ -35,11 +37,10 @@ def demo(
     from commonrail.plugins.paper.page import verdicts
 
     begin = time.perf_counter()
-    cases = _cases_folder()
     _prepare(out)
     outcomes = []
     for name in CASES:
-        outcomes.append(_calibrate(cases / name, out / name, threads))
+        outcomes.append(_calibrate(FOLDER / name, out / name, threads))
         if outcomes[-1].interrupted:
             raise SystemExit(INTERRUPTED)
     study = run_reproduction(TRUTH, QUICK_SEEDS, out / STUDY, threads, quick=True)
@@ -51,14 +52,6 @@ def demo(
         click.echo(f"  {outcome.report}")
     if study.interrupted:
         raise SystemExit(INTERRUPTED)
-
-
-def _cases_folder() -> Path:
-    folder = Path(__file__).resolve().parents[4] / "cases"
-    missing = [name for name in CASES if not (folder / name / "study.toml").is_file()]
-    if missing:
-        raise InputError(f"{folder / missing[0]}: no study there; run the demo from a source tree.")
-    return folder
 
 
 def _prepare(out: Path) -> None:

@@ -89,7 +89,7 @@ import importlib, pkgutil, sys
 sys.modules["matplotlib"] = None
 import commonrail
 for module in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
-    if module.name not in {"commonrail.report.draw.print", "commonrail.engine.cuda"}:
+    if module.name not in {"commonrail.plugins.paper.plates", "commonrail.engine.cuda"}:
         importlib.import_module(module.name)
 for name in commonrail.__all__:
     getattr(commonrail, name)
