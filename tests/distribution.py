@@ -16,8 +16,8 @@ from commonrail.base import registry
 
 
 @contextmanager
-def distribution(folder: Path, modules: Mapping[str, str], parts: str) -> Iterator[None]:
-    """Install example-plugin 1.2 in the block.
+def distribution(folder: Path, modules: Mapping[str, str], parts: str, name: str = "example-plugin") -> Iterator[None]:
+    """Install a package of version 1.2 in the block.
 
     Parameters
     ----------
@@ -27,19 +27,21 @@ def distribution(folder: Path, modules: Mapping[str, str], parts: str) -> Iterat
         Source text by the name of the module.
     parts : str
         Content of entry_points.txt.
+    name : str
+        Of the package.
     """
-    for name, text in modules.items():
-        (folder / f"{name}.py").write_text(text, encoding="utf-8")
-    info = folder / "example_plugin-1.2.dist-info"
+    for module, text in modules.items():
+        (folder / f"{module}.py").write_text(text, encoding="utf-8")
+    info = folder / f"{name.replace('-', '_')}-1.2.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: example-plugin\nVersion: 1.2\n", encoding="utf-8")
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n", encoding="utf-8")
     (info / "entry_points.txt").write_text(parts, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         registry.installed.cache_clear()
         yield
-    for name in modules:
-        sys.modules.pop(name, None)
+    for module in modules:
+        sys.modules.pop(module, None)
     registry.installed.cache_clear()
 
 

@@ -227,7 +227,7 @@ class Benches:
             meter = cr.Meter("bench", {"delay": delay}) if delay else None
             rate = self._seen(self._curve(np.zeros(len(self.bounds) - 1), meter), values)
             rate = rate + SIGMA * bed.noise(rng, len(rate))
-            data.append(self._curve(rate).with_noise(bed.stated))
+            data.append(self._curve(rate).changed(noise=bed.stated))
         if bed.quantities:
             quantity = self._seen(self._map(np.zeros(len(MAP))), values)
             data.append(self._map(quantity + TOLERANCE * rng.standard_normal(len(quantity))))

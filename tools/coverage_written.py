@@ -125,7 +125,7 @@ class Benches:
         rate = self.rate(noise.delay * rng.standard_normal())
         rate = rate + noise.errors(rng, rate, bed.interval, SIGMA)
         stated = Noise(uncertain={"delay": noise.delay} if noise.delay else {})
-        data = cr.RateData("curve", cr.Role.FIT, bed.point, self.bounds, rate, 1.0, "", "virtual").with_noise(stated)
+        data = cr.RateData("curve", cr.Role.FIT, bed.point, self.bounds, rate, 1.0, "", "virtual").changed(noise=stated)
         start = {name: value * (1.0 + NEAR * rng.uniform(-1.0, 1.0)) for name, value in bed.middle.items()}
         return cr.Study("bench", bed.injector, (data,), self.space, cr.Method(), 1, bed.step), start
 

@@ -179,7 +179,7 @@ def main() -> None:
     given = parser.parse_args()
     study = reduced(cr.load_study(CASE))
     sigma = cr.Noise(sigma=given.noise, law=Law.GAUSSIAN)
-    measured = whole_map(study).with_noise(sigma)
+    measured = whole_map(study).changed(noise=sigma)
     settings = cr.DesignSettings(ADDED, cr.Criterion(given.criterion), draws=given.draws)
     beds = [
         (bed, given.first + s) for bed, n in (("virtual", given.benches), ("CRI2-16", given.starts)) for s in range(n)

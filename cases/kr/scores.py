@@ -92,7 +92,7 @@ def main(run: str | None) -> None:
     calibrated = (HERE if run is None else Path(run)) / "calibrated.toml"
     injector, meters = cr.load_injector(calibrated), cr.load_meters(calibrated)
     simulator = Simulator(injector, (), study.time_step)
-    curves = [d.with_meter(meters[0]) for d in study.data if isinstance(d, cr.RateData)]
+    curves = [d.changed(meter=meters[0]) for d in study.data if isinstance(d, cr.RateData)]
     known, table = {place(d): d for d in curves}, []
     simulated = {place(d): d.score(simulator).rate for d in curves}
     print("trace               role         NRMSE    mass     trivial model")

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from commonrail import plugins
 from commonrail.base import registry
 from commonrail.base.errors import InputError, PluginError
+from commonrail.cli.machine import installed_plugins
 from commonrail.readers.tables import open_sheet
+from tests.cli.conftest import run_command
 from tests.distribution import distribution
 
 
@@ -54,3 +57,50 @@ def test_a_reader_that_fails_on_a_file_is_named_with_it(tmp_path: Path) -> None:
 
 def test_a_name_that_nobody_registers_has_no_part() -> None:
     assert registry.find("readers", "no-such-ending") is None
+
+
+def test_a_part_that_another_one_displaces_is_named(tmp_path: Path) -> None:
+    """One of the name of a shipped part, and the second of two packages with one name."""
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+    parts = "[commonrail.readers]\ntdms = {0}:OPEN\n[commonrail.verbs]\nsimulate = {0}:OPEN\n"
+    said = r'plug-in {0} 1\.2: "{1}" of commonrail.{2} is not used, because {3} has a part of the same name; [^.]*\.$'
+    with (
+        distribution(tmp_path / "b", {"two": "OPEN = 2\n"}, parts.format("two"), "one-two"),
+        distribution(tmp_path / "a", {"one": "OPEN = 1\n"}, parts.format("one"), "one-one"),
+    ):
+        with pytest.warns(RuntimeWarning, match=said.format("one-two", "tdms", "readers", "one-one")):
+            found = registry.find("readers", "tdms")
+        assert found is not None
+        assert (found.distribution, found.load()) == ("one-one", 1)
+        assert registry.find("verbs", "simulate") == registry.shipped("verbs")["simulate"]
+        first, second = sorted(entry.distribution for entry in registry.unused("verbs"))
+        assert (first, second) == ("one-one", "one-two")
+        broken = {plugin.distribution: " ".join(plugin.broken) for plugin in installed_plugins()}
+        assert '"tdms" of commonrail.readers is not used, because one-one' in broken["one-two"]
+        assert '"simulate" of commonrail.verbs is not used, because commonrail' in broken["one-one"]
+
+
+def test_a_verb_of_a_package_that_fails_is_named_with_its_package(tmp_path: Path) -> None:
+    text = "import click\n@click.command()\ndef fail():\n    raise ZeroDivisionError('of mine')\n"
+    with distribution(tmp_path, {"example_verb": text}, "[commonrail.verbs]\nfail = example_verb:fail\n"):
+        done = run_command("fail")
+    assert done.status == 2
+    assert "the verb fail of the plug-in example-plugin 1.2 failed (ZeroDivisionError: of mine)" in done.sentence
+    assert "internal fault" not in done.err
+
+
+def test_a_plug_in_folder_needs_no_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its verb has the name of the folder, its record as well."""
+    folder = tmp_path / "two_words"
+    folder.mkdir()
+    text = "import click\n@click.command()\ndef two_words():\n    click.echo('said')\n"
+    (folder / "verb.py").write_text(text, encoding="utf-8")
+    (folder / "page.py").write_text("RESULT = 'kind'\n", encoding="utf-8")
+    monkeypatch.setattr(plugins, "__path__", [str(tmp_path), *plugins.__path__])
+    registry.shipped.cache_clear()
+    try:
+        assert run_command("two-words").out == "said\n"
+        assert registry.shipped("results")["two-words.json"].load() == "kind"
+    finally:
+        registry.shipped.cache_clear()

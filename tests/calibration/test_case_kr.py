@@ -90,9 +90,9 @@ def test_traces_that_were_not_fitted_are_predicted() -> None:
     study = load_study(CASE / "study.toml")
     (meter,) = load_meters(CASE / "calibrated.toml")
     machine = simulator(load_injector(CASE / "calibrated.toml"), (), study.time_step)
-    curves = [d.with_meter(meter) for d in study.data if isinstance(d, RateData)]
+    curves = [d.changed(meter=meter) for d in study.data if isinstance(d, RateData)]
     known = {scores.place(d): d for d in curves}
-    found = {at: scores.judged(d.score(machine).rate, d) for at, d in known.items()}
+    found = {at: scores.judged(d.score(machine).values, d) for at, d in known.items()}
     left_out = {at for at, d in known.items() if d.role is Role.VALIDATION}
     assert left_out == {(10, 700), (10, 1000), (30, 700), (30, 1000)}
     assert np.median([found[at][0] for at in known.keys() - left_out]) <= 2.3

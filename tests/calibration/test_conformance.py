@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import Best, Optimiser, Registered, Trials
 from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings, Treatment
 from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
-from commonrail.calibration.optimisers.registry import REGISTERED, Registered
+from commonrail.calibration.optimisers.registry import REGISTERED
+from commonrail.calibration.optimisers.staged import REGISTERED as STAGED
 from commonrail.calibration.space import Space
 from tests.calibration import conformance
 from tests.calibration.conformance import CHECKS, SPACES, Case
@@ -40,7 +41,7 @@ CASES = [
     for space in SPACES.values()
     for case in (
         *(named(entry, space) for entry in (*REGISTERED, GUESSING)),
-        named(REGISTERED[1], space, evolution=2, starts=3, trial_iterations=1, finalists=2),
+        named(STAGED, space, evolution=2, starts=3, trial_iterations=1, finalists=2),
         *(named(REGISTERED[0], space, treatment=treatment) for treatment in (Treatment.REJECT, Treatment.RESAMPLE)),
         refinement(space),
     )

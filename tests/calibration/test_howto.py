@@ -19,8 +19,8 @@ from commonrail.data.quantities.reading import QuantitiesModel
 from commonrail.data.quantities.returned import ReturnsModel
 from commonrail.physics.injector import parameter_quantities
 from commonrail.readers.columns import Column
-from commonrail.readers.fields import Quantities, Room
-from commonrail.readers.injector.model import room_quantities
+from commonrail.readers.fields import ParameterTable, Quantities
+from commonrail.readers.injector.model import component_quantities
 from commonrail.readers.tables import read_columns
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "howto"
@@ -54,7 +54,9 @@ def test_study_page() -> None:
 
 def test_injector_page() -> None:
     (valve,) = tables("injector-file.md")["valve"]
-    table: TypeAdapter[Room] = TypeAdapter(Annotated[Room, Quantities(room_quantities("valve"))])
+    table: TypeAdapter[ParameterTable] = TypeAdapter(
+        Annotated[ParameterTable, Quantities(component_quantities("valve"))]
+    )
     given = table.validate_python(valve).values()
     assert given["lift"].source.mark == "M"
 

@@ -47,7 +47,7 @@ def fit(injector: Injector, data: RateData, *free: Parameter) -> Calibration:
 
 def test_a_known_delay_gives_the_true_stiffness(regulated: Injector, delayed: RateData) -> None:
     """Half a percent, ten times what the noise moves k7 by, against 20 % if the delay is not known."""
-    known = fit(regulated, delayed.with_meter(Meter("bench", {"delay": DELAY})))
+    known = fit(regulated, delayed.changed(meter=Meter("bench", {"delay": DELAY})))
     ignored = fit(regulated, delayed)
     assert known.best[K7] == pytest.approx(TRUE_K7, rel=5e-3)
     assert ignored.best[K7] < 0.9 * TRUE_K7
@@ -56,7 +56,7 @@ def test_a_known_delay_gives_the_true_stiffness(regulated: Injector, delayed: Ra
 
 def test_a_fitted_delay_is_found_beside_the_stiffness(regulated: Injector, delayed: RateData) -> None:
     delay = Parameter("meter.bench.delay", 0.0, -5e-6, 20e-6, "s", mark="E", source="test", signed=True)
-    found = fit(regulated, delayed.with_meter(Meter("bench")), delay)
+    found = fit(regulated, delayed.changed(meter=Meter("bench")), delay)
     assert found.best["meter.bench.delay"] == pytest.approx(DELAY, abs=0.2e-6)
     assert found.best[K7] == pytest.approx(TRUE_K7, rel=0.02)  # 0.2 us of delay and 2 % of k7 do the same
     assert found.injector.values[K7] == found.best[K7]

@@ -53,8 +53,8 @@ def map_(quantity: np.ndarray = QUANTITY, **changes: Any) -> QuantityData:
 def scored(data: RateData | QuantityData, simulated: np.ndarray) -> RateScore | QuantityScore:
     """Score of a simulation that gave these values."""
     if isinstance(data, RateData):
-        return RateScore(simulated, float(data.misfit(simulated)))
-    return QuantityScore(simulated, np.empty(0), 0.0, 0.0, 0.0)
+        return RateScore(data, simulated)
+    return QuantityScore(data, simulated, np.empty(0))
 
 
 def parameter(name: str = "valve.spring_preload", lower: float = 60.0, upper: float = 90.0) -> Parameter:
@@ -325,7 +325,7 @@ def test_noise_is_no_error(pwm: Injector) -> None:
     pilot = pulse(length=310e-6, height=3e-6)
     data = curve(pilot + 3.0 * NOISE)
     assert data.misfit(pilot) > 2.0 * np.sum(pilot) * 1e6
-    assert data.relative_error(RateScore(pilot, 0.0)) < LARGE_MISFIT
+    assert RateScore(data, pilot).relative_error() < LARGE_MISFIT
     assert fitted(pwm, data, pilot) == ()
 
 
@@ -333,7 +333,7 @@ def test_noise_is_no_error(pwm: Injector) -> None:
 def test_a_shift_that_halves_j_is_told_with_its_size(pwm: Injector, shift: float) -> None:
     data = curve(pulse(350e-6 + shift, 700e-6) + NOISE)
     simulated = pulse(length=700e-6)
-    found = best_shift(data, RateScore(simulated, float(data.misfit(simulated))))
+    found = best_shift(data, RateScore(data, simulated))
     assert found.amount == pytest.approx(shift, abs=1e-6)  # the step of the search
     assert found.after == pytest.approx(float(data.misfit(pulse(350e-6 + shift, 700e-6))), rel=0.05)
     (finding,) = (f for f in fitted(pwm, data, simulated) if f.code == "shift")

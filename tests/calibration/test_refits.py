@@ -75,7 +75,7 @@ def test_every_row_is_predicted_by_the_fit_that_does_not_see_it(
         score: Any = calibrate(study, threads=1).scores["best"][1]
         held = study.data[1]
         assert isinstance(held, QuantityData)
-        model.append(score.quantity / held.quantity - 1.0)
+        model.append(score.values / held.quantity - 1.0)
         out = rows[:, 0] == rail * 1e6
         found_by = [interpolate(rows[~out], rows[out, :2], power).values / rows[out, 2] - 1.0 for power in (1.0, 0.5)]
         tolerances = [error * rows[out, 2] / (0.15 + 0.03 * rows[out, 2]) for error in found_by]
@@ -116,7 +116,7 @@ def test_the_mean_of_the_members_is_judged_on_the_same_rows(tmp_path: Path, monk
         (tmp_path / "study.toml").write_text(text, encoding="utf-8")
         study = load_study(tmp_path / "study.toml")
         score: Any = calibrate(study, threads=1).scores["mean"][1]
-        errors.append(score.quantity / np.asarray(study.data[1].measured) - 1.0)
+        errors.append(score.values / np.asarray(study.data[1].measured) - 1.0)
     rms = 100.0 * np.sqrt(np.mean(np.concatenate(errors) ** 2))
     assert found["mean"]["rms_large_percent"] == pytest.approx(rms, rel=1e-12)
     assert found["mean"] != found["figures"]

@@ -15,7 +15,7 @@ from commonrail.base.errors import CommonrailError
 from commonrail.base.table import Table
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.result import data_records
-from commonrail.data.base import DataSet
+from commonrail.data.base import DataSet, widths_of
 from commonrail.data.records import LABELS, Plotted, Shown
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import OK
@@ -50,11 +50,11 @@ def a_block_is_read(kind: Kind, injector: Injector, folder: Path) -> None:
     assert (data.name, data.role.value, data.weight) == ("data", "fit", 2.5)
     assert (data.source, data.synthetic) == ("bench", "all of it")
     assert data.measured == pytest.approx(values, rel=1e-12)
-    assert data.judged.shape == data.widths.shape == values.shape
+    assert data.judged.shape == widths_of(data).shape == values.shape
     assert data.bounds is None or len(data.bounds) == len(values) + 1
     assert data.samples >= len(values)
     assert data.points
-    assert data.renamed("other").name == "other"
+    assert data.changed(name="other").name == "other"
 
 
 def a_bad_block_is_refused_with_a_sentence(kind: Kind, injector: Injector, folder: Path) -> None:
@@ -107,11 +107,11 @@ def the_truth_costs_nothing(kind: Kind, injector: Injector, folder: Path) -> Non
     exact, apart = objective.residuals(values)
     assert np.abs(exact).max() <= 1e-6 * np.abs(apart).max()
     score = data.score(Simulator(injector, (), STEP, 1))
-    assert data.relative_error(score) <= 1e-6
-    measured, simulated = data.quantities(score)
+    assert score.relative_error() <= 1e-6
+    measured, simulated = score.quantities()
     assert simulated == pytest.approx(measured, rel=1e-6)
     gains = np.linspace(0.5, 2.0, 151)
-    assert data.best_gain(score, gains) == pytest.approx(1.0, abs=0.011)
+    assert score.best_gain(gains) == pytest.approx(1.0, abs=0.011)
 
 
 def a_search_and_a_score_agree(kind: Kind, injector: Injector, folder: Path) -> None:
@@ -125,10 +125,10 @@ def a_search_and_a_score_agree(kind: Kind, injector: Injector, folder: Path) -> 
     found = objective.costs(values)
     assert found.costs[0] == pytest.approx(data.weight * j, rel=ROUNDING)
     assert objective.misfits(values)[0, 0] == pytest.approx(j, rel=ROUNDING)
-    assert found.simulations == objective.injections == data.injections
+    assert found.simulations == objective.injections == len(data.simulated_points)
     heavy = Objective(injector, FREE, [replace(data, weight=5.0)], STEP, 1)
     assert heavy.costs(values).costs[0] == pytest.approx(2.0 * found.costs[0], rel=1e-12)
-    pair = Objective(injector, FREE, [data, data.renamed("twin")], STEP, 1)
+    pair = Objective(injector, FREE, [data, data.changed(name="twin")], STEP, 1)
     assert pair.costs(values).costs[0] == pytest.approx(2.0 * found.costs[0], rel=1e-12)
     squares = [np.sum(o.residuals(values) ** 2) for o in (objective, heavy)]
     assert squares[1] == pytest.approx(2.0 * squares[0], rel=1e-12)
@@ -143,7 +143,7 @@ def a_failed_simulation_costs_everything(kind: Kind, injector: Injector, folder:
     assert not np.isfinite(data.simulated(Simulator(injector, FREE, 20e-6, 1), candidates(injector, 1.0))).any()
     score = data.score(Simulator(injector, (), 20e-6, 1))
     assert not np.isfinite(data.misfit(score.values))
-    assert [m.point for m in data.missing(score)] == list(data.points)
+    assert [m.point for m in score.missing()] == list(data.points)
     (record,) = data_records([data], {"best": [score]})
     json.dumps(record, allow_nan=False)
     assert not kind.view.has(record, "best")

@@ -38,7 +38,7 @@ class Sample:
         (folder / "data.csv").write_text(self.table(values), encoding="utf-8")
         block = tomllib.loads(f'kind = "{kind.kind}"\n{BLOCK}{PRESSURES}{self.keys}{more}')
         context = Context(injector, STEP, Reach(folder / "study.toml", False), Place("study.toml", "data[1]"))
-        return kind.read(kind.model.model_validate(block), context)
+        return kind.read_all(kind.model.model_validate(block), context)[0]
 
     def truth(self, kind: type[DataSet], injector: Injector, folder: Path) -> Any:
         """Data set whose measured values are those that the injector itself gives."""

@@ -15,7 +15,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.result import data_records
 from commonrail.data.base import Role
 from commonrail.data.quantities.baselines import SCALES, Rule, Sister, interpolate, interpolate_line
-from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.data.quantities.page import MapView
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.report.fit.verdict import baseline_lines
@@ -87,7 +87,7 @@ def test_a_convex_map_is_better_met_by_the_cubic_and_is_judged_by_it() -> None:
         a_map(law, grid(RAILS, times)),
         a_map(law, grid(RAILS, times + 1e-4)[[0, 1, 2, 4, 5, 6]], Role.VALIDATION),
     )
-    (baseline,) = seen.baselines([fitted], seen.scored(seen.quantity, np.empty(0)))
+    (baseline,) = QuantityScore(seen, seen.quantity, np.empty(0)).baselines([fitted])
     assert baseline["rule"].startswith("PCHIP in energising time")
     linear = interpolate(known(law, grid(RAILS, times)), grid(RAILS, times + 1e-4)[[0, 1, 2, 4, 5, 6]]).values
     own = 100.0 * np.sqrt(np.mean((linear / seen.quantity - 1.0) ** 2))
@@ -129,7 +129,7 @@ def records(values: Callable[[np.ndarray], np.ndarray], exponent: float = 1.0) -
     fitted, seen = a_map(law, grid(RAILS, TIMES)), a_map(law, grid(np.array([120e6]), TIMES), Role.VALIDATION)
     none = np.empty(0)
     seen = replace(seen, quantity=seen.quantity * [1.02, 0.98, 1.02])  # noise, which the interpolation does not follow
-    scores = [fitted.scored(fitted.quantity, none), seen.scored(values(seen.quantity), none)]
+    scores = [QuantityScore(fitted, fitted.quantity, none), QuantityScore(seen, values(seen.quantity), none)]
     return data_records((fitted, seen), {"best": scores})
 
 
@@ -163,7 +163,7 @@ def test_a_model_that_fails_does_not_beat_it() -> None:
 def test_the_better_of_both_scales_is_the_baseline(exponent: float, scale: str) -> None:
     law = bilinear(exponent)
     fitted, seen = a_map(law, grid(RAILS, TIMES)), a_map(law, grid(np.array([120e6]), TIMES), Role.VALIDATION)
-    (baseline,) = seen.baselines([fitted], seen.scored(seen.quantity, np.empty(0)))
+    (baseline,) = QuantityScore(seen, seen.quantity, np.empty(0)).baselines([fitted])
     assert f" in {scale} between rail pressures" in baseline["rule"]
     assert baseline["figures"]["rms_large_percent"] < 1e-9  # rounding
 
@@ -180,23 +180,23 @@ def test_dead_times_are_interpolated_between_pressures() -> None:
     places = np.vstack([grid(RAILS[:2], TIMES), [[40e6, 282e-6], [80e6, 240e-6]]])
     fitted = a_map(law, places, dead=2)
     seen = a_map(law, np.array([[60e6, 5e-4], [60e6, 261e-6]]), Role.VALIDATION, dead=1)
-    score = seen.scored(seen.quantity, np.array([270e-6]))
-    figures = seen.baselines([fitted], score)[0]["figures"]
+    score = QuantityScore(seen, seen.quantity, np.array([270e-6]))
+    figures = score.baselines([fitted])[0]["figures"]
     assert figures["dead_time_rms"] == pytest.approx(0.0, abs=1e-15)
     other = replace(fitted, quantity=np.where(fitted.dead_time, 1e-9, fitted.quantity))
-    assert seen.baselines([other], score)[0]["figures"]["dead_time_rms"] is None
+    assert score.baselines([other])[0]["figures"]["dead_time_rms"] is None
 
 
 def test_no_baseline_without_fitted_maps() -> None:
     seen = a_map(bilinear(1.0), grid(RAILS, TIMES), Role.VALIDATION)
-    assert seen.baselines([], seen.scored(seen.quantity, np.empty(0))) == []
+    assert QuantityScore(seen, seen.quantity, np.empty(0)).baselines([]) == []
 
 
 def test_the_map_of_a_sister_part_is_scaled_by_the_catalogue_flow() -> None:
     law = bilinear(1.0)
     sister = Sister(known(law, grid(RAILS, TIMES)), 1.1, "another part")
     seen = replace(a_map(law, grid(np.array([120e6]), TIMES), Role.VALIDATION), sister=sister)
-    (baseline,) = seen.baselines([], seen.scored(1.05 * seen.quantity, np.empty(0)))
+    (baseline,) = QuantityScore(seen, 1.05 * seen.quantity, np.empty(0)).baselines([])
     assert baseline["text"] == "the sister part's map times 1.1"
     assert baseline["figures"]["rms_large_percent"] == pytest.approx(10.0, rel=1e-9)
     assert baseline["beaten"] is True

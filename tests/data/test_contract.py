@@ -32,7 +32,7 @@ def test_contract(kind: type[DataSet], clause: Clause, regulated: Injector, tmp_
 
 def test_data_are_ordered_by_kind_and_stay_in_their_order_within(regulated: Injector, tmp_path: Path) -> None:
     read = [SAMPLES[name].truth(KINDS[name], regulated, tmp_path) for name in ("quantities", "rate", "quantities")]
-    data = [one.renamed(str(i)) for i, one in enumerate(read)]
+    data = [one.changed(name=str(i)) for i, one in enumerate(read)]
     assert [one.name for one in in_order(data)] == ["1", "0", "2"]
 
 
@@ -46,8 +46,8 @@ class Unweighted(RateData):
 class Forgiving(QuantityData):
     """A failed simulation is as good as the data."""
 
-    def shown(self, batch: Any, *more: Any) -> Any:
-        found = super().shown(batch, *more)
+    def volumes(self, batch: Any, *more: Any) -> Any:
+        found = super().volumes(batch, *more)
         return np.where(np.isnan(found), self.quantity, found)
 
 
@@ -84,8 +84,8 @@ class Anonymous(RateData):
     """Keys that are lost on the way."""
 
     @classmethod
-    def read(cls, *arguments: Any) -> Any:
-        return RateData.read(*arguments).renamed("?")
+    def read_all(cls, *arguments: Any) -> Any:
+        return [one.changed(name="?") for one in RateData.read_all(*arguments)]
 
 
 @pytest.mark.parametrize(

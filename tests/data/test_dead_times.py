@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from commonrail.data.base import Role
-from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.data import QuantityData, values_of
 from commonrail.data.quantities.dead_times import AROUND, FLATTEST, crossing_times, neighbours
 from commonrail.data.simulator import ITSELF, Candidates
 from commonrail.engine.operating_point import OperatingPoint
@@ -25,9 +25,9 @@ NOBODY: Any = None  # a map without a meter asks nothing of the candidates
 CANDIDATES = Candidates(NOBODY, ITSELF)
 
 
-def values_of(data: QuantityData, found: Any) -> np.ndarray:
+def found_values(data: QuantityData, found: Any) -> np.ndarray:
     """Values of a batch."""
-    return data._values_of(found, CANDIDATES)
+    return values_of(data, found, CANDIDATES)
 
 
 def crossing(low: float, middle: float, high: float) -> float:
@@ -81,20 +81,21 @@ def batch(*volumes: float, status: int = OK) -> Any:
 
 def test_a_tolerance_in_time_makes_the_error_one_of_time() -> None:
     data = a_map(4e-6)
-    assert data.injections == 4
+    assert len(data.simulated_points) == 4
     assert data.measured == pytest.approx([10e-9, 250e-6])
-    values = values_of(data, batch(10.2, 0.6, 0.1, 3.0))  # passes 0.5 mm³ 10 us early
+    values = found_values(data, batch(10.2, 0.6, 0.1, 3.0))  # passes 0.5 mm³ 10 us early
     assert values[0] == pytest.approx([10.2e-9, 240e-6])
     assert data.errors(values)[0] == pytest.approx([0.2 / 0.2, -10.0 / 4.0])
-    assert data._squares_of(batch(10.2, 0.6, 0.1, 3.0), CANDIDATES)[0, 0] == pytest.approx(1.0 + 6.25)
-    assert np.isnan(values_of(data, batch(10.2, 0.6, 0.1, 3.0, status=STILL_INJECTING))).all()
+    (term,) = QuantityData.terms([data], 1e-6)
+    assert term.squares(batch(10.2, 0.6, 0.1, 3.0), CANDIDATES)[0, 0] == pytest.approx(1.0 + 6.25)
+    assert np.isnan(found_values(data, batch(10.2, 0.6, 0.1, 3.0, status=STILL_INJECTING))).all()
 
 
 def test_without_one_it_is_one_of_quantity() -> None:
     data = a_map(None)
-    assert data.injections == 2
+    assert len(data.simulated_points) == 2
     assert data.measured == pytest.approx([10e-9, HALF])
-    assert data.errors(values_of(data, batch(10.2, 0.6)))[0] == pytest.approx([1.0, 0.1 / 0.0575])
+    assert data.errors(found_values(data, batch(10.2, 0.6)))[0] == pytest.approx([1.0, 0.1 / 0.0575])
 
 
 def test_the_target_of_a_copy_follows_its_fields() -> None:

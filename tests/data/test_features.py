@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from commonrail.base.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError, PluginError
 from commonrail.data.features.features import features
-from commonrail.data.features.measures import FEATURES, FeatureStatus
+from commonrail.data.features.measures import FeatureStatus
 from commonrail.data.features.rate_trace import RateTrace
 from commonrail.data.features.result import Features
 from commonrail.data.features.settings import FeatureSettings
+from commonrail.data.features.table import FEATURES, features_of_traces, known_features
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from tests.data.analytic import PEAK, SAMPLE, noisy, straight, trapezoid
+from tests.distribution import distribution
 
 TENTH = 0.1 * SAMPLE
 
@@ -53,7 +56,7 @@ def test_features_of_a_trapezoid_are_within_a_tenth_of_a_sample() -> None:
     assert found.status is FeatureStatus.OK
     assert len(found.injections) == 1
     assert found.injections[0].statuses == ()
-    assert set(worst(found)) == set(FEATURES) - {"separation"}
+    assert set(worst(found)) == set(features_of_traces()) - {"separation"}
     errors = worst(found)
     assert errors.pop("dribble") < 0.01  # closing divides a sample, within which the rate is taken as constant
     # straight pieces and sums of whole samples: rounding alone
@@ -131,7 +134,7 @@ def test_a_trace_of_nothing_gives_a_status_and_no_number() -> None:
     for trace in (nothing, noisy(nothing, 0.002, 1), noisy(nothing, 0.5, 2)):
         found = features(trace)
         assert (found.status, found.injections, found.silent) == (FeatureStatus.NO_INJECTION, (), (1,))
-        assert all(math.isnan(found.value(name)) for name in FEATURES)
+        assert all(math.isnan(found.value(name)) for name in features_of_traces())
         assert found.status.sentence.endswith(".")
 
 
@@ -206,3 +209,22 @@ def test_what_has_no_rate_is_refused(source: object, word: str) -> None:
         features(source)
     with pytest.raises(ConfigurationError, match="no feature"):
         features(trapezoid()).value("opning")
+
+
+def test_a_feature_of_a_package_that_fails_is_named_with_it(tmp_path: Path) -> None:
+    text = (
+        "from commonrail.data.features.table import Feature\n"
+        "BAD = Feature('bad', 's', 'divided by zero', lambda one: 1 / 0)\n"
+        "OTHER = Feature('another', 's', 'of another name')\n"
+    )
+    parts = "[commonrail.features]\nbad = example_features:BAD\nsecond = example_features:OTHER\nquantity = x:Y\n"
+    said = r'example-plugin 1\.2: "bad" of commonrail\.features fails \(ZeroDivisionError'
+    with distribution(tmp_path, {"example_features": text}, parts):
+        with pytest.warns(RuntimeWarning) as warned:
+            names = set(known_features())
+        with pytest.raises(PluginError, match=said):
+            features(trapezoid())
+    assert names - set(FEATURES) == {"bad"}
+    sentences = " ".join(str(one.message) for one in warned)
+    assert '"second" of commonrail.features is to be a Feature of this name' in sentences
+    assert '"quantity" of commonrail.features is not used, because commonrail has a part' in sentences

@@ -15,8 +15,8 @@ from commonrail.calibration.run import calibrate
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.feature_targets import data as module
 from commonrail.data.feature_targets.data import FeatureData
-from commonrail.data.feature_targets.reading import unit_of_target
 from commonrail.data.features.features import features
+from commonrail.data.features.table import find_feature
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.data.study_block import Context
@@ -57,7 +57,7 @@ def read(injector: Injector, folder: Path, keys: str, rates: np.ndarray | None =
         file = 'file = "data.csv"\n'
     block = tomllib.loads(HEAD + file + keys)
     context = Context(injector, STEP, Reach(folder / "study.toml", False), Place("study.toml", "data[1]"))
-    return FeatureData.read(FeatureData.model.model_validate(block), context)
+    return FeatureData.read_all(FeatureData.model.model_validate(block), context)[0]
 
 
 def itself(injector: Injector) -> Simulator:
@@ -150,7 +150,7 @@ def test_a_mass_is_compared_with_a_mass_whatever_the_density(regulated: Injector
     one = data.simulated(itself(regulated), ITSELF)[0]
     batch = itself(regulated).batch(data.simulated_points, ITSELF, whole=True)
     assert one[2] == pytest.approx(batch.returned_mass[0, -1] / density, rel=1e-12)
-    metered = data.with_meter(Meter("bench", {"density": 0.9 * density})).simulated(itself(regulated), ITSELF)[0]
+    metered = data.changed(meter=Meter("bench", {"density": 0.9 * density})).simulated(itself(regulated), ITSELF)[0]
     # the same mass is a larger volume in the meter; 1e-4: a threshold in mm³/ms is passed a little sooner
     assert metered / one == pytest.approx([1.0, 1.0 / 0.9, 1.0], rel=1e-4)
 
@@ -159,7 +159,7 @@ def test_each_error_counts_in_its_tolerance(regulated: Injector, tmp_path: Path)
     data = replace(read(regulated, tmp_path, ALL, simulated_rates(regulated, tmp_path)), weight=4.0)
     # 2 us of a time, 1 mm³/ms of a rate, 0.1 mm³ of a quantity
     scale = {"s": 2e-6, "m3/s": 1e-6, "m3": 0.1e-9}
-    off = np.array([scale[unit_of_target(target.feature)] for target in data.targets])
+    off = np.array([scale[find_feature(target.feature).unit] for target in data.targets])
     assert data.residuals(data.measured + 2.0 * off) == pytest.approx(np.full(15, 4.0))
     assert data.misfit(data.measured + 2.0 * off) == pytest.approx(15 * 2.0 * (np.sqrt(5.0) - 1.0))
 
@@ -173,7 +173,7 @@ def test_the_return_quantity_is_that_of_a_map(regulated: Injector, tmp_path: Pat
     alone = ReturnData("r", data.role, (point,), [2e-8], 1e-9, 0.0, [False], *labels, stroke_period=40e-3)
     expected = alone.simulated(itself(regulated), ITSELF)[0, 0]
     assert data.simulated(itself(regulated), ITSELF)[0, 1] == expected
-    assert data.injections == 2
+    assert len(data.simulated_points) == 2
     assert data.score(itself(regulated)).values[1] == expected > 0.0
 
 
@@ -181,7 +181,7 @@ def test_a_candidate_without_the_feature_is_told_with_the_reason(regulated: Inje
     """A threshold above any simulated rate: nothing is injected in its eyes."""
     data = read(regulated, tmp_path, 'threshold = "300 mm3/ms"\n' + ALL, pulses(1e-3))
     score = data.score(itself(regulated))
-    missing = data.missing(score)
+    missing = score.missing()
     assert len(missing) == 15
     assert missing[0].status == "NO_FEATURE"
     assert "opening_delay 1: The rate does not rise above the threshold" in missing[0].sentence

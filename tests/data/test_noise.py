@@ -51,7 +51,7 @@ def test_a_map_has_its_relative_part_in_the_tolerance(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(map_study("noise = { sigma = 0.5 }"), encoding="utf-8")
     data = cr.load_study(tmp_path / "study.toml").data[0]
     with pytest.raises(ConfigurationError, match="which only curves have"):
-        data.with_noise(Noise(sigma=1.0, relative=0.01))
+        data.changed(noise=Noise(sigma=1.0, relative=0.01))
 
 
 @pytest.mark.parametrize(

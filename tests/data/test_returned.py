@@ -61,10 +61,10 @@ def test_a_wider_gap_leaks_with_its_cube(regulated: Injector) -> None:
 
 
 def test_injected_and_returned_maps_do_not_interpolate_one_another(regulated: Injector) -> None:
-    injected, held = returns(QuantityData), replace(returns().renamed("held"), role=Role.VALIDATION)
+    injected, held = returns(QuantityData), replace(returns().changed(name="held"), role=Role.VALIDATION)
     score = held.score(Simulator(regulated, (), STEP, 1))
-    assert held.baselines([injected], score) == []
-    (record,) = held.baselines([injected, returns()], score)
+    assert score.baselines([injected]) == []
+    (record,) = score.baselines([injected, returns()])
     assert record["text"] == "interpolating the 2 fitted points"
 
 

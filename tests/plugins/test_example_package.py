@@ -20,6 +20,7 @@ from commonrail.calibration.optimisers.registry import named, size_in_words
 from commonrail.calibration.study_file.file import load_study
 from commonrail.cli.machine import installed_plugins
 from commonrail.data.kinds import kind_of
+from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector
 from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into, resume
@@ -166,6 +167,40 @@ def test_a_block_names_its_meter(study: Path) -> None:
     assert read.data[0].meter is not None
     assert read.data[0].meter.values["delay"] == pytest.approx(5e-6)
     assert "meter.example_rate_tube.gain" in read.space.names
+
+
+def test_its_feature_is_a_target_and_an_output_of_a_sensitivity_study(study: Path, regulated: Injector) -> None:
+    text = (
+        study.read_text(encoding="utf-8")
+        .replace('kind = "rate"', 'kind = "features"')
+        .replace('role = "fit"', 'role = "fit"\nfeatures = [{ feature = "energised_rate", tolerance = "1 mm3/ms" }]')
+    )
+    study.write_text(text, encoding="utf-8")
+    (data,) = load_study(study).data
+    assert 0.0 < data.measured[0] < 100e-6
+    assert data.score(Simulator(regulated, (), 1e-6)).values[0] > 0.0
+    listed = run_command("catalogue", "features", "--json").record["features"]
+    assert {"name": "energised_rate", "unit": "m3/s"}.items() <= listed[-1].items()
+    spread = commonrail.parameters_within(regulated, ["valve.lift"])
+    settings = commonrail.SensitivitySettings(design="morris", samples=4)
+    point = commonrail.OperatingPoint("160 MPa", "700 us")
+    found = commonrail.sensitivity(regulated, spread, [point], ["quantity", "energised_rate"], settings=settings)
+    whole, rate = (output.tornado.base for output in found.outputs)
+    assert rate == pytest.approx(whole / 700e-6)
+
+
+def test_its_meter_is_of_the_catalogue() -> None:
+    (meter,) = run_command("catalogue", "meters", "--json").record["meters"]
+    assert meter["name"] == "example_rate_tube"
+    assert "delay" in meter["quantities"]
+
+
+def test_its_page_is_written_beside_the_report(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calibrate_into(tmp_path / "run", load_study(study), threads=1)
+    monkeypatch.setattr("commonrail.cli.verbs.report.registry.entries", registry.installed)  # bench.html takes long
+    made = run_command("report", tmp_path / "run", "--page", "--json").record
+    assert made["pages"] == [str(tmp_path / "run" / "summary.html")]
+    assert "<h1>" in (tmp_path / "run" / "summary.html").read_text(encoding="utf-8")
 
 
 def test_its_verb_writes_its_kind_of_result(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from commonrail.base.choices import Body
 from commonrail.base.errors import InputError
 from commonrail.physics.injector import Source
 from commonrail.physics.parameters import Domain, Q
-from commonrail.readers.fields import FileModel, Number, OneOf, Quantities, Room, Stated, Unit, choice
+from commonrail.readers.fields import FileModel, Number, OneOf, ParameterTable, Quantities, Stated, Unit, choice
 from commonrail.readers.location import Place
 from commonrail.readers.toml import read_model
 
@@ -31,7 +31,7 @@ class Square(FileModel):
 class Part(FileModel):
     pressure: Annotated[float, Unit("Pa")] = 1e5
     mass: Annotated[Number, Stated(MASS)] | None = None
-    room: Annotated[Room, Quantities({"mass": MASS})] = Room()
+    room: Annotated[ParameterTable, Quantities({"mass": MASS})] = ParameterTable()
     body: Annotated[Body, choice(Body)] = Body.FLEXIBLE
     holes: list[Annotated[Any, OneOf("form", {"round": Round, "square": Square})]] = Field(default=[])
 

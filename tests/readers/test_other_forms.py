@@ -161,7 +161,7 @@ def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
     table = found_table(path, PLAIN, GivenUnits(), "quantity", matrix=False)
     assert table.columns["rail_pressure"].tolist() == pytest.approx([40e6])
     assert table.columns["quantity"].tolist() == pytest.approx([1.5e-9])
-    with pytest.raises(InputError, match="this format holds columns only"):
+    with pytest.raises(InputError, match="a row for each point and no matrix"):
         found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
     parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
     assert 'the columns "q" and "q2" have the unit of a quantity' in survey(path).facts["no map"]

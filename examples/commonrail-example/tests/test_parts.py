@@ -49,6 +49,13 @@ def test_the_injector_runs_on_the_fuel_of_this_package() -> None:
     assert commonrail.load_injector("example-injector").fuel == commonrail.load_fuel("example-fuel")
 
 
+def test_the_feature_is_found_in_a_trace() -> None:
+    bounds = 1e-6 * np.arange(1001.0)
+    rate = np.where((bounds[1:] > 300e-6) & (bounds[1:] <= 800e-6), 50e-6, 0.0)
+    found = commonrail.features(commonrail.RateTrace(bounds, rate), [commonrail.Energising(0.0, "500 us")])
+    assert found.value("energised_rate") == pytest.approx(50e-6)
+
+
 def test_the_nozzle_law_gives_both_engines_the_same_injection() -> None:
     plain = commonrail.load_injector("virtual-lino-2016")
     gradual = replace(plain, variant=plain.variant._replace(nozzle_law="gradual"))

@@ -68,19 +68,8 @@ class Limits(NamedTuple):
 def number(value: object, unit: str, what: str) -> float:
     """Read one finite number.
 
-    Parameters
-    ----------
-    value : object
-        SI number of Python or NumPy, or text with its unit.
-    unit : str
-        SI unit of the result.
-    what : str
-        Name of the argument in words, for messages.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no number, not finite, or of another kind of quantity.
+    `value` is an SI number of Python or NumPy, or text with its unit; `unit` is the SI unit of the result, `what` the
+    name of the argument in words. Raises `ConfigurationError` if it is no number, not finite, or of another kind.
 
     Examples
     --------
@@ -111,17 +100,8 @@ def fraction(value: object, what: str) -> float:
 def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     """Read one number between two limits, both included.
 
-    Parameters
-    ----------
-    value, unit, what
-        As for `number`.
-    limits : Limits
-        [unit].
-
-    Raises
-    ------
-    ConfigurationError
-        As `number`, and beyond the limits, with what was read and in which unit it was probably meant.
+    Raises `ConfigurationError` as `number`, and beyond the limits, which are in `unit`, with what was read and in
+    which unit it was probably meant.
     """
     found = number(value, unit, what)
     if limits.low <= found <= limits.high:
@@ -144,21 +124,9 @@ def _meant(found: float, limits: Limits) -> str:
 def array(value: object, unit: str, what: str, dimensions: int | None = None, finite: bool = True) -> Floats:
     """Read numbers of any shape.
 
-    Parameters
-    ----------
-    value : array_like
-        SI numbers or texts with their units, mixed as they come.
-    unit, what : str
-        As for `number`.
-    dimensions : int, optional
-        Number of dimensions that the array must have.
-    finite : bool
-        Refuse not-a-number and infinity.
-
-    Raises
-    ------
-    ConfigurationError
-        If an element is no number, rows are of different lengths, or the number of dimensions is another.
+    The value holds SI numbers or texts with their units, mixed as they come; `dimensions` is the number that it
+    must have, and `finite` refuses not-a-number and infinity. Raises `ConfigurationError` if an element is no
+    number, rows are of different lengths, or the number of dimensions is another.
     """
     found = _numeric(value, unit, what)
     if dimensions is not None and found.ndim != dimensions:
@@ -194,18 +162,8 @@ def _element(item: object, unit: str, what: str) -> float:
 def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
     """Read a whole number.
 
-    Parameters
-    ----------
-    value : object
-    what : str
-        Name of the argument in words.
-    low, high : int
-        Limits, both included.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no number, has a fraction, or lies beyond the limits.
+    `low` and `high`: limits, both included. Raises `ConfigurationError` if it is no number, has a fraction, or lies
+    beyond the limits.
     """
     found = _real(value)
     if found is not None and math.isfinite(found) and found == math.floor(found):
@@ -218,14 +176,7 @@ def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> 
 
 
 def not_whole(name: str, value: float) -> str:
-    """Words on a value of a count that is no whole number, and on any value of nothing else: empty.
-
-    Parameters
-    ----------
-    name : str
-        Dotted name of a parameter.
-    value : float
-    """
+    """Words on a value of a count that is no whole number, and on any value of nothing else: empty."""
     if name not in COUNTS or value % 1.0 == 0.0:
         return ""
     return f"{name} counts pieces and must be a whole number, not {value:g}"
@@ -246,18 +197,7 @@ def flag(value: object, what: str) -> bool:
 def chosen(value: object, kind: type[_Choice], what: str) -> _Choice:
     """Read a member of an enum, or its value.
 
-    Parameters
-    ----------
-    value : object
-    kind : type
-        The enum.
-    what : str
-        Name of the argument in words.
-
-    Raises
-    ------
-    ConfigurationError
-        With all values, and the nearest to a text that is none of them.
+    Raises `ConfigurationError` with all values, and the nearest to a text that is none of them.
     """
     if isinstance(value, kind):
         return value
@@ -286,10 +226,7 @@ def function(value: _Kind | None, what: str) -> _Kind | None:
 def file_path(value: object, what: str) -> Path:
     """Read the path of a file or folder.
 
-    Raises
-    ------
-    ConfigurationError
-        If it is neither a text nor a path, is empty, or no system can have it.
+    Raises `ConfigurationError` if it is neither a text nor a path, is empty, or no system can have it.
     """
     if not isinstance(value, str | os.PathLike) or isinstance(path := os.fspath(value), bytes):
         raise _refused(what, "a path as text or as pathlib.Path", value)
@@ -310,17 +247,8 @@ def instance(value: object, kind: UnionType, what: str) -> Any: ...
 def instance(value: object, kind: Any, what: str) -> Any:
     """Refuse what is not of a kind, or of one of several, with the way to get one.
 
-    Parameters
-    ----------
-    value : object
-    kind : type or union of types
-    what : str
-        Name of the argument in words.
-
-    Raises
-    ------
-    ConfigurationError
-        With the cure, such as ``commonrail.load_study("study.toml")`` where a path was given for a study.
+    Raises `ConfigurationError` with the cure, such as ``commonrail.load_study("study.toml")`` where a path was given
+    for a study.
     """
     if isinstance(value, kind):
         return value
@@ -335,13 +263,7 @@ def instance(value: object, kind: Any, what: str) -> Any:
 def sequence(value: object, what: str, of: str) -> Sequence[Any]:
     """Refuse what is no list, tuple or array; a text is none.
 
-    Parameters
-    ----------
-    value : object
-    what : str
-        Name of the argument in words.
-    of : str
-        What the list holds, as it is written: ``"[point]"``.
+    `of`: what the list holds, as it is written: ``"[point]"``.
     """
     if isinstance(value, np.ndarray) and value.ndim:
         return list(value)
@@ -357,33 +279,14 @@ def instances(value: object, kind: UnionType, what: str) -> tuple[Any, ...]: ...
 def instances(value: object, kind: Any, what: str) -> tuple[Any, ...]:
     """Read a list whose items are all of a kind.
 
-    Parameters
-    ----------
-    value : object
-    kind : type
-    what : str
-        Name of the argument in words, in the plural.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no list, or with the first item that is of another kind.
+    Raises `ConfigurationError` if it is no list, or with the first item that is of another kind.
     """
     items = sequence(value, what, f"[{(get_args(kind) or (kind,))[0].__name__}(…), …]")
     return tuple(instance(item, kind, f"item {i} of the {what}") for i, item in enumerate(items, start=1))
 
 
 def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
-    """Refuse what is no mapping with texts as keys.
-
-    Parameters
-    ----------
-    value : object
-    what : str
-        Name of the argument in words.
-    example : str
-        One as it is written.
-    """
+    """Refuse what is no mapping with texts as keys."""
     if not isinstance(value, Mapping):
         raise _refused(what, f"a mapping, such as {example}", value)
     for key in value:
@@ -397,19 +300,7 @@ def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
 def known_names(value: object, known: Collection[str], what: str, example: str) -> tuple[str, ...]:
     """Read a list of names, each one known and listed once.
 
-    Parameters
-    ----------
-    value : object
-    known : collection of str
-    what : str
-        Name of the argument in words, in the plural.
-    example : str
-        A name.
-
-    Raises
-    ------
-    ConfigurationError
-        With the first name that is unknown, and the nearest that is known, or that is repeated.
+    Raises `ConfigurationError` with the first name that is unknown, and the nearest that is known, or that is repeated.
     """
     names = sequence(value, what, f'["{example}"]')
     for i, name in enumerate(names):

@@ -20,27 +20,16 @@ def points(values: Iterable[float]) -> Points:
 class Series:
     """One line or one set of markers.
 
-    Attributes
-    ----------
-    label : str
-        Text of the legend; an empty one keeps the series out of it.
-    look : str
-        "measured", "rigid", "rigid fitted", "start", "best", "mean", "paper", "level", or a dash: "solid", "dash",
-        "dot", "dashdot".
-    x, y : tuple of float, same length
-        None leaves a gap.
-    mode : str
-        "lines", "markers" or "lines+markers".
-    family : int or None
-        Series of one family share a colour, a marker and an entry of the legend.
+    The look is "measured", "rigid", "rigid fitted", "start", "best", "mean", "paper", "level", or a dash: "solid",
+    "dash", "dot", "dashdot".
     """
 
-    label: str
+    label: str  # text of the legend; an empty one keeps the series out of it
     look: str
     x: Points
-    y: Points
-    mode: str = LINES
-    family: int | None = None
+    y: Points  # as many; None leaves a gap
+    mode: str = LINES  # or `MARKERS`, `BOTH`
+    family: int | None = None  # series of one family share a colour, a marker and an entry of the legend
 
 
 @dataclass(frozen=True)
@@ -122,36 +111,19 @@ class Figure:
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Coloured cells with their numbers.
-
-    Attributes
-    ----------
-    title, caption, x_title, y_title : str
-    x, y : tuple of str
-        Places along the axes, in equal distances whatever their values.
-    values : tuple of Points
-        A row for each place of y; None is an empty cell.
-    texts : tuple of tuple of str
-        What is written into the cells.
-    unit : str
-        Of the values, beside the scale of colours.
-    diverging : bool
-        Whether zero lies in the middle of the colours, as of a difference.
-    largest : float
-        Difference of the last colour; 0 for the largest one there is.
-    """
+    """Coloured cells with their numbers."""
 
     title: str
     caption: str
     x_title: str
     y_title: str
-    x: tuple[str, ...]
+    x: tuple[str, ...]  # places along the axis, in equal distances whatever their values
     y: tuple[str, ...]
-    values: tuple[Points, ...]
-    texts: tuple[tuple[str, ...], ...]
-    unit: str
-    diverging: bool = False
-    largest: float = 0.0
+    values: tuple[Points, ...]  # a row for each place of y; None is an empty cell
+    texts: tuple[tuple[str, ...], ...]  # what is written into the cells
+    unit: str  # of the values, beside the scale of colours
+    diverging: bool = False  # zero lies in the middle of the colours, as of a difference
+    largest: float = 0.0  # difference of the last colour; 0 for the largest one there is
 
 
 Chart = Figure | HeatMap

@@ -34,11 +34,7 @@ class Live:
     def show(self, text: str, done: int = 0, total: int = 0) -> None:
         """Replace the line.
 
-        Parameters
-        ----------
-        text : str
-        done, total : int
-            Steps; without a total there is no bar.
+        `done` and `total`: steps; without a total there is no bar.
         """
         bar = f'<progress value="{done}" max="{total}"></progress> {done}/{total} ' if total else ""
         if self._shown is not None:
@@ -72,11 +68,11 @@ def _compiling() -> Iterator[None]:
     line.show("")
 
 
-FACES = "commonrail.report.notebook"  # named, not imported: a result below knows no drawing
+NOTEBOOK = "commonrail.report.notebook"  # named, not imported: a result below knows no drawing
 
 # Results of packages whose every source line is part of the stamp of compiled kernels: they are given methods and
 # presenter when they are loaded, instead of deriving from `Shown`.
-_LENT = {
+_ADDED = {
     "commonrail.engine.solution": {
         "Solution": "commonrail.report.notebook:SOLUTION",
         "Batch": "commonrail.report.notebook:BATCH",
@@ -99,50 +95,41 @@ class Shown:
 
     def __repr__(self) -> str:
         """One line on the result."""
-        return str(_faces().line_of(self))
+        return str(_notebook().line_of(self))
 
     def _repr_html_(self) -> str:
         """Tables of the report, for a notebook."""
-        return str(_faces().html_of(self))
+        return str(_notebook().html_of(self))
 
     def plot(self) -> Any:
         """Figures of the report; a notebook shows them, `save` writes them as a page.
 
-        Raises
-        ------
-        ConfigurationError
-            If there is nothing to draw.
+        Raises `ConfigurationError` if there is nothing to draw.
         """
-        return _faces().plot_of(self)
+        return _notebook().plot_of(self)
 
     def to_pandas(self) -> Any:
         """Values as a pandas.DataFrame, with the unit behind each name; needs pandas.
 
-        Raises
-        ------
-        ConfigurationError
-            If pandas is missing, or the result has no table of values.
+        Raises `ConfigurationError` if pandas is missing, or the result has no table of values.
         """
-        return _faces().frame_of(self)
+        return _notebook().frame_of(self)
 
     def to_xarray(self) -> Any:
         """Values as an xarray.Dataset with named axes and the attribute `units`; needs xarray.
 
-        Raises
-        ------
-        ConfigurationError
-            If xarray is missing, or the result has no arrays.
+        Raises `ConfigurationError` if xarray is missing, or the result has no arrays.
         """
-        return _faces().dataset_of(self)
+        return _notebook().dataset_of(self)
 
 
-def _faces() -> Any:
-    return import_module(FACES)
+def _notebook() -> Any:
+    return import_module(NOTEBOOK)
 
 
 def lend() -> None:
     """Give the methods of `Shown` to the results of physics and engine that are loaded."""
-    for home, presenters in _LENT.items():
+    for home, presenters in _ADDED.items():
         module = sys.modules.get(home)
         for name, presenter in presenters.items():
             own: Any = getattr(module, name, None)

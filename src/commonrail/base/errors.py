@@ -77,18 +77,9 @@ def one_line(sentence: str) -> str:
 def nearest(name: str, options: Iterable[str]) -> str:
     """Suggest the option that `name` was probably meant to be.
 
-    Parameters
-    ----------
-    name : str
-        What the user wrote; upper and lower case count as equal. Of a dotted option the last part alone, or some of its
-        words, are understood too: several options are then suggested if several fit.
-    options : iterable of str
-        What would have been accepted.
-
-    Returns
-    -------
-    str
-        ``' (did you mean "x"?)'`` to append to a message, or an empty string when nothing is close.
+    `name`: what the user wrote; upper and lower case count as equal. Of a dotted option the last part alone, or some of
+    its words, are understood too: several options are then suggested if several fit. `options`: what would have been
+    accepted. Returns ``' (did you mean "x"?)'`` to append to a message, or an empty string when nothing is close.
 
     Examples
     --------

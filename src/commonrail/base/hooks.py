@@ -1,4 +1,4 @@
-"""Listeners to what happens far below: a simulation that is compiled, which takes its time once, and notes."""
+"""Hooks that are called when a kernel is compiled, which takes its time once, and for a note."""
 
 from __future__ import annotations
 

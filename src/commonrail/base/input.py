@@ -46,13 +46,10 @@ def sha256(content: bytes) -> str:
 def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
     """Bytes of a file of at most `largest` bytes, as they are in it.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, it is not a plain file, it is larger, or it may not be read; or if it was read before
-        inside the same `noting_files` and held other bytes then.
+    Raises `InputError` if there is no such file, it is not a plain file, it is larger, or it may not be read; or if it
+    was read before inside the same `noting_files` and held other bytes then.
     """
-    with _told(path), opened(path, largest) as stream:
+    with _as_input_error(path), opened(path, largest) as stream:
         data = stream.read(largest + 1)  # a file may grow, and those of the system say that they are empty
     if len(data) > largest:
         raise _too_large(path, f"more than {largest / 1e6:g} MB", largest)
@@ -68,12 +65,9 @@ def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
 def opened(path: Path, largest: int = LARGEST_FILE) -> Iterator[BinaryIO]:
     """Stream of a plain file, which had at most `largest` bytes when it was opened.
 
-    Raises
-    ------
-    InputError
-        As `read_plain`, but for a file that grows while it is read.
+    Raises `InputError` as `read_plain`, but for a file that grows while it is read.
     """
-    with _told(path):
+    with _as_input_error(path):
         check_plain(path, largest)
         # Neither waits for the other end of a pipe, should one have taken the file's place meanwhile.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -85,12 +79,8 @@ def opened(path: Path, largest: int = LARGEST_FILE) -> Iterator[BinaryIO]:
 def check_plain(path: Path, largest: int | None = None) -> None:
     """Refuse what is not a plain file, without opening it: to open a device may do something, and a pipe waits.
 
-    Raises
-    ------
-    InputError
-        If it is a folder, device, pipe or socket, or a link to one, or larger than `largest` bytes.
-    OSError
-        If there is nothing, or nothing that may be examined.
+    Raises `InputError` if it is a folder, device, pipe or socket, or a link to one, or larger than `largest` bytes.
+    Raises `OSError` if there is nothing, or nothing that may be examined.
     """
     _refuse_unless_plain(path, path.stat(), largest)
 
@@ -104,7 +94,7 @@ def fingerprint(path: Path, largest: int = LARGEST_FILE) -> str:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _as_input_error(path: Path) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:

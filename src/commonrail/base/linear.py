@@ -20,11 +20,7 @@ def least_squares(matrix: Floats, wanted: Floats) -> Floats:
     Columns whose part that the others cannot imitate is smaller than machine precision times the larger of m and n are
     left out of the solution: their x is 0.
 
-    Parameters
-    ----------
-    matrix : (…, m, n)
-        m ≥ 1. A system among several has the bits that it has alone.
-    wanted : (…, m)
+    `matrix` is (…, m, n) with m ≥ 1, `wanted` (…, m). A system among several has the bits that it has alone.
     """
     rows, columns = np.shape(matrix)[-2:]
     many = math.prod(np.shape(matrix)[:-2])

@@ -68,16 +68,8 @@ PART = ".part"  # end of the name of a file that is being written
 def writing(path: Path, option: str = "") -> Iterator[None]:
     """Turn an operating system's error while writing into a sentence.
 
-    Parameters
-    ----------
-    path : Path
-    option : str
-        Option of the command line that named it.
-
-    Raises
-    ------
-    OutputError
-        If the disk is full, there is no permission, or for any other reason.
+    `option`: option of the command line that named it. Raises `OutputError` if the disk is full, there is no
+    permission, or for any other reason.
     """
     try:
         yield
@@ -93,10 +85,7 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
 
     A crash or a full disk leaves what was at `path` before; a power cut leaves that or the new file, never a part.
 
-    Raises
-    ------
-    OutputError
-        If it cannot be written, or `path` is a symbolic link, a device or a folder.
+    Raises `OutputError` if it cannot be written, or `path` is a symbolic link, a device or a folder.
     """
     with writing(path):
         check_target(path)
@@ -112,16 +101,13 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
             with suppress(OSError):
                 part.unlink()
             raise
-        _settle(path.parent)
+        _sync_folder(path.parent)
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all.
 
-    Raises
-    ------
-    OutputError
-        As `replacing`.
+    Raises `OutputError` as `replacing`.
     """
     with replacing(path) as stream:
         stream.write(text)
@@ -133,14 +119,7 @@ def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Ite
     This is where tables are written: a text that a spreadsheet would compute is neutralised, and `CsvFile` with `plain`
     reads it back as it was.
 
-    Parameters
-    ----------
-    path : Path
-    notes : iterable of str
-        Comment lines above the header.
-    header : sequence of str
-        Names of the columns with their units.
-    rows : iterable of sequences of str
+    `notes`: comment lines above the header. `header`: names of the columns with their units.
     """
     with replacing(path) as stream:
         stream.writelines(f"# {neutralised_note(note)}\n" for note in notes)
@@ -152,10 +131,7 @@ def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Ite
 def check_target(path: Path) -> None:
     """Refuse a place where no file should be put.
 
-    Raises
-    ------
-    OutputError
-        If it is a symbolic link, a device or a folder.
+    Raises `OutputError` if it is a symbolic link, a device or a folder.
     """
     # a link in a folder that others can write to may point at anything
     if path.is_symlink():
@@ -170,7 +146,7 @@ def _create(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_EXCL, 0o666)
 
 
-def _settle(folder: Path) -> None:
+def _sync_folder(folder: Path) -> None:
     """See that the move is on disk too, where the system can tell."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
@@ -193,16 +169,8 @@ def summed(folder: Path, *names: str) -> Iterator[None]:
 
     While the files are replaced there are no checksums: those of the former files would call the new ones damaged.
 
-    Parameters
-    ----------
-    folder : Path
-    *names : str
-        Files to be read back; one that was not written has no checksum.
-
-    Raises
-    ------
-    OutputError
-        If the checksums cannot be written.
+    `names`: files to be read back; one that was not written has no checksum. Raises `OutputError` if the checksums
+    cannot be written.
     """
     path = folder / SUMS
     with writing(path):
@@ -216,10 +184,7 @@ def summed(folder: Path, *names: str) -> Iterator[None]:
 def check_sum(path: Path) -> None:
     """Refuse a file that is not the one that was written, as far as there is a checksum beside it.
 
-    Raises
-    ------
-    InputError
-        If the checksums list the file with another digest, or cannot be read.
+    Raises `InputError` if the checksums list the file with another digest, or cannot be read.
     """
     sums = path.parent / SUMS
     if not (sums.is_file() and path.is_file()):
@@ -234,10 +199,7 @@ def check_sum(path: Path) -> None:
 def listed(sums: Path) -> dict[str, str]:
     """Digests in a file of checksums by the names of the files.
 
-    Raises
-    ------
-    InputError
-        If a line is not a digest, two spaces and a name.
+    Raises `InputError` if a line is not a digest, two spaces and a name.
     """
     found = {}
     for i, line in enumerate(read_plain(sums, _LARGEST).decode("utf-8", "replace").splitlines(), 1):

@@ -6,19 +6,26 @@ A package registers a part by an entry point, for example a verb in its ``pyproj
     histogram = "my_package.verb:histogram"
 
 What ships with commonrail is registered alike, in the table of `commonrail.plugins`, so that a start does not search
-the disk. A shipped part wins over one of the same name.
+the disk. Of several parts of one name the shipped one is used, else that of the first package in alphabetical order;
+`unused` has a sentence on each of the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
+from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
-from commonrail.base.errors import PluginError
+from commonrail.base.errors import CommonrailError, PluginError
+from commonrail.base.hooks import note
 
 _Kind = TypeVar("_Kind")
+# File of a plug-in folder that has a part, the part's name and the attribute that it is.
+_IN_FOLDERS = {"verbs": ("verb.py", "{}", "{}"), "results": ("page.py", "{}.json", "RESULT")}
 PACKAGE = "commonrail"
 GROUPS = (
     "verbs",
@@ -28,6 +35,7 @@ GROUPS = (
     "injectors",
     "fuels",
     "meters",
+    "features",
     "nozzle_laws",
     "results",
     "studies",
@@ -51,11 +59,11 @@ class Entry(NamedTuple):
     group : str
         One of `GROUPS`.
     name : str
-        Of the verb, method, kind of data, injector, fuel, meter or law; of "readers" and "inspectors" the ending of a
-        file without its point; of "results" the record file by which a folder tells its kind, such as
+        Of the verb, method, kind of data, injector, fuel, meter, feature or law; of "readers" and "inspectors" the
+        ending of a file without its point; of "results" the record file by which a folder tells its kind, such as
         "comparison.json"; of "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it
-        as "NAME.toml"; of "pages" the file in a run folder; of "after_fit" any, and they are called in alphabetical
-        order of it after those that ship.
+        as "NAME.toml"; of "pages" the file in a run folder that `report --page` writes; of "after_fit" any, and they
+        are called in alphabetical order of it after those that ship.
     target : str
         ``module:object``.
     distribution : str
@@ -73,10 +81,7 @@ class Entry(NamedTuple):
     def part(self, kind: type[_Kind], what: str) -> _Kind:
         """Import and return the object, which is to be of a kind; `what` names that kind in words.
 
-        Raises
-        ------
-        PluginError
-            As `load`; also if it is of another kind.
+        Raises `PluginError` as `load`; also if it is of another kind.
         """
         found = self.load()
         if not isinstance(found, kind):
@@ -90,40 +95,103 @@ class Entry(NamedTuple):
             f"uninstall {self.distribution}."
         )
 
+    @contextmanager
+    def blamed(self, predicate: str) -> Iterator[None]:
+        """Name the part in what the code of an installed package raises inside, with a `predicate` as "fails on FILE".
+
+        Errors of the project pass, and those of what ships.
+
+        Raises `PluginError` in place of any other exception.
+        """
+        try:
+            yield
+        except CommonrailError:
+            raise
+        except Exception as error:
+            if self.distribution == PACKAGE:
+                raise
+            raise self.refused(f"{predicate} ({type(error).__name__}: {error})") from error
+
     def load(self) -> Any:
         """Import and return the object.
 
-        Raises
-        ------
-        PluginError
-            If the import of an installed plug-in fails, whatever its reason.
+        Raises `PluginError` if the import of an installed plug-in fails, whatever its reason.
         """
-        if self.distribution == PACKAGE:
+        with self.blamed(f"cannot be loaded from {self.target}"):
             return load(self.target)
-        try:
-            return load(self.target)
-        except Exception as error:
-            raise self.refused(f"cannot be loaded from {self.target} ({type(error).__name__}: {error})") from error
+
+    def call(self, *args: Any) -> Any:
+        """Load the function and call it; `PluginError` for what one of an installed plug-in raises."""
+        function = self.load()
+        with self.blamed("fails"):
+            return function(*args)
 
 
 @cache
 def shipped(group: str) -> Mapping[str, Entry]:
-    """Parts that ship with the package, by name in the order of its table."""
-    table: Mapping[str, Mapping[str, str]] = import_module(f"{PACKAGE}.plugins").SHIPPED
-    return {name: Entry(group, name, target) for name, target in table.get(group, {}).items()}
+    """Parts that ship with the package, by name in the order of its table, then those of folders that it lacks."""
+    plugins = import_module(f"{PACKAGE}.plugins")
+    targets: dict[str, str] = {**plugins.SHIPPED.get(group, {}), **_of_folders(group, plugins)}
+    return {name: Entry(group, name, target) for name, target in targets.items()}
+
+
+def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:
+    """Verbs and results of plug-in folders that no entry of the table names.
+
+    The verb NAME is the function ``name`` of ``name/verb.py``, the result NAME.json ``RESULT`` of ``name/page.py``.
+    """
+    if group not in _IN_FOLDERS:
+        return {}
+    file, part, attribute = _IN_FOLDERS[group]
+    targets = [target.split(".") for table in plugins.SHIPPED.values() for target in table.values()]
+    listed = {folder for _, package, folder, *_ in targets if package == "plugins"}
+    root = plugins.__path__[0]
+    own = [name for name in sorted(os.listdir(root)) if name not in listed and os.path.isfile(f"{root}/{name}/{file}")]
+    return {
+        part.format(folder.replace("_", "-")): f"{plugins.__name__}.{folder}.{file[:-3]}:{attribute.format(folder)}"
+        for folder in own
+    }
 
 
 @cache
 def installed(group: str) -> Mapping[str, Entry]:
-    """Parts that other installed packages register, by name in alphabetical order."""
+    """Parts that other installed packages register, by name in alphabetical order; a note tells of those unused."""
+    displaced = unused(group)
+    for sentence in displaced.values():
+        note(sentence)
+    return {name: entries[0] for name, entries in _registered(group).items() if entries[0] not in displaced}
+
+
+def unused(group: str) -> Mapping[Entry, str]:
+    """Parts of installed packages that another one of the same name displaces, with a sentence on each."""
+    found = {}
+    registered = _registered(group)
+    ships = _shipped_names(group) if registered else ()
+    for name, entries in registered.items():
+        used = PACKAGE if name in ships else entries[0].distribution
+        for entry in entries[used != PACKAGE :]:
+            found[entry] = str(entry.refused(f"is not used, because {used} has a part of the same name"))
+    return found
+
+
+def _shipped_names(group: str) -> Collection[str]:
+    """Names of the parts that ship, also of a group that has them in a list of the core."""
+    elsewhere: Mapping[str, str] = import_module(f"{PACKAGE}.plugins").ELSEWHERE
+    found = load(elsewhere[group]) if group in elsewhere else shipped(group)
+    names: Collection[str] = found() if callable(found) else found
+    return names
+
+
+def _registered(group: str) -> Mapping[str, list[Entry]]:
+    """All parts of installed packages by name, both in alphabetical order."""
     from importlib.metadata import entry_points  # slow to import
 
-    found = sorted(entry_points(group=f"{PACKAGE}.{group}"), key=lambda point: point.name)
-    return {
-        point.name: Entry(group, point.name, point.value, point.dist.name, point.dist.version)
-        for point in found
-        if point.dist is not None and point.name not in shipped(group)
-    }
+    found: dict[str, list[Entry]] = {}
+    points = [(point, point.dist) for point in entry_points(group=f"{PACKAGE}.{group}") if point.dist is not None]
+    for point, package in sorted(points, key=lambda pair: (pair[0].name, pair[1].name)):
+        entry = Entry(group, point.name, point.value, package.name, package.version)
+        found.setdefault(point.name, []).append(entry)
+    return found
 
 
 def entries(group: str) -> Mapping[str, Entry]:

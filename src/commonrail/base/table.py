@@ -53,15 +53,7 @@ class Part(NamedTuple):
 def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str = "", texts: int = 1) -> Table:
     """Table of any rows.
 
-    Parameters
-    ----------
-    title : str
-    rows : iterable
-        What the parts make cells of.
-    parts : sequence of Part
-    note : str
-    texts : int
-        Number of columns that are words.
+    `rows`: what the parts make cells of. `texts`: number of columns that are words.
     """
     heads = tuple(head for part in parts for head in part.heads)
     found = ((cell for part in parts for cell in part.cells(row)) for row in rows)
@@ -72,16 +64,8 @@ def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str =
 def tabulated(title: str, rows: Iterable[Any], columns: Sequence[Column], note: str = "", texts: int = 1) -> Table:
     """Table of any rows, column by column.
 
-    Parameters
-    ----------
-    title : str
-    rows : iterable
-        What the columns read, such as parts of a record.
-    columns : sequence of (str, str or function)
-        Head, and the key of a row or what makes its text or cell.
-    note : str
-    texts : int
-        Number of columns that are words.
+    `rows`: what the columns read, such as parts of a record. `columns`: head, and the key of a row or what makes its
+    text or cell. `texts`: number of columns that are words.
     """
 
     def cell(row: Any, text: str | Callable[[Any], str | Cell]) -> str | Cell:
@@ -96,11 +80,17 @@ def size_of(error: float | None, steps: Sequence[float]) -> str:
     return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
 
 
-def marked(errors: Sequence[float | None], text: Callable[[float | None], str]) -> list[Cell]:
-    """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do."""
+def marked(
+    errors: Sequence[float | None], text: Callable[[float | None], str], steps: Sequence[float] = ()
+) -> list[Cell]:
+    """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do.
+
+    With `steps` each cell has the size of its error.
+    """
     sizes = [None if error is None else text(abs(error)) for error in errors]
     numbers = [abs(error) for error in errors if error is not None]
     least = text(min(numbers)) if len({size for size in sizes if size is not None}) > 1 else None
     return [
-        Cell(text(error), best=size is not None and size == least) for error, size in zip(errors, sizes, strict=True)
+        Cell(text(error), size_of(error, steps) if steps else "", size is not None and size == least)
+        for error, size in zip(errors, sizes, strict=True)
     ]

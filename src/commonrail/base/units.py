@@ -139,24 +139,9 @@ _LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "�
 def parse(text: str | float, unit: str, where: str = "") -> float:
     """Read a number with its unit.
 
-    Parameters
-    ----------
-    text : str or float
-        ``"160 MPa"``, ``"1600bar"``, ``"-3 µm"``; without a unit only where `unit` is ``"1"``.
-    unit : str
-        Unit of the result, as a rule the SI unit.
-    where : str
-        File, line or key; opens the message of an error.
-
-    Returns
-    -------
-    float
-        Finite value in `unit`, the one nearest to the decimal text.
-
-    Raises
-    ------
-    InputError
-        Not a number, no unit, an unknown unit, a unit of another kind, or not finite.
+    `text` is such as "160 MPa", "1600bar" or "-3 µm"; without a unit only where `unit` is "1". The value is finite, the
+    one nearest to the decimal text. `where`, a file, line or key, opens the message of an error. Raises `InputError`
+    for what is no number, not finite, or has no unit, an unknown one or one of another kind.
 
     Examples
     --------
@@ -183,18 +168,7 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
 def parse_difference(text: str | float, unit: str, where: str = "") -> float:
     """Read a difference of two values with its unit, such as a tolerance: 3 degC and 3 K are the same.
 
-    Parameters
-    ----------
-    text : str or float
-    unit : str
-        Unit of the result.
-    where : str
-        As in `parse`.
-
-    Raises
-    ------
-    InputError
-        As in `parse`.
+    `unit`: unit of the result. Raises `InputError` as in `parse`.
 
     Examples
     --------
@@ -218,24 +192,8 @@ def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> 
 
     Angular speed and frequency are told apart: rpm does not convert to Hz.
 
-    Parameters
-    ----------
-    value : float or array
-        Value in `source_unit`; not-a-number passes through.
-    source_unit, target_unit : str
-        Units of the same kind; an offset unit such as degC is a point on its scale.
-    where : str
-        File, line or key; opens the message of an error.
-
-    Returns
-    -------
-    float or array
-        Value in `target_unit`, same shape.
-
-    Raises
-    ------
-    InputError
-        A unit is unknown, or the two are of different kinds.
+    Not-a-number passes through; an offset unit such as degC is a point on its scale. `where` as for `parse`. Raises
+    `InputError` if a unit is unknown, or the two are of different kinds.
     """
     source, target = _known(source_unit, where), _known(target_unit, where)
     if source.kind != target.kind:
@@ -265,19 +223,8 @@ def fits(unit: str, kind: str) -> bool:
 def to_text(value: float, unit: str, digits: int = 6) -> str:
     """Write an SI value for a person to read, with the prefix that suits its size.
 
-    Parameters
-    ----------
-    value : float
-        Value in `unit`.
-    unit : str
-        SI unit; any other unit is kept as it stands, and ``"1"`` is not written.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Text that `parse` reads back to the same `digits`.
+    The value is in `unit`; any other unit than SI is kept as it stands, and "1" is not written. `parse` reads the text
+    back to the same significant `digits`.
 
     Examples
     --------

@@ -180,7 +180,7 @@ def check_drive(injector: Injector, study: Study, label: str) -> None:
 def _named_apart(studies: Sequence[Study]) -> tuple[DataSet, ...]:
     count = Counter(data.name for study in studies for data in study.data)
     return tuple(
-        data.renamed(f"{data.name} (study {i})") if count[data.name] > 1 else data
+        data.changed(name=f"{data.name} (study {i})") if count[data.name] > 1 else data
         for i, study in enumerate(studies, start=1)
         for data in study.data
     )
@@ -192,7 +192,7 @@ def _judged(label: str, simulator: Simulator, data: DataSet) -> tuple[Score, tup
         score = data.score(simulator)
     except CommonrailError as error:
         raise type(error)(f"{label} on {data.name}: {error}") from error
-    missing = data.missing(score)
+    missing = score.missing()
     failed = [m.point for m in missing if not m.status]
     found = (Status(int(status)) for status in (simulator.once(failed).status[0] if failed else ()))
     return score, tuple(_failure(m, found) for m in missing)

@@ -77,8 +77,8 @@ def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple
     found = []
     for one, own in zip(maps, zip(*scores, strict=True), strict=True):
         scored = [score for score in own if isinstance(score, QuantityScore)]
-        quantity = np.mean([score.quantity for score in scored], axis=0)
-        found.append(one.scored(quantity, np.mean([score.dead_time for score in scored], axis=0)))
+        quantity = np.mean([score.values for score in scored], axis=0)
+        found.append(QuantityScore(one, quantity, np.mean([score.dead_time for score in scored], axis=0)))
     return tuple(found)
 
 

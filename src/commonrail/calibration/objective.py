@@ -13,7 +13,7 @@ from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Precision
 from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.calibration.parameter import broken, distances_past
-from commonrail.data.base import DataSet, Term
+from commonrail.data.base import DataSet, Term, is_metered
 from commonrail.data.kinds import in_order, kinds_of
 from commonrail.data.metering import meters_of
 from commonrail.data.simulator import Candidates, Simulator
@@ -98,7 +98,7 @@ class Objective:
 
     def _without_neutral_meter(self, data: DataSet) -> DataSet:
         """The data set itself, or without its meter if that shows what it is given."""
-        return data if data.meter is None or data.is_metered(self.simulator) else data.with_meter(None)
+        return data if data.meter is None or is_metered(data, self.simulator) else data.changed(meter=None)
 
     @property
     def threads(self) -> int | None:
@@ -126,7 +126,7 @@ class Objective:
     @property
     def injections(self) -> int:
         """Single injections that a candidate takes."""
-        return sum(data.injections for data in self.data) + len(self.goal.conditions)
+        return sum(len(data.simulated_points) for data in self.data) + len(self.goal.conditions)
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""

@@ -143,7 +143,7 @@ def _baselines(one: DataSet, data: Sequence[DataSet], score: Score | None) -> di
     """Trivial models beside the calibrated one on data that it was not fitted to, if there are any."""
     if score is None or one.role is not Role.VALIDATION:
         return {}
-    found = one.baselines(of_role(data, Role.FIT), score)
+    found = score.baselines(of_role(data, Role.FIT))
     return {"baselines": found} if found else {}
 
 

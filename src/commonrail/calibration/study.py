@@ -217,7 +217,7 @@ class Study(Shown):
         )
         self._check_names()
         self._check_judgement()
-        check_meters(self.injector, self.data, self.space)
+        check_meters(self.injector, self.data, {p.name: (p.lower, p.upper) for p in self.space.parameters})
 
     def _check_names(self) -> None:
         """Refuse a free parameter that neither the injector nor a meter of the data has."""

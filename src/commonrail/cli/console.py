@@ -31,16 +31,8 @@ _NARROW = re.compile(
 def plain_rows(rows: Sequence[Sequence[str]], title: str, texts: int, width: int) -> list[str] | None:
     """Lines of a table as rich draws it with `box.SIMPLE_HEAD`; None if a line has to be folded.
 
-    Parameters
-    ----------
-    rows : sequence of sequences of str
-        The heads, and the rows below them.
-    title : str
-        Line above the heads, if any.
-    texts : int
-        Number of leading columns with text; those after them are numbers, at the right.
-    width : int
-        Columns of a line.
+    The first of the rows are the heads; the first `texts` columns are text, those after them numbers, at the right.
+    A line has `width` columns.
     """
     sizes = _sizes(rows)
     within = sum(size + 3 for size in sizes or []) - 1
@@ -161,16 +153,8 @@ def print_rows(
 ) -> None:
     """Print rows under their heads.
 
-    Parameters
-    ----------
-    columns : sequence of str
-        Heads.
-    rows : sequence of sequences of str
-        Cells.
-    title : str
-        Line above the heads, if any.
-    texts : int or None
-        Number of leading columns with text; those after them are numbers. None: all are text.
+    `title`: line above the heads, if any. `texts`: number of leading columns with text; those after them are numbers.
+    None: all are text.
     """
     shown = [list(map(_shown, row)) for row in (columns, *rows)]
     texts = len(columns) if texts is None else texts
@@ -250,10 +234,7 @@ class Stage(NamedTuple):
 class Bar(AbstractContextManager["Bar"]):
     """Progress of one piece of work.
 
-    Parameters
-    ----------
-    title : str
-        Said at the start.
+    `title`: said at the start.
     """
 
     def __init__(self, title: str) -> None:

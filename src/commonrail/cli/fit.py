@@ -15,7 +15,6 @@ from commonrail.cli.console import Bar, Stage, print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
-    from commonrail.calibration.run import Calibration
     from commonrail.calibration.search import Progress
     from commonrail.calibration.study import Study
     from commonrail.runs.fit import Listener
@@ -42,77 +41,23 @@ def run_study(
 ) -> Outcome:
     """Calibrate a study into a new folder, with progress and warnings on stderr.
 
-    Parameters
-    ----------
-    study : Study
-    folder : Path
-        New or empty.
-    threads : int or None
-        None: all processors.
-    workers : Workers or None
-        Who simulates; None: this process.
-    strict : bool
-        Treat warnings as errors.
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty.
-    OutputError
-        If it cannot be written.
-    StudyError
-        If the study cannot be run, or is `strict` and gives a warning; the folder is removed if nothing was
-        simulated.
+    Without `threads` all processors are used, without `workers` this process simulates. Raises `InputError` if the
+    folder is not empty, `OutputError` if it cannot be written, and `StudyError` if the study cannot be run, or is
+    `strict` and gives a warning; the folder is removed if nothing was simulated.
     """
     from commonrail.runs.fit import calibrate_into
 
-    return _told(
-        f"{study.title}: steps of {to_text(study.time_step, 's')}",
-        folder,
-        lambda listener: calibrate_into(
-            folder, study, threads=threads, workers=workers, listener=listener, strict=strict
-        ),
-    )
+    def work(listener: Listener) -> object:
+        return calibrate_into(folder, study, threads=threads, workers=workers, listener=listener, strict=strict)
+
+    return outcome_of(f"{study.title}: steps of {to_text(study.time_step, 's')}", folder, work)
 
 
-def resume_study(
-    folder: Path, *, generations: int, as_begun: bool, threads: int | None, workers: Workers | None
-) -> Outcome:
-    """Resume a run, with its progress on stderr.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    generations : int
-        Number to be added.
-    as_begun : bool
-        Accept files outside the folder that have changed.
-    threads : int or None
-        None: all processors.
-    workers : Workers or None
-        Who simulates; None: this process.
-
-    Raises
-    ------
-    StudyError, OutputError
-        As `commonrail.resume`.
-    """
-    from commonrail.runs.fit import resume
-
-    def resumed(listener: Listener) -> Calibration:
-        return resume(
-            folder, generations=generations, as_begun=as_begun, threads=threads, workers=workers, listener=listener
-        )
-
-    return _told(f"resuming {folder}", folder, resumed)
-
-
-def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> Outcome:
+def outcome_of(title: str, folder: Path, work: Callable[[Listener], object]) -> Outcome:
+    """Outcome of work that fills a run folder, with its progress on stderr."""
     from commonrail.runs.folder import read_result
 
-    report, _ = reported(title, folder, work)
-    return Outcome(folder, report, read_result(folder))
+    return Outcome(folder, reported(title, folder, work)[0], read_result(folder))
 
 
 def reported(
@@ -120,15 +65,7 @@ def reported(
 ) -> tuple[Path, _Result]:
     """Report of a run folder and the result of the search that fills it, with its progress on stderr.
 
-    Parameters
-    ----------
-    title : str
-        Of the bar.
-    folder : Path
-    work : function of Listener
-        The search.
-    stage : function of Progress, optional
-        Stage for the bar; by default `stage_of`.
+    `stage` makes the stage for the bar, by default `stage_of`.
     """
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener
@@ -144,18 +81,8 @@ def reported(
 def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
     """Print the figures of a run; exit status 130 if it was stopped.
 
-    Parameters
-    ----------
-    outcome : Outcome
-    json : bool
-        Print the record instead of tables.
-    strict : bool
-        Treat warnings as errors.
-
-    Raises
-    ------
-    StudyError
-        If `strict` and the run has given a warning; its files are written.
+    `json`: print the record instead of tables. `strict`: treat warnings as errors. Raises `StudyError` if `strict` and
+    the run has given a warning; its files are written.
     """
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.fit.tables import parameter_table, tables_of
@@ -194,15 +121,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
 
 
 def end_if_stopped(status: str, folder: Path) -> None:
-    """End the command with exit status 130 and a sentence if a search was stopped by a signal.
-
-    Parameters
-    ----------
-    status : str
-        Of the search.
-    folder : Path
-        Of the run.
-    """
+    """End the command with exit status 130 and a sentence if a search was stopped by a signal."""
     if status == "interrupted":
         say(
             f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "

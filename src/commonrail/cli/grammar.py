@@ -127,10 +127,7 @@ class Verbs(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a verb; None where none has the name.
 
-        Raises
-        ------
-        PluginError
-            If that of an installed package cannot be loaded, or is no command of click.
+        Raises `PluginError` if that of an installed package cannot be loaded, or is no command of click.
         """
         entry = find("verbs", cmd_name)
         if entry is None:

@@ -53,8 +53,8 @@ def raise_interrupts() -> None:
 def guarded() -> Iterator[None]:
     """Turn what a verb raises into a sentence and an exit status.
 
-    A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130; whatever else
-    is raised is a fault of the program (1), whose traceback is shown on demand.
+    A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130. Whatever else is raised is a
+    fault of the program (1), or of the plug-in whose verb it is (2); its traceback is shown on demand.
     """
     before = signal.getsignal(signal.SIGINT)
     try:
@@ -78,7 +78,7 @@ def guarded() -> Iterator[None]:
     except Exception as error:
         if type(error).__module__.partition(".")[0] == "click":  # an end, or a mistake for click to show
             raise
-        _end(_fault(error), UNEXPECTED)
+        _end(*_fault(error))
     finally:
         if before is end_process:
             signal.signal(signal.SIGINT, before)
@@ -96,21 +96,13 @@ def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
         return f"this needs {compiled}, is not installed: {INSTALL}.", UNUSABLE
     if package == "scipy":
         return "the package scipy, which this needs, is not installed: pip install scipy.", UNUSABLE
-    return _fault(error), UNEXPECTED
+    return _fault(error)
 
 
 def check_paths(options: Mapping[str, Any]) -> None:
     """Refuse "-" as a file, and an output that would take the place of an input.
 
-    Parameters
-    ----------
-    options : mapping
-        Options and arguments of a verb by name.
-
-    Raises
-    ------
-    InputError
-        If there is one.
+    `options` are those of a verb by name. Raises `InputError` if there is one.
     """
     _refuse_dash(options)
     _refuse_inputs_as_outputs(options)
@@ -169,11 +161,16 @@ def _state() -> tuple[str, bool]:
     return ("", False) if ctx is None else (ctx.invoked_subcommand or "", ctx.params.get("traceback", False))
 
 
-def _fault(error: Exception) -> str:
-    return (
-        f"internal fault ({type(error).__name__}: {_short(error)}); please report it with "
-        "the command line. `commonrail --traceback ...` shows where it happened."
-    )
+def _fault(error: Exception) -> tuple[str, int]:
+    """Sentence and exit status for an unexpected exception: a fault of the plug-in of the verb, or of the program."""
+    from commonrail.base import registry
+
+    what, shows = f"{type(error).__name__}: {_short(error)}", "`commonrail --traceback ...` shows where it happened."
+    part = registry.find("verbs", name) if (name := _state()[0]) else None
+    if part is not None and part.distribution != registry.PACKAGE:
+        plugin = f"{part.distribution} {part.version}"
+        return f"the verb {name} of the plug-in {plugin} failed ({what}); tell its authors. {shows}", UNUSABLE
+    return f"internal fault ({what}); please report it with the command line. {shows}", UNEXPECTED
 
 
 def _short(error: Exception) -> str:

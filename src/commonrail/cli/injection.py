@@ -59,17 +59,7 @@ def with_body(injector: Injector, body: Body | None) -> Injector:
 def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solution:
     """Simulate, and say on stderr if the injection has not ended.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    settings : Settings
-        Engine, time step and precision.
-
-    Raises
-    ------
-    SimulationError
-        If the simulation failed.
+    Raises `SimulationError` if the simulation failed.
     """
     if settings.engine is not Engine.REFERENCE:
         say(SIMULATING)

@@ -20,6 +20,7 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.optimisers.registry import named
 from commonrail.compiler import cache, target
+from commonrail.data.features.table import find_feature
 from commonrail.data.kinds import find_kind
 from commonrail.engine.lanes import VECTORS, compiled
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
@@ -27,7 +28,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, usable_threads
 from commonrail.readers.fuel import load_fuel
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.meters import installed_meters
+from commonrail.readers.injector.meters import installed_meter
 
 # A module in a fresh process of the same Python.
 
@@ -37,13 +38,8 @@ Runner = Callable[[str, list[str], float], subprocess.CompletedProcess[str]]
 def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
     """Run ``python -m module arguments``.
 
-    Parameters
-    ----------
-    module : str
-        Found where this process finds its own, also what is not installed.
-    arguments : list of str
-    seconds : float
-        After these `subprocess.TimeoutExpired` is raised.
+    `module`: found where this process finds its own, also what is not installed. `seconds`: after these
+    `subprocess.TimeoutExpired` is raised.
     """
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     command = [sys.executable, "-m", module, *arguments]
@@ -51,15 +47,7 @@ def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.C
 
 
 def ask_child(module: str, arguments: list[str], seconds: float, run: Runner = run_child) -> dict[str, Any]:
-    """Return the JSON object that a module prints, or {"failed": sentence}.
-
-    Parameters
-    ----------
-    module, arguments, seconds
-        As for `run_child`.
-    run : function
-        Runs it.
-    """
+    """Return the JSON object that a module prints, or {"failed": sentence}."""
     try:
         done = run(module, arguments, seconds)
     except subprocess.TimeoutExpired:
@@ -165,8 +153,8 @@ def _memory() -> int | None:
 
 OK = "ok"
 PATIENCE = 600.0  # for the first simulation, which may compile [s]
-# The paper's injector at 160 MPa, 700 us [m³]. The physics may be refined by less than the room; miscompiled it is not.
-VOLUME, ROOM = 53.8e-9, 0.05
+# The paper's injector at 160 MPa, 700 us [m³]. Refined physics may move it by less than the tolerance, miscompiled not.
+VOLUME, TOLERANCE = 53.8e-9, 0.05
 BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 # Packages that a simulation needs where no library holds it, and what needs them in any case.
 WITHOUT_LIBRARIES = {
@@ -227,10 +215,7 @@ def machine_facts() -> Iterator[Fact]:
 def package_facts(has_libraries: bool) -> Iterator[Fact]:
     """Versions of the packages that simulate.
 
-    Parameters
-    ----------
-    has_libraries : bool
-        Libraries of compiled simulations are used: what is in them needs NumPy alone.
+    With `has_libraries` libraries of compiled simulations are used: what is in them needs NumPy alone.
     """
     for package in ("numpy", *WITHOUT_LIBRARIES):
         found = version(package)
@@ -296,7 +281,7 @@ def self_check(found: dict[str, Any]) -> Fact:
         value, sound = found["status"], False
     else:
         value = f"{volume * 1e9:.1f} mm3 injected, mass kept to {abs(balance):.0e}"
-        sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < ROOM
+        sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < TOLERANCE
     cure = f"It should be {VOLUME * 1e9:.1f} mm3 and 1e-14: empty the kernel cache; if it stays, report it."
     return Fact("self-check", value, OK if sound else cure, True)
 
@@ -316,23 +301,13 @@ def extra_facts(find: Callable[[str], object | None] = find_spec) -> Iterator[Fa
 
 
 class Plugin(NamedTuple):
-    """Installed package.
-
-    Attributes
-    ----------
-    distribution, version, citation : str
-        Of the package; the citation is `__citation__` of its top-level module, by default its summary.
-    parts : list of str
-        Group and name of each, such as "verbs spread".
-    broken : list of str
-        A sentence on each that cannot be used.
-    """
+    """Installed package."""
 
     distribution: str
     version: str
-    citation: str
-    parts: list[str]
-    broken: list[str]
+    citation: str  # `__citation__` of its top-level module, by default its summary
+    parts: list[str]  # group and name of each, such as "verbs spread"
+    broken: list[str]  # a sentence on each that cannot be used
 
 
 # How a part is tried; those of all other groups are loaded.
@@ -341,18 +316,21 @@ _TRIALS: dict[str, Callable[[str], object]] = {
     "data": find_kind,
     "injectors": load_injector,
     "fuels": load_fuel,
-    "meters": lambda name: installed_meters([name], ()),
+    "meters": installed_meter,
+    "features": find_feature,
 }
 
 
 def installed_plugins() -> list[Plugin]:
     """Installed packages by name, each part of them tried."""
-    parts = [entry for group in registry.GROUPS for entry in registry.installed(group).values()]
+    unused = {entry: why for group in registry.GROUPS for entry, why in registry.unused(group).items()}
+    parts = [*(entry for group in registry.GROUPS for entry in registry.installed(group).values()), *unused]
     found = []
     for name in sorted({entry.distribution for entry in parts}):
         own = [entry for entry in parts if entry.distribution == name]
         texts = [f"{entry.group} {entry.name}" for entry in own]
-        found.append(Plugin(name, own[0].version, _citation(own[0]), texts, [why for e in own if (why := _fault(e))]))
+        broken = [why for entry in own if (why := unused.get(entry) or _fault(entry))]
+        found.append(Plugin(name, own[0].version, _citation(own[0]), texts, broken))
     return found
 
 

@@ -26,12 +26,8 @@ if TYPE_CHECKING:
 def check_file(path: Path | None, option: str) -> None:
     """Refuse a file that could not be written later.
 
-    Raises
-    ------
-    InputError
-        If it is a folder, its folder is missing, or it is a file that a run has written or copied.
-    OutputError
-        If it is a symbolic link or a device, or its folder is not writable.
+    Raises `InputError` if it is a folder, its folder is missing, or it is a file that a run has written or copied.
+    Raises `OutputError` if it is a symbolic link or a device, or its folder is not writable.
     """
     if path is None:
         return
@@ -53,10 +49,7 @@ def check_file(path: Path | None, option: str) -> None:
 def check_distinct(*paths: Path | None) -> None:
     """Refuse outputs of one command that would take each other's place.
 
-    Raises
-    ------
-    InputError
-        If two are one file.
+    Raises `InputError` if two are one file.
     """
     seen: dict[Path, Path] = {}
     for path in paths:
@@ -71,12 +64,7 @@ def check_distinct(*paths: Path | None) -> None:
 def check_folder(path: Path) -> None:
     """Refuse a folder that could not be made or written to later, without making it.
 
-    Raises
-    ------
-    InputError
-        If it is a file.
-    OutputError
-        If the nearest folder above it is not writable.
+    Raises `InputError` if it is a file. Raises `OutputError` if the nearest folder above it is not writable.
     """
     above = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not above.is_dir():
@@ -107,22 +95,10 @@ NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*"
 def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) -> Floats:
     """Values (n,) of an axis in `unit`.
 
-    Parameters
-    ----------
-    text : str
-        ``"20,40,80MPa"``, ``"20MPa, 400bar"`` or a range ``"20:180:10MPa"`` of first value, last value and step. A unit
-        at the end holds for the values before it that have none.
-    unit : str
-        SI unit of the result.
-    option : str
-        For messages.
-    increasing : bool
-        Refuse values that do not increase strictly.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be read, there are none or too many, or they have to increase and do not.
+    `text`: ``"20,40,80MPa"``, ``"20MPa, 400bar"`` or a range ``"20:180:10MPa"`` of first value, last value and step. A
+    unit at the end holds for the values before it that have none. `unit`: SI unit of the result. `increasing`: refuse
+    values that do not increase strictly. Raises `InputError` if a value cannot be read, there are none or too many, or
+    they have to increase and do not.
     """
     if ":" in text:
         return _range(text, unit, option)
@@ -200,10 +176,7 @@ ClusterAddress = Annotated[
 def check_workers(count: int | None, address: str | None) -> None:
     """Refuse a number of workers for a cluster that is there already.
 
-    Raises
-    ------
-    InputError
-        If both are given.
+    Raises `InputError` if both are given.
     """
     if count is not None and address not in (None, "local"):
         raise InputError("--workers: a cluster has its own number of workers; omit --workers or --cluster.")
@@ -222,10 +195,7 @@ def open_workers(count: int | None, address: str | None) -> AbstractContextManag
 def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...] | float:
     """Energisings from ``--energising-time`` or from repeated ``--energising START:DURATION``.
 
-    Raises
-    ------
-    InputError
-        If both or neither are given, or one cannot be read.
+    Raises `InputError` if both or neither are given, or one cannot be read.
     """
     if (duration is None) == (not pulses):
         raise InputError(
@@ -239,12 +209,7 @@ def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energ
 def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     """The injector with values from ``--set path=value``; a value has its unit or is a plain SI number.
 
-    Raises
-    ------
-    InputError
-        If a setting cannot be read.
-    ConfigurationError
-        If a value lies outside its domain.
+    Raises `InputError` if a setting cannot be read. Raises `ConfigurationError` if a value lies outside its domain.
     """
     from commonrail.physics.variants import reader_of, unread_parameters
 

@@ -14,33 +14,15 @@ _FORMAT = re.compile(r"commonrail-(?P<name>.+)/\d+")
 
 
 class RunOptions(NamedTuple):
-    """Options of the command line for a search in a run folder.
+    """Options of the command line for a search in a run folder."""
 
-    Attributes
-    ----------
-    seed : int or None
-        None: that of the file.
-    generations : int
-        Number to be added to those of a run.
-    as_begun : bool
-        Resume although files outside the folder have changed.
-    threads : int or None
-        None: all processors.
-    workers : int or None
-        Number of processes that simulate.
-    cluster : str or None
-        Address of a cluster that simulates.
-    json : bool
-        Print one record.
-    """
-
-    seed: int | None = None
-    generations: int = 0
-    as_begun: bool = False
-    threads: int | None = None
-    workers: int | None = None
-    cluster: str | None = None
-    json: bool = False
+    seed: int | None = None  # None: that of the file
+    generations: int = 0  # number to be added to those of a run
+    as_begun: bool = False  # resume although files outside the folder have changed
+    threads: int | None = None  # None: all processors
+    workers: int | None = None  # number of processes that simulate
+    cluster: str | None = None  # address of a cluster that simulates
+    json: bool = False  # print one record
 
 
 class StudyKind(NamedTuple):

@@ -79,14 +79,8 @@ def band_cells(row: Record) -> tuple[str]:
 def error_band(rows: Sequence[Record], family: int, measure: Measure, about: str = "") -> Band:
     """Area within the half widths, about zero or about a label's values.
 
-    Parameters
-    ----------
-    rows : sequence of Record
-        Of one rail pressure, in the order of energising time.
-    family : int
-    measure : function of a value and the measured quantity [m³]
-    about : str
-        Label whose values are the middle; zero if empty.
+    The rows are of one rail pressure, in the order of energising time. The middle is the values of the label
+    `about`, or zero.
     """
     low, high = (_edge(rows, sign, measure, about) for sign in (-1.0, 1.0))
     return Band(JUDGED, scaled(rows, "energising_time", MICROSECOND), low, high, family)

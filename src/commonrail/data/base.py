@@ -1,16 +1,17 @@
 """Interface that every kind of measured data implements.
 
-A kind is a frozen dataclass that derives from `DataSet`, has the methods below and stands in `data.kinds.KINDS`.
-Search, journal, fleet, comparison, plausibility and report know these methods only.
+A kind is a frozen dataclass that derives from `DataSet` and stands in `data.kinds.KINDS`, with a `Score`, a `View` and
+the model of its block in a study file. Search, journal, fleet, comparison, plausibility and report know these only.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from functools import partial
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -30,7 +31,6 @@ from commonrail.engine.plan import candidate_matrix
 from commonrail.engine.solution import Batch
 from commonrail.physics.meters import Meter
 from commonrail.physics.variants import wiring
-from commonrail.readers.location import Place
 
 
 class Role(Enum):
@@ -50,7 +50,7 @@ class Term(NamedTuple):
     misfits : function of Batch and Candidates
         J of each data set, (candidates, data sets); not finite for a failed simulation.
     squares : function of Batch and Candidates
-        Sum of the squared residuals of each data set without its weight, in the same shape.
+        Sum of the squared errors of each data set without its weight, in the same shape.
     failed : function of (candidates, points) statuses
         Which simulations count as failed.
     misfit : Misfit or None
@@ -68,16 +68,31 @@ class Term(NamedTuple):
     whole: bool = False
 
 
-class Score(Protocol):
-    """Agreement of one injector with one data set."""
+def term_of(
+    data: DataSet,
+    values: Callable[[Batch, Candidates], Floats],
+    failed: Callable[[Ints], Bools],
+    *,
+    whole: bool = False,
+) -> Term:
+    """Term of one data set whose errors follow from its simulated values (candidates, n).
 
-    @property
-    def values(self) -> Floats:
-        """Simulated values, one for each of the data set's `measured`; NaN where a simulation failed."""
+    All functions must be picklable: terms reach the workers.
+    """
+    misfits, squares = partial(_misfits, data, values), partial(_squares, data, values)
+    return Term(data.simulated_points, np.array([data.weight]), misfits, squares, failed, whole=whole)
 
-    @property
-    def error(self) -> float:
-        """The one figure that a table with a column for each data set has, see `DataSet.error_head`."""
+
+def _misfits(
+    data: DataSet, values: Callable[[Batch, Candidates], Floats], batch: Batch, candidates: Candidates
+) -> Floats:
+    return data.misfit(values(batch, candidates))[:, None]
+
+
+def _squares(
+    data: DataSet, values: Callable[[Batch, Candidates], Floats], batch: Batch, candidates: Candidates
+) -> Floats:
+    return np.asarray(np.sum(data.errors(values(batch, candidates)) ** 2, axis=1)[:, None])
 
 
 class Missing(NamedTuple):
@@ -86,6 +101,51 @@ class Missing(NamedTuple):
     point: OperatingPoint
     status: str = ""
     sentence: str = ""
+
+
+@dataclass(frozen=True)
+class Score(ABC):
+    """Agreement of one injector with one data set.
+
+    Attributes
+    ----------
+    data : DataSet
+    values : (n,)
+        Simulated values, one for each of the data set's `measured`; NaN where a simulation failed.
+    """
+
+    data: Any
+    values: Floats
+
+    @property
+    @abstractmethod
+    def error(self) -> float:
+        """The one figure that a table with a column for each data set has, see `DataSet.error_head`."""
+
+    @abstractmethod
+    def missing(self) -> list[Missing]:
+        """Points that have no number."""
+
+    @abstractmethod
+    def quantities(self) -> tuple[Floats, Floats]:
+        """Measured and simulated quantities per stroke [m³]."""
+
+    @abstractmethod
+    def relative_error(self) -> float:
+        """Σ |error| beyond noise over Σ data; NaN for a failed simulation."""
+
+    def best_gain(self, gains: Floats) -> float:
+        """Factor among `gains` on the simulated values that makes J least; values that failed do not count."""
+        return float(gains[np.argmin(self.data.misfit(self.scaled(gains)))])
+
+    def scaled(self, gains: Floats) -> Floats:
+        """Simulated values times gains, (gains, n); what failed or is not judged becomes the measured value."""
+        counts = np.isfinite(self.values) & self.data.judged
+        return np.where(counts, np.multiply.outer(gains, self.values), self.data.measured)
+
+    def baselines(self, fitted: Sequence[DataSet]) -> list[dict[str, Any]]:
+        """JSON-able records of trivial models of the `fitted` data, each with a sentence that compares this one."""
+        return []
 
 
 class View(ABC):
@@ -143,7 +203,7 @@ class DataSet(ABC):
         Of the kind: keys of its block in a study file.
     view : View
         Of the kind: what reports show of it.
-    seen : set of str
+    meter_inputs : set of str
         Of the kind: quantities of a meter that its values depend on.
     sigma_unit, residual_unit : str
         Of the kind: SI unit in which a standard deviation of its noise is stated, and unit of its residuals in words.
@@ -155,12 +215,14 @@ class DataSet(ABC):
     weight : float
         Factor of its J in the objective.
     points : tuple of OperatingPoint
+    simulated_points : tuple of OperatingPoint
+        All single injections that a candidate takes in a search; set by the kind, as the next two.
     measured : (n,)
         Measured values.
-    bounds : (n + 1,) or None
-        Bounds [s] of the samples, if the values are a course in time; None if there is one for each point.
     judged : (n,) bool
         Values of the kind itself; not those that stand for another figure, such as a dead time.
+    bounds : (n + 1,) or None
+        Bounds [s] of the samples, if the values are a course in time; None if there is one for each point.
     mass_density : float or (n,)
         Density [kg/m³] that made volumes of masses; NaN where volumes were measured.
     meter : Meter or None
@@ -175,7 +237,7 @@ class DataSet(ABC):
     error_head: ClassVar[tuple[str, str]]
     model: ClassVar[type[DataModel]]
     view: ClassVar[View]
-    seen: ClassVar[frozenset[str]]
+    meter_inputs: ClassVar[frozenset[str]]
     sigma_unit: ClassVar[str] = "1"
     residual_unit: ClassVar[str] = "tolerances"
     residual_scale: ClassVar[float] = 1.0
@@ -186,6 +248,9 @@ class DataSet(ABC):
     source: str
     synthetic: str
     points: tuple[OperatingPoint, ...]
+    simulated_points: tuple[OperatingPoint, ...]
+    measured: Floats
+    judged: Bools
     mass_density: Floats | float
     bounds: Floats | None
     meter: Meter | None
@@ -193,13 +258,13 @@ class DataSet(ABC):
 
     @classmethod
     @abstractmethod
-    def read(cls, model: Any, context: Context) -> Self:
-        """Read a data set.
+    def read_all(cls, model: Any, context: Context) -> Sequence[Self]:
+        """Read the data sets that a block of a study file holds, those that it asks to hold out among them.
 
         Parameters
         ----------
         model : DataModel
-            Its block in the study file, of the kind's own `model`.
+            The block, of the kind's own `model`.
         context : Context
 
         Raises
@@ -211,46 +276,25 @@ class DataSet(ABC):
         """
 
     @classmethod
-    def read_all(cls, model: Any, context: Context) -> Sequence[Self]:
-        """Read all data sets that a block of a study file holds; see `read`."""
-        return (cls.read(model, context),)
-
-    @property
-    def injections(self) -> int:
-        """Single injections that a candidate takes in a search."""
-        return len(self.points)
-
-    @classmethod
     @abstractmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
-        """All data sets of this kind in the objective of a search."""
-
-    @property
-    @abstractmethod
-    def measured(self) -> Floats:
-        """Measured values (n,)."""
-
-    @property
-    def judged(self) -> Bools:
-        """Mask of the values that are of the kind itself, (n,)."""
-        return np.ones(len(self.measured), bool)
-
-    @property
-    def widths(self) -> Floats:
-        """Time [s] that each value counts for, or 1, (n,)."""
-        return np.ones(len(self.measured)) if self.bounds is None else np.diff(self.bounds)
+        """All data sets of this kind in the objective of a search; the time step is in [s]."""
 
     @abstractmethod
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
         """Simulated values of candidates (candidates, n); NaN for a failed simulation."""
 
     @abstractmethod
+    def errors(self, values: Floats) -> Floats:
+        """Simulated − measured values (…, n) in `residual_unit`."""
+
+    @abstractmethod
     def misfit(self, values: Floats) -> Floats:
         """J of simulated values (…, n): (…); NaN where one of them is."""
 
-    @abstractmethod
     def residuals(self, values: Floats) -> Floats:
-        """Residuals of simulated values (candidates, n) for least squares, scaled by the root of the weight."""
+        """Errors of simulated values (candidates, n), scaled by the root of the weight for least squares."""
+        return np.asarray(np.sqrt(self.weight) * self.errors(values))
 
     def discrepancy(self, values: Floats) -> Floats | None:
         """Standard deviations of model and measurement about predicted values (n,); None where the kind states none."""
@@ -261,99 +305,72 @@ class DataSet(ABC):
         """Score of the simulator's injector as it is."""
 
     @abstractmethod
-    def missing(self, score: Any) -> list[Missing]:
-        """Points that have no number."""
-
-    @abstractmethod
-    def quantities(self, score: Any) -> tuple[Floats, Floats]:
-        """Measured and simulated quantities per stroke [m³]."""
-
-    @abstractmethod
-    def relative_error(self, score: Any) -> float:
-        """Σ |error| beyond noise over Σ data; NaN for a failed simulation."""
-
-    def best_gain(self, score: Any, gains: Floats) -> float:
-        """Factor among `gains` on the simulated values that makes J least; values that failed do not count."""
-        return float(gains[np.argmin(self.misfit(self.scaled(score.values, gains)))])
-
-    def scaled(self, values: Floats, gains: Floats) -> Floats:
-        """Simulated values (n,) times gains, (gains, n); what failed or is not judged becomes the measured value."""
-        counts = np.isfinite(values) & self.judged
-        return np.where(counts, np.multiply.outer(gains, values), self.measured)
-
-    @abstractmethod
     def record(self, scores: Mapping[str, Any]) -> dict[str, Any]:
         """JSON-able figures of the scores by label; the keys that all kinds have are added by the caller."""
-
-    def divided(self, model: Any, at: Place) -> tuple[Self, ...]:
-        """The data set itself, or the parts that its block in a study file asks for: fitted and held out.
-
-        Parameters
-        ----------
-        model : DataModel
-        at : Place
-            Of the block.
-        """
-        return (self,)
-
-    def baselines(self, fitted: Sequence[DataSet], score: Any) -> list[dict[str, Any]]:
-        """JSON-able records of trivial models for data of validation, each with a sentence that compares a model.
-
-        Parameters
-        ----------
-        fitted : sequence of DataSet
-            Data of the fit.
-        score : Score
-            Of the model on this data set.
-        """
-        return []
-
-    def is_metered(self, simulator: Simulator) -> bool:
-        """True if the simulated values are seen through a meter that changes them, or may do so."""
-        return self.meter is not None and not (self.meter.neutral and not simulator.varies(self.meter))
-
-    def with_meter(self, meter: Meter | None) -> Self:
-        """The same data with another meter."""
-        return replace(self, meter=meter)  # type: ignore[type-var]  # every kind is a dataclass
-
-    def with_noise(self, noise: Noise) -> Self:
-        """The same data with another noise model."""
-        return replace(self, noise=noise)  # type: ignore[type-var]  # every kind is a dataclass
-
-    def renamed(self, name: str) -> Self:
-        """The same data by another name."""
-        return replace(self, name=name)  # type: ignore[type-var]  # every kind is a dataclass
 
     @property
     def samples(self) -> int:
         """Numbers that the data set holds, to limit the size of a study."""
         return len(self.measured)
 
-    def _settle_labels(self) -> None:
-        """Read what data sets of all kinds have."""
-        for what in ("name", "source", "synthetic"):
-            plain_text(getattr(self, what), f"{what} of the data")
-        weight = number(self.weight, "1", "weight of the data")
-        if not weight > 0.0:
-            raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
-        instance(self.noise, Noise, "noise of the data")
-        if self.noise.relative and self.sigma_unit == "1":
-            raise ConfigurationError(
-                f"The noise of {self.name} has a relative part, which only curves have; state it as the relative part "
-                "of the tolerance."
-            )
-        settle(self, role=chosen(self.role, Role, "role of the data"), weight=weight)
-        if self.meter is not None:
-            self._check_meter(instance(self.meter, Meter, "meter of the data"))
+    def changed(self, **attributes: Any) -> Self:
+        """The same data with other attributes, as in ``changed(meter=None)``."""
+        return replace(self, **attributes)  # type: ignore[type-var]  # every kind is a dataclass
 
-    def _check_meter(self, meter: Meter) -> None:
-        """Refuse a density of the meter for what was measured by mass."""
-        given = [key for key in ("density", "temperature") if key in meter.values]
-        if given and not np.isnan(self.mass_density).all():
-            raise ConfigurationError(
-                f"{self.name} was measured by mass, and the {given[0]} of its meter {meter.name} has no effect on it; "
-                "remove it, or give the data by volume."
-            )
+
+class ToleratedData(DataSet):
+    """Data each of whose values is judged against a tolerance of its own.
+
+    Attributes
+    ----------
+    tolerances : (n,)
+        Set by the kind, in the units of `measured`.
+    """
+
+    tolerances: Floats
+
+    def errors(self, values: Floats) -> Floats:
+        """(Value − measured)/tolerance of simulated values (…, n)."""
+        return np.asarray((values - self.measured) / self.tolerances)
+
+    def misfit(self, values: Floats) -> Floats:
+        """J of simulated values: Σ 2 (√(1 + r²) − 1) over the errors r: r² for small, 2 |r| for large ones."""
+        return np.asarray(np.sum(2.0 * (np.sqrt(1.0 + self.errors(values) ** 2) - 1.0), axis=-1))
+
+
+def read_labels(data: DataSet) -> None:
+    """Read and check what data sets of all kinds have: texts, role, weight, noise and meter."""
+    for what in ("name", "source", "synthetic"):
+        plain_text(getattr(data, what), f"{what} of the data")
+    weight = number(data.weight, "1", "weight of the data")
+    if not weight > 0.0:
+        raise ConfigurationError(f"The weight of {data.name} must be greater than zero, not {weight:g}.")
+    instance(data.noise, Noise, "noise of the data")
+    if data.noise.relative and data.sigma_unit == "1":
+        raise ConfigurationError(
+            f"The noise of {data.name} has a relative part, which only curves have; state it as the relative part "
+            "of the tolerance."
+        )
+    settle(data, role=chosen(data.role, Role, "role of the data"), weight=weight)
+    if data.meter is None:
+        return
+    meter = instance(data.meter, Meter, "meter of the data")
+    own = [key for key in ("density", "temperature") if key in meter.values]
+    if own and not np.isnan(data.mass_density).all():
+        raise ConfigurationError(
+            f"{data.name} was measured by mass, and the {own[0]} of its meter {meter.name} has no effect on it; "
+            "remove it, or give the data by volume."
+        )
+
+
+def is_metered(data: DataSet, simulator: Simulator) -> bool:
+    """True if the simulated values are seen through a meter that changes them, or may do so."""
+    return data.meter is not None and not (data.meter.neutral and not simulator.varies(data.meter))
+
+
+def widths_of(data: DataSet) -> Floats:
+    """Time [s] that each value counts for, or 1, (n,)."""
+    return np.ones(len(data.measured)) if data.bounds is None else np.diff(data.bounds)
 
 
 def share_of(error: float, level: float) -> float:
@@ -382,12 +399,7 @@ def past_stops(simulator: Simulator, point: OperatingPoint, values: Floats) -> P
     The stops touch at `plunger_needle.stop_lift` and `valve.lift` of each candidate; they give way as springs, so that
     a part that rests on its stop lies beyond it.
 
-    Parameters
-    ----------
-    simulator : Simulator
-    point : OperatingPoint
-    values : (candidates, names)
-        [SI].
+    `values` (candidates, names) in [SI].
     """
     names, own = simulator.of_injector(values)
     prepared = plan.prepare(simulator.injector, [point], simulator.time_step)

@@ -26,10 +26,8 @@ ANY_KIND: UnionType = reduce(or_, (*KINDS.values(), DataSet))  # type: ignore[as
 def find_kind(name: str) -> type[DataSet] | None:
     """Kind of a name, that ships or is installed; None if there is none.
 
-    Raises
-    ------
-    PluginError
-        If that of an installed package cannot be loaded, derives from no `DataSet`, or has another name.
+    Raises `PluginError` if that of an installed package cannot be loaded, derives from no `DataSet`, or has another
+    name.
     """
     part = None if name in KINDS else registry.find("data", name)
     if part is None:
@@ -43,10 +41,7 @@ def find_kind(name: str) -> type[DataSet] | None:
 def kind_of(name: str) -> type[DataSet]:
     """Kind of a name; see `find_kind`.
 
-    Raises
-    ------
-    InputError
-        If there is none: the package that had it is not installed.
+    Raises `InputError` if there is none: the package that had it is not installed.
     """
     if (found := find_kind(name)) is None:
         raise InputError(f'There is no kind of data "{name}"; install the package that has it.')

@@ -3,31 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
-from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import DataSet
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.meters import QUANTITIES, Meter, is_of_meter, parts_of
 
 _UNSTATED = Source("E", "no source stated")
-
-
-class Bounds(Protocol):
-    """Names of free parameters and their bounds [SI]."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Dotted names."""
-
-    @property
-    def lower(self) -> Floats:
-        """Lower bounds."""
-
-    @property
-    def upper(self) -> Floats:
-        """Upper bounds."""
 
 
 def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
@@ -38,23 +21,14 @@ def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
 def with_meters(data: Sequence[DataSet], meters: Iterable[Meter]) -> tuple[DataSet, ...]:
     """Data sets with other meters in place of those with the same names."""
     known = {meter.name: meter for meter in meters}
-    return tuple(d if d.meter is None else d.with_meter(known.get(d.meter.name, d.meter)) for d in data)
+    return tuple(d if d.meter is None else d.changed(meter=known.get(d.meter.name, d.meter)) for d in data)
 
 
-def check_meters(injector: Injector, data: Sequence[DataSet], space: Bounds) -> None:
-    """Refuse meters that contradict each other, the fuel, or the free parameters.
+def check_meters(injector: Injector, data: Sequence[DataSet], limits: Mapping[str, Sequence[float]]) -> None:
+    """Refuse meters that contradict each other, the fuel, or the lower and upper `limits` [SI] of free parameters.
 
-    Parameters
-    ----------
-    injector : Injector
-    data : sequence of DataSet
-    space : Bounds
-
-    Raises
-    ------
-    ConfigurationError
-        If two meters have one name, a temperature leaves the fuel's range, a bound leaves the domain of its quantity,
-        or no data set sees a free quantity.
+    Raises `ConfigurationError` if two meters have one name, a temperature leaves the fuel's range, a bound leaves the
+    domain of its quantity, or no data set depends on a free quantity.
     """
     meters = {meter.name: meter for meter in meters_of(data)}
     for d in data:
@@ -62,13 +36,12 @@ def check_meters(injector: Injector, data: Sequence[DataSet], space: Bounds) -> 
             raise ConfigurationError(
                 f"{d.name} has another meter {d.meter.name} than other data; give the two different names."
             )
-    limits = {name: bounds for name, *bounds in zip(space.names, space.lower, space.upper, strict=True)}
     for name, bounds in limits.items():
         if is_of_meter(name):
-            _check_free(name, [float(bound) for bound in bounds], data)
+            _check_free(name, bounds, data)
     for meter in meters.values():
-        temperatures = [meter.values["temperature"]] if "temperature" in meter.values else []
-        _check_temperatures(meter, [*temperatures, *limits.get(meter.parameter("temperature"), [])], injector)
+        known = [meter.values["temperature"]] if "temperature" in meter.values else []
+        _check_temperatures(meter, [*known, *limits.get(meter.parameter("temperature"), ())], injector)
 
 
 def _check_free(name: str, bounds: Sequence[float], data: Sequence[DataSet]) -> None:
@@ -79,7 +52,7 @@ def _check_free(name: str, bounds: Sequence[float], data: Sequence[DataSet]) -> 
             f"The bounds of {name} are {bounds[0]:g} and {bounds[1]:g} {q.unit.removesuffix('1')}".rstrip()
             + f", and the {q.meaning} must be {q.domain.value}; narrow them."
         )
-    meters = [d.meter for d in data if d.meter is not None and d.meter.name == own and quantity in d.seen]
+    meters = [d.meter for d in data if d.meter is not None and d.meter.name == own and quantity in d.meter_inputs]
     if not meters:
         raise ConfigurationError(
             f"{name} is free, and no data set with the meter {own} depends on its {quantity}; fix it or remove it."

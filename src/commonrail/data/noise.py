@@ -133,10 +133,7 @@ class Noise:
 def uncertain_unit(key: str) -> str:
     """SI unit of a quantity that may be uncertain.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is none of that name.
+    Raises `ConfigurationError` if there is none of that name.
     """
     if key in OF_METER:
         return QUANTITIES[key].unit
@@ -188,33 +185,13 @@ class NoiseModel(FileModel):
     def read(self, unit: str, at: Place) -> Noise:
         """Noise with its numbers in SI units.
 
-        Parameters
-        ----------
-        unit : str
-            SI unit of a standard deviation of the kind's noise.
-        at : Place
-            Of the table.
-
-        Raises
-        ------
-        InputError, ConfigurationError
-            If a number has another unit or makes no sense; the message names the key.
+        `unit`: SI unit of a standard deviation of the kind's noise. Raises `InputError` and `ConfigurationError` if a
+        number has another unit or makes no sense; the message names the key.
         """
         sigma, relative = (None, 0.0) if self.sigma is None else _stated_deviation(self.sigma, unit, at / "sigma")
         discrepancy = _read(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
         with located(at):
-            return Noise(
-                self.law,
-                self.correlation,
-                sigma,
-                self.shots,
-                discrepancy,
-                self.length,
-                self.pressure_length,
-                self.uncertain,
-                self.freedom,
-                relative,
-            )
+            return Noise(**dict(self) | {"sigma": sigma, "relative": relative, "discrepancy": discrepancy})
 
 
 def _stated_deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:

@@ -69,12 +69,7 @@ def relative_error(value: float | None, measured: float) -> float | None:
 def scaled(rows: Sequence[Record], key: str, scale: float) -> Points:
     """Values of the rows for a series; None where there is no number.
 
-    Parameters
-    ----------
-    rows : sequence of Record
-    key : str
-    scale : float
-        Factor on the values.
+    `scale`: factor on the values.
     """
     found = (number(row.get(key)) for row in rows)
     return tuple(None if value is None else value * scale for value in found)

@@ -12,34 +12,20 @@ SEEN = 9.0  # squared standard errors of an autocorrelation, below which it coun
 
 
 class Averaged(NamedTuple):
-    """Means of repeated values.
+    """Means of repeated values."""
 
-    Attributes
-    ----------
-    mean : (points, …)
-    counts : (points,)
-        Values behind each mean.
-    sigma : float or None
-        Standard error of a mean, root mean square over all; None where nothing is repeated.
-    freedom : float
-        Degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one.
-    """
-
-    mean: Floats
-    counts: IndexArray
-    sigma: float | None
+    mean: Floats  # (points, …)
+    counts: IndexArray  # (points,): values behind each mean
+    sigma: float | None  # standard error of a mean, root mean square over all; None where nothing is repeated
+    # degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one
     freedom: float = 0.0
 
 
 def groups_of(places: Floats, same: float) -> list[IndexArray]:
     """Rows of equal places, in the order of their first rows.
 
-    Parameters
-    ----------
-    places : (n, k)
-        Positive coordinates of each row, such as rail pressure and energising time.
-    same : float
-        Relative distance of neighbouring values from which they count as different.
+    `places` (n, k): positive coordinates of each row, such as rail pressure and energising time. `same`: relative
+    distance of neighbouring values from which they count as different.
     """
     codes = np.zeros(len(places), np.intp)
     for column in places.T:
@@ -55,13 +41,7 @@ def groups_of(places: Floats, same: float) -> list[IndexArray]:
 def averaged(values: Floats, groups: list[IndexArray], scale: Floats | float = 1.0) -> Averaged:
     """Means of groups of rows.
 
-    Parameters
-    ----------
-    values : (n, …)
-    groups : list of (k,) array of int
-        Rows of each mean.
-    scale : (n,) or float
-        Unit of the scatter, for each row.
+    `values` is (n, …). `groups`: rows of each mean. `scale` (n,) or float: unit of the scatter, for each row.
     """
     mean = np.array([values[rows].mean(axis=0) for rows in groups])
     counts = np.array([len(rows) for rows in groups], np.intp)
@@ -80,9 +60,7 @@ def averaged(values: Floats, groups: list[IndexArray], scale: Floats | float = 1
 def _live(deviations: Floats, values: Floats) -> Floats:
     """Deviations without the samples of courses that all rows state as exactly zero: these are no samples of the noise.
 
-    Parameters
-    ----------
-    deviations, values : (n, …)
+    Both arrays are (n, …).
     """
     found = (values.reshape(len(values), -1) != 0.0).any(axis=0)
     return deviations if found.all() or not found.any() else deviations.reshape(len(deviations), -1)[:, found]
@@ -94,12 +72,8 @@ def _independent(deviations: Floats, spare: int) -> float:
     All lags with an autocorrelation r_l that is more than chance count: that of a ringing meter passes through zero
     and returns.
 
-    Parameters
-    ----------
-    deviations : (rows, …)
-        Of each course from its mean; numbers count as courses of one sample.
-    spare : int
-        Independent courses among them.
+    The deviations (rows, …) are those of each course from its mean, numbers courses of one sample; `spare` of the
+    courses are independent.
     """
     courses = deviations.reshape(len(deviations), -1)
     n, energy = courses.shape[1], float(np.sum(courses**2))

@@ -39,11 +39,7 @@ class Candidates(NamedTuple):
     def densities(self, points: Sequence[OperatingPoint], given: Mapping[str, Floats] | None = None) -> Floats:
         """Densities [kg/m³] that make volumes of masses, (1 or candidates, points).
 
-        Parameters
-        ----------
-        points : sequence of OperatingPoint
-        given : mapping of str to (candidates,), optional
-            Quantities of a meter with a density or a temperature of its own.
+        `given`: quantities of a meter with a density or a temperature of its own.
         """
         injector = self.simulator.injector
         if given and "density" in given:
@@ -125,17 +121,8 @@ class Simulator:
     ) -> Batch:
         """Figures of candidates at operating points.
 
-        Parameters
-        ----------
-        points : sequence of OperatingPoint
-            What they share with other candidates is prepared once for the same sequence.
-        values : (candidates, names)
-            [SI].
-        precision : Precision, optional
-        misfit : Misfit, optional
-            Samples to compare with.
-        whole : bool
-            As in `Term`.
+        What the points share with other candidates is prepared once for the same sequence. The values are
+        (candidates, names) [SI]; samples of `misfit` are compared with, and `whole` is that of `Term`.
         """
         return simulate_batch(
             self.injector,
@@ -168,13 +155,7 @@ class Simulator:
 
         Candidates that differ in quantities of meters alone are simulated once.
 
-        Parameters
-        ----------
-        point : OperatingPoint
-        values : (candidates, names)
-            [SI].
-        ahead : float
-            Time beyond the point's horizon [s].
+        `values` (candidates, names) in [SI]. `ahead`: time beyond the point's horizon [s].
         """
         if (id(point), ahead) not in self._longer:
             self._longer[id(point), ahead] = self._made_longer(point, ahead)

@@ -60,25 +60,12 @@ class Context(NamedTuple):
     def path(self, file: str, at: Place) -> Path:
         """Path of a file that a table names with the key "file".
 
-        Parameters
-        ----------
-        file : str
-            Its name in the study; `InputError` if it lies where the study may not look.
-        at : Place
-            Of the table.
+        `file`: its name in the study; `InputError` if it lies where the study may not look.
         """
         return self.reach.path(self.reach.file.parent, file, at / "file")
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
-        """File with named columns; see `open_sheet`.
-
-        Parameters
-        ----------
-        file : str
-            As in `path`.
-        at : Place
-        form : FileForm
-        """
+        """File with named columns; see `open_sheet`."""
         return open_sheet(self.path(file, at), form)
 
     def columns(
@@ -86,29 +73,13 @@ class Context(NamedTuple):
     ) -> Table:
         """Columns of a file; see `read_columns`.
 
-        Parameters
-        ----------
-        file : str
-            Its name in the study; `InputError` if it lies where the study may not look.
-        at : Place
-            Of the table that names it with the key "file".
-        wanted : sequence of Column
-        least : int
-            Rows that the file must have.
-        form : FileForm
+        `file`: its name in the study; `InputError` if it lies where the study may not look.
         """
         return read_columns(self.path(file, at), wanted, least, form)
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
-    """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `DataSet.mass_density`.
-
-    Parameters
-    ----------
-    injector : Injector
-    unit : str
-    point : OperatingPoint
-    """
+    """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `DataSet.mass_density`."""
     return reference_density(injector, point) if unit.startswith("kg") else math.nan
 
 

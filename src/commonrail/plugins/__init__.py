@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+# Groups whose shipped parts are in lists of the core, with their names.
+ELSEWHERE = {
+    "data": "commonrail.data.kinds:KINDS",
+    "features": "commonrail.data.features.table:FEATURES",
+    "fuels": "commonrail.readers.fuel:shipped_fuels",
+    "injectors": "commonrail.readers.injector.file:shipped_injectors",
+    "optimisers": "commonrail.calibration.optimisers.registry:shipped_methods",
+    "readers": "commonrail.readers.tables:ENDINGS",
+}
 SHIPPED: dict[str, dict[str, str]] = {
     "results": {
         "comparison.json": "commonrail.report.compare:RESULT",

@@ -15,25 +15,13 @@ from commonrail.base.errors import InputError, nearest
 
 
 class Catalogue(NamedTuple):
-    """Folder of TOML files in the package.
+    """Folder of TOML files in a package."""
 
-    Attributes
-    ----------
-    room, folder : str
-        Package that has the folder, and the folder's name.
-    unknown : str
-        Beginning of the message for a name that is not there, such as ``There is no fuel "{}"``.
-    cure : str
-        End of that message.
-    group : str
-        Of the files of installed packages; empty if there are none.
-    """
-
-    room: str
+    package: str
     folder: str
-    unknown: str
-    cure: str = ", or give the path of a .toml file"
-    group: str = ""
+    unknown: str  # beginning of the message for a name that is not there, such as ``There is no fuel "{}"``
+    cure: str = ", or give the path of a .toml file"  # end of that message
+    group: str = ""  # of the files of installed packages; empty if there are none
 
     def names(self) -> list[str]:
         """All names, those of installed packages behind those that ship."""
@@ -42,13 +30,13 @@ class Catalogue(NamedTuple):
 
     def shipped(self) -> list[str]:
         """Names of the files that ship without ``.toml``, sorted."""
-        files = (entry.name for entry in (resources.files(self.room) / self.folder).iterdir())
+        files = (entry.name for entry in (resources.files(self.package) / self.folder).iterdir())
         return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
 
     def text(self, name: str, hint: str = "") -> str:
         """Text of a file; an unknown name raises `InputError` with `hint`, by default the nearest name."""
         if name in self.shipped():
-            return (resources.files(self.room) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
+            return (resources.files(self.package) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
         if found := installed_text(self.group, name):
             return found
         known = self.names()
@@ -60,16 +48,11 @@ class Catalogue(NamedTuple):
 def installed_text(group: str, name: str) -> str | None:
     """Text of a file of an installed package; None if there is none of that name.
 
-    Raises
-    ------
-    PluginError
-        If it cannot be read.
+    Raises `PluginError` if it cannot be read.
     """
     if (part := registry.find(group, name)) is None:
         return None
     found = part.load()
-    try:
+    with part.blamed("gives no file that can be read"):
         path = found() if callable(found) else found
-        return (Path(path) if isinstance(path, str) else path).read_text(encoding="utf-8")
-    except Exception as error:  # of a function of somebody else
-        raise part.refused(f"gives no file that can be read ({type(error).__name__}: {error})") from error
+        return str((Path(path) if isinstance(path, str) else path).read_text(encoding="utf-8"))

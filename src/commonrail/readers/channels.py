@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.readers.columns import Column, Table, find_column
+from commonrail.readers.columns import Column, Table, find_column, finite
 from commonrail.readers.location import Place
 
 TIME = "time"  # name of the times of whatever channel
@@ -32,11 +32,7 @@ class Channel(NamedTuple):
 class ChannelSheet:
     """Channels as a `Sheet` whose columns are apart.
 
-    Parameters
-    ----------
-    path : Path
-    channels : sequence of Channel
-        A channel whose name occurs several times is named with its group.
+    A channel whose name occurs several times is named with its group.
     """
 
     apart = True
@@ -69,11 +65,7 @@ class ChannelSheet:
         numbers = {c.name: channel.time if c.increasing else channel.values for c in columns}
         given = {c.name: "s" if c.increasing else channel.unit for c in columns}
         table = Table(self.path, numbers, {}, given, np.arange(1, len(channel.time) + 1), row="sample")
-        for each, content in numbers.items():
-            wrong = np.flatnonzero(~np.isfinite(content))
-            if len(wrong):
-                raise table.place(each, int(wrong[0])).error("the value is not a finite number")
-        return table
+        return finite(table, [column._replace(required=True) for column in columns], "the value is not a finite number")
 
 
 def _named(channels: Sequence[Channel]) -> dict[str, Channel]:

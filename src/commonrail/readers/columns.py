@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Protocol
 
+import numpy as np
 from pydantic import AfterValidator, Field
 
 from commonrail.base.arrays import Floats, IndexArray
@@ -22,14 +23,8 @@ from commonrail.readers.location import Place
 class FileForm(NamedTuple):
     """Form of a file, as stated by whoever reads it.
 
-    Attributes
-    ----------
-    encoding : str
-        Of a text; empty for UTF-8.
-    decimal : str
-        Decimal sign of the numbers of a text, "." or ",".
-    sheet : str
-        Of a workbook; empty for the first that is not empty.
+    The encoding and the decimal sign, "." or ",", are those of a text, the sheet that of a workbook; empty ones
+    stand for UTF-8 and for the first sheet that is not empty.
     """
 
     encoding: str = ""
@@ -46,10 +41,7 @@ _NOT_OF_FILES = ("idna", "punycode", "raw-unicode-escape", "undefined", "unicode
 def check_encoding(name: str, at: str) -> str:
     """Return the name of an encoding of texts.
 
-    Raises
-    ------
-    InputError
-        If there is none of that name; `at` is the place where it was stated.
+    Raises `InputError` if there is none of that name; `at` is the place where it was stated.
     """
     if reason := _refusal(name):
         raise InputError(f"{at}: {reason}.")
@@ -181,9 +173,26 @@ class Sheet(Protocol):
         """Content of columns in the units of the file; once only, unless `apart`."""
 
 
+def unit_of(sheet: Sheet, name: str) -> str:
+    """Unit of a column as the file states it; empty if it does not, or the format has no `unit`."""
+    unit = getattr(sheet, "unit", None)
+    return "" if unit is None else str(unit(name))
+
+
 def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:
     """Place of a cell."""
     return Place(str(path), f'{word} {row}, column "{column}"')
+
+
+def finite(table: Table, wanted: Sequence[Column], sentence: str) -> Table:
+    """The table, refused with a sentence at the first number that is not finite; NaN is one where none is required."""
+    for column in wanted:
+        if column.unit:
+            values = table.columns[column.name]
+            wrong = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
+            if len(wrong):
+                raise table.place(column.name, int(wrong[0])).error(sentence)
+    return table
 
 
 def name_and_unit(cell: str) -> tuple[str, str]:
@@ -197,19 +206,8 @@ def name_and_unit(cell: str) -> tuple[str, str]:
 def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -> int:
     """Index of a column among the names of a file.
 
-    Parameters
-    ----------
-    path : Path
-    names : sequence of str
-        Names of the columns, without their units.
-    column : str
-    what : str
-        What the column is for, said where it is missing.
-
-    Raises
-    ------
-    InputError
-        If it is not there, or there twice.
+    `names`: names of the columns, without their units. `what`: what the column is for, said where it is missing. Raises
+    `InputError` if it is not there, or there twice.
     """
     count = names.count(column)
     if count == 1:

@@ -40,22 +40,10 @@ _QUOTED = re.compile(r'"[^"]*"')
 class CsvFile:
     """CSV file, a `Sheet`; its `rows` can be gone through once, and its `comments` are complete then.
 
-    Parameters
-    ----------
-    path : Path
-        Text; cells separated by commas, semicolons or tabs.
-    form : FileForm
-        Encoding and decimal sign.
-    most : int
-        Rows that are read at most.
-    plain : bool
-        Whether the program has written it: commas, comments only above the header, names and texts as they stand.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has no row or too many columns. A row that cannot be read, has more or fewer cells
-        than the header or is one too many is found when its turn comes.
+    The cells of the text are separated by commas, semicolons or tabs; at most `most` rows are read. A `plain` file
+    is one that the program has written: commas, comments only above the header, names and texts as they stand.
+    Raises `InputError` if the file cannot be read, has no row or too many columns. A row that cannot be read, has
+    more or fewer cells than the header or is one too many is found when its turn comes.
     """
 
     def __init__(self, path: Path, form: FileForm = PLAIN, *, most: int = MOST_ROWS, plain: bool = False) -> None:
@@ -76,6 +64,10 @@ class CsvFile:
         self.rows = _checked(path, rows, len(header), most)
         named = [(cell, "") if plain else name_and_unit(cell) for cell in self.header]
         self.names, self._units = (list(parts) for parts in zip(*named, strict=True))
+
+    def unit(self, name: str) -> str:
+        """Unit of a column in the header, empty if there is none."""
+        return str(self._units[self.names.index(name)])
 
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of columns; the other cells are let go at once."""

@@ -1,7 +1,7 @@
 """Types of what stands in the tables of a TOML file: numbers with their units, marks, sources and choices.
 
 A number with its unit is ``Annotated[float, Unit("Pa")]``. Where a file may add mark and source it is
-``Annotated[Number, Stated(quantity)]``, and a table of such numbers ``Annotated[Room, Quantities(known)]``.
+``Annotated[Number, Stated(quantity)]``, and a table of such numbers ``Annotated[ParameterTable, Quantities(known)]``.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _as_table(item: Any) -> Any:
     return item if isinstance(item, dict) else {"value": item}
 
 
-class Room(Sourced):
+class ParameterTable(Sourced):
     """Table of numbers, whose mark and source are those of every number that has none."""
 
     def values(self) -> Values:
@@ -144,13 +144,13 @@ class Room(Sourced):
 
 @dataclass(frozen=True)
 class Quantities:
-    """Type of a `Room` with numbers of these names, units and domains."""
+    """Type of a `ParameterTable` with numbers of these names, units and domains."""
 
     known: Mapping[str, Q]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         numbers: Any = {name: (Annotated[Number, Stated(q)], None) for name, q in self.known.items()}
-        return handler.generate_schema(create_model("Room", __base__=source, **numbers))
+        return handler.generate_schema(create_model("ParameterTable", __base__=source, **numbers))
 
 
 def choice(kind: type[Enum]) -> PlainValidator:

@@ -61,19 +61,7 @@ def _of_catalogue(name: str) -> Fuel:
 def parse_fuel(document: Mapping[str, Any], name: str, where: str) -> Fuel:
     """Return the fuel that a parsed TOML document describes.
 
-    Parameters
-    ----------
-    document : mapping
-        Its tables.
-    name : str
-        Name to give the fuel.
-    where : str
-        File of the document, for messages.
-
-    Raises
-    ------
-    InputError
-        If something is missing, of the wrong type, in another unit, or contradicts the rest.
+    Raises `InputError` if something is missing, of the wrong type, in another unit, or contradicts the rest.
     """
     return read_model(FuelModel, document, Place(where)).fuel(name)
 

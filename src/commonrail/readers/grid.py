@@ -20,7 +20,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import fits
 from commonrail.readers.child.parent import read_apart
-from commonrail.readers.columns import Column, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
 from commonrail.readers.limits import LONGEST_LINE, Shape
 
 LONGEST_NUMBER = 100  # [characters]
@@ -36,42 +36,20 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of a table.
-
-    Attributes
-    ----------
-    path : Path
-    rows : tuple of tuple of str or float
-        Rows of a file without comment lines and empty ones; texts are stripped, numbers are floats.
-    lines : tuple of int
-        Line in the file, or row of the sheet, of each row.
-    said : tuple of str
-        What was taken for encoding, separator, decimal sign and sheet.
-    comments : tuple of str
-    """
+    """Cells of a table without comment lines and empty ones; texts are stripped, numbers are floats."""
 
     path: Path
     rows: tuple[tuple[str | float, ...], ...]
-    lines: tuple[int, ...]
-    said: tuple[str, ...]
+    lines: tuple[int, ...]  # line in the file, or row of the sheet, of each row
+    said: tuple[str, ...]  # what was taken for encoding, separator, decimal sign and sheet
     comments: tuple[str, ...] = ()
 
 
 def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None) -> Grid:
     """Cells of a text table or of a sheet of a workbook (.xlsx).
 
-    Parameters
-    ----------
-    path : Path
-    encoding : str, optional
-        Of a text: "utf-8", "utf-16", "cp1252" …; by default it is detected.
-    sheet : str, optional
-        Of a workbook; by default the first that is not empty.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is too large or holds nothing.
+    The encoding of a text, "utf-8", "utf-16", "cp1252" …, is detected by default; of a workbook the first sheet
+    that is not empty is taken. Raises `InputError` if the file cannot be read, is too large or holds nothing.
     """
     if path.suffix.lower() == ".xlsx":
         return read_sheet(path, sheet)
@@ -82,16 +60,8 @@ def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None)
 def read_sheet(path: Path, sheet: str | None = None) -> Grid:
     """Cells of a sheet of a workbook (.xlsx), read by openpyxl in a child process.
 
-    Parameters
-    ----------
-    path : Path
-    sheet : str, optional
-        By default the first that is not empty.
-
-    Raises
-    ------
-    InputError
-        If it is no workbook, too large, has no such sheet or nothing in it, or openpyxl is not installed.
+    By default the first that is not empty. Raises `InputError` if it is no workbook, too large, has no such sheet
+    or nothing in it, or openpyxl is not installed.
     """
     if find_spec("openpyxl") is None:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
@@ -233,14 +203,7 @@ MOST_ABOVE = 30  # rows in which the header of a table is looked for
 class GridSheet:
     """Columns of a grid, a `Sheet`.
 
-    Parameters
-    ----------
-    grid : Grid
-
-    Raises
-    ------
-    InputError
-        If it has no header.
+    Raises `InputError` if it has no header.
     """
 
     apart = True
@@ -283,6 +246,13 @@ class GridSheet:
             return math.nan
         found = f'"{cell[:40]}" is a text' if cell else "the cell is empty"
         raise cell_place(self.path, line, column.name, "row").error(f"{found}, and a number is expected")
+
+
+class WorkbookSheet(GridSheet):
+    """Columns of a sheet of a workbook (.xlsx); of the form only the sheet counts."""
+
+    def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
+        super().__init__(read_sheet(path, form.sheet or None))
 
 
 def _header(grid: Grid) -> tuple[int, int]:

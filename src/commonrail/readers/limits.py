@@ -21,12 +21,7 @@ ALLOW = "allow_outside"
 class Reach(NamedTuple):
     """Folder that no name may lead out of, unless the file that sets it says so.
 
-    Attributes
-    ----------
-    file : Path
-        File that the user named; what it names lies in its folder or below.
-    outside : bool
-        Whether that file allows other places.
+    What the `file` names, which the user named, lies in its folder or below, unless it allows places `outside`.
     """
 
     file: Path
@@ -35,17 +30,8 @@ class Reach(NamedTuple):
     def path(self, folder: Path, name: str, at: Place) -> Path:
         """Path of a file named in a file of `folder`.
 
-        Parameters
-        ----------
-        folder : Path
-        name : str
-        at : Place
-            Of the name.
-
-        Raises
-        ------
-        InputError
-            If it lies outside, be it by its name or because it is a link, and that is not allowed; or if there is none.
+        Raises `InputError` if it lies outside, be it by its name or because it is a link, and that is not allowed; or
+        if there is none.
         """
         path = folder / name
         if self.outside or self._inside(path):
@@ -88,11 +74,7 @@ def check_columns(where: str, columns: int) -> None:
 class Shape:
     """Rows and cells of a grid, counted while it is read.
 
-    Parameters
-    ----------
-    path : Path
-    word : str
-        For a row, in messages.
+    Messages call a row by the `word`.
     """
 
     def __init__(self, path: Path, word: str = "line") -> None:
@@ -130,17 +112,8 @@ def read_text(path: Path, largest: int) -> str:
 def read_lines(path: Path, largest: int, encoding: str = "") -> Iterator[str]:
     """Lines of a text file of at most `largest` bytes, without their ends; decoded one by one, to save memory.
 
-    Parameters
-    ----------
-    path : Path
-    largest : int
-    encoding : str
-        UTF-8 if empty.
-
-    Raises
-    ------
-    InputError
-        As `read_bytes`, or if a line is too long or not text in that encoding.
+    `encoding`: UTF-8 if empty. Raises `InputError` as `read_bytes`, or if a line is too long or not text in that
+    encoding.
     """
     data = _recoded(path, largest, encoding) if encoding else read_bytes(path, largest)
     for number, ended in enumerate(BytesIO(data), start=1):

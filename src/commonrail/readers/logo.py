@@ -15,17 +15,8 @@ _KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"<s
 def read_logo(path: Path, at: Place) -> str:
     """Picture as a data URI.
 
-    Parameters
-    ----------
-    path : Path
-        PNG, JPEG or SVG of at most `LARGEST_LOGO` bytes.
-    at : Place
-        Of its name in the study.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is too large or is no such picture.
+    It is a PNG, JPEG or SVG of at most `LARGEST_LOGO` bytes, named in the study `at` a place. Raises `InputError`
+    if it cannot be read, is too large or is no such picture.
     """
     content = read_plain(path, LARGEST_LOGO)
     for opening, kind in _KINDS.items():

@@ -44,16 +44,8 @@ Rows = Iterator[tuple[int, list[str]]]
 class LvmFile(ChannelSheet):
     """LabVIEW measurement file of one segment, a `Sheet` whose columns are apart.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Encoding; the header states the decimal sign.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, has several segments, or its header lacks what says where the samples are.
+    `form`: encoding; the header states the decimal sign. Raises `InputError` if it cannot be read, has several
+    segments, or its header lacks what says where the samples are.
     """
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:

@@ -13,10 +13,19 @@ from numpy.typing import NDArray
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.text import counted
+from commonrail.readers.channels import ChannelSheet
 from commonrail.readers.child.parent import read_apart
-from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column
+from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, find_column, finite
 from commonrail.readers.limits import MOST_COLUMNS
-from commonrail.readers.quantity_matrix import KINDS, FoundMap, GivenUnits, kind_of
+from commonrail.readers.quantity_matrix import (
+    KINDS,
+    FoundMap,
+    GivenUnits,
+    filled_points,
+    find_column_map,
+    kind_of,
+    matrix_form,
+)
 
 # Variables of a MAT file, of version 5 to 7 or of version 7.3, which is HDF5; both are read in a child process.
 #
@@ -29,16 +38,8 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 class MatFile:
     """MAT file, a `Sheet`.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Without meaning here.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is beyond a limit, or h5py is needed and not installed.
+    The `form` has no meaning here. Raises `InputError` if it cannot be read, is beyond a limit, or h5py is needed and
+    not installed.
     """
 
     apart = True
@@ -60,8 +61,8 @@ class MatFile:
 
     def unit(self, name: str) -> str:
         """Unit of a variable, empty if the file has none."""
-        room, _, last = name.partition("(")[0].rpartition(".")
-        inside = f"{room}." if room else ""
+        structure, _, last = name.partition("(")[0].rpartition(".")
+        inside = f"{structure}." if structure else ""
         beside = [f"{inside}{last}_unit", f"{inside}units.{last}", f"units.{last}"]
         beside += [f"{inside}unit"] if last in ("value", "values") else []
         return next((self._texts[text].strip(" []") for text in beside if text in self._texts), "")
@@ -74,13 +75,9 @@ class MatFile:
             said = ", ".join(f'"{name}" {length}' for name, length in lengths.items())
             raise InputError(f"{self.path}: the variables have different numbers of values: {said}.")
         numbers = {name: self._columns[name].astype(np.float64) for name in names}
-        for column, name in zip(columns, names, strict=True):
-            wrong = np.flatnonzero(~np.isfinite(numbers[name]) if column.required else np.isinf(numbers[name]))
-            if len(wrong):
-                at = cell_place(self.path, int(wrong[0]) + 1, name, "value")
-                raise at.error("this is not a finite number")
         rows = np.arange(1, 1 + next(iter(lengths.values()), 0))
-        return Table(self.path, numbers, {}, {name: self.unit(name) for name in names}, rows, row="value")
+        table = Table(self.path, numbers, {}, {name: self.unit(name) for name in names}, rows, row="value")
+        return finite(table, columns, "this is not a finite number")
 
 
 def _columns(arrays: dict[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -89,6 +86,16 @@ def _columns(arrays: dict[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[Any
             yield name, array
         elif array.ndim == 2 and array.shape[1] <= MOST_COLUMNS:
             yield from ((f"{name}(:,{i + 1})", array[:, i]) for i in range(array.shape[1]))
+
+
+def map_in(sheet: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of a file with named columns or variables; units that are `given` count before those of the file.
+
+    Raises `InputError` if none is found, or the columns have times of their own.
+    """
+    if isinstance(sheet, ChannelSheet):
+        raise InputError(f"{sheet.path}: each channel of this record has its own times, so that it holds no map.")
+    return find_mat_map(sheet, given) if isinstance(sheet, MatFile) else find_column_map(sheet, given)
 
 
 # Last parts of names, where several variables have a unit of the kind or none has.
@@ -102,16 +109,8 @@ _NAMES = {
 def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of the variables of a MAT file, by their units and names.
 
-    Parameters
-    ----------
-    file : MatFile
-    given : GivenUnits
-        They count before those of the file.
-
-    Raises
-    ------
-    InputError
-        If none is found, several are, or a unit is missing.
+    Units that are `given` count before those of the file. Raises `InputError` if none is found, several are, or a unit
+    is missing.
     """
     stated = given.by_kind()
     names = {kind: _variable(file, kind, 2 if kind == "quantity" else 1) for kind in KINDS}
@@ -132,23 +131,9 @@ def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
             f'{file.path}: "{names["quantity"]}" is {cells.shape[0]} × {cells.shape[1]}, and there are '
             f"{counted(len(rail), 'rail pressure')} and {counted(len(time), 'energising time')}."
         )
-    pressure, moments = np.repeat(rail, len(time)), np.tile(time, len(rail))
-    filled = np.isfinite(cells).ravel()
-    if not filled.any():
-        raise InputError(f'{file.path}: the map holds no quantity; "{names["quantity"]}" has no finite number.')
-    other = "across" if way == "down" else "down"
     said = [f'variables "{names["rail pressure"]}", "{names["energising time"]}" and "{names["quantity"]}"']
-    if empty := int(cells.size - filled.sum()):
-        said.append(f"{empty} without a quantity omitted")
-    return FoundMap(
-        f"a matrix with rail pressures {way} and energising times {other}",
-        pressure[filled],
-        moments[filled],
-        cells.ravel()[filled],
-        units,
-        tuple(said),
-        np.flatnonzero(filled) + 1,
-    )
+    points = np.repeat(rail, len(time)), np.tile(time, len(rail)), cells.ravel(), np.arange(1, cells.size + 1)
+    return filled_points(file.path, matrix_form(way), points, units, said)
 
 
 def _variable(file: MatFile, kind: str, dimensions: int) -> str:

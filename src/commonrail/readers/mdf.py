@@ -21,16 +21,8 @@ from commonrail.readers.columns import PLAIN, FileForm
 class MdfFile(ChannelSheet):
     """MDF record, a `Sheet` whose columns are apart.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Without meaning here.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is beyond a limit, or asammdf is not installed.
+    The `form` has no meaning here. Raises `InputError` if it cannot be read, is beyond a limit, or asammdf is not
+    installed.
     """
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:

@@ -45,20 +45,9 @@ class NamedPoint(NamedTuple):
 class ColumnPattern:
     """Pattern such as ``{p}bar_{et}us`` or ``{p} MPa, {et} us, shot {shot}``.
 
-    Parameters
-    ----------
-    text : str
-        ``{p}`` or ``{rail_pressure}``, ``{et}`` or ``{energising_time}``, and ``{shot}``; the unit stands behind the
-        number, or is stated.
-    stated : dict of str to str
-        Units by SI unit, "Pa" and "s".
-    at : Place
-        Of the pattern.
-
-    Raises
-    ------
-    InputError
-        If the pattern has no placeholder, an unknown one or one twice, or a number has no unit.
+    `text`: ``{p}`` or ``{rail_pressure}``, ``{et}`` or ``{energising_time}``, and ``{shot}``; the unit stands behind
+    the number, or is stated. `stated`: units by SI unit, "Pa" and "s". Raises `InputError` if the pattern has no
+    placeholder, an unknown one or one twice, or a number has no unit.
     """
 
     def __init__(self, text: str, stated: dict[str, str], at: Place) -> None:
@@ -149,38 +138,19 @@ _SI = {"rail pressure": "Pa", "energising time": "s"}
 
 
 class WideTable(NamedTuple):
-    """Traces of a table.
+    """Traces of a table."""
 
-    Attributes
-    ----------
-    table : Table
-        In SI units: the time and the traces, which are named "trace 1" and so on.
-    names : tuple of str
-        Of the traces.
-    points : dict of str to (traces,)
-        "rail pressure" [Pa] and "energising time" [s], where the table states them.
-    """
-
-    table: Table
-    names: tuple[str, ...]
-    points: dict[str, Floats]
+    table: Table  # in SI units: the time and the traces, which are named "trace 1" and so on
+    names: tuple[str, ...]  # of the traces
+    points: dict[str, Floats]  # "rail pressure" [Pa] and "energising time" [s], where the table states them
 
 
 def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
     """Traces of a table with operating points above.
 
-    Parameters
-    ----------
-    grid : Grid
-    time : str
-        Name that the column of times shall have; it is the first column.
-    stated : dict of str to str
-        Units that the file does not give: "rail pressure", "energising time", "time" and "rate".
-
-    Raises
-    ------
-    InputError
-        If there are no such rows, or a unit is missing.
+    `time`: name that the column of times shall have; it is the first column. `stated`: units that the file does not
+    give: "rail pressure", "energising time", "time" and "rate". Raises `InputError` if there are no such rows, or a
+    unit is missing.
     """
     points, start = _points(grid, stated)
     if not points:

@@ -14,7 +14,7 @@ from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE, read_plain
 from commonrail.readers.child.parent import read_apart
-from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, finite, name_and_unit
 from commonrail.readers.limits import Groups
 
 LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
@@ -50,18 +50,8 @@ class _Column(NamedTuple):
 class ParquetFile:
     """Parquet file, a `Sheet` and a table of a fleet.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Without meaning here.
-    largest : int
-        Bytes that the file may have.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is beyond a limit, or pyarrow is not installed.
+    The `form` has no meaning here. `largest`: bytes that the file may have. Raises `InputError` if it cannot be read,
+    is beyond a limit, or pyarrow is not installed.
     """
 
     apart = True
@@ -95,13 +85,10 @@ class ParquetFile:
                 continue
             if (values := self._columns[i].numbers()) is None:
                 raise cell_place(self.path, 1, column.name, "row").error("the column holds no numbers")
-            wrong = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
-            if len(wrong):
-                at = cell_place(self.path, int(wrong[0]) + 1, column.name, "row")
-                raise at.error("there is no finite number, and one is expected")
             numbers[column.name] = values
         given = {column.name: name_and_unit(self.header[i])[1] for column, i in zip(columns, places, strict=True)}
-        return Table(self.path, numbers, texts, given, rows, row="row")
+        table = Table(self.path, numbers, texts, given, rows, row="row")
+        return finite(table, columns, "there is no finite number, and one is expected")
 
     def groups(self, columns: Sequence[int]) -> Groups:
         """Rows by the texts in columns."""

@@ -10,20 +10,21 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.units import compatible, convert, fits
-from commonrail.readers.columns import Column
+from commonrail.readers.columns import Column, Sheet, unit_of
 from commonrail.readers.grid import Grid, numbers_of
-from commonrail.readers.parquet import ParquetFile
 
 MOST_HEADER = 30  # rows in which the header of a table is looked for
 BAND = "_band_"  # in the names of columns that hold an edge of a band beside the quantity
 
 KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
+FORM = "a table with a row for each point"
 SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
 
 # A unit in brackets, or after "in" or "/" at the end of a text.
@@ -46,29 +47,15 @@ class GivenUnits:
 
 @dataclass(frozen=True)
 class FoundMap:
-    """Map found in a table, in the units of the file.
+    """Map found in a table, in the units of the file."""
 
-    Attributes
-    ----------
-    form : str
-        What the table was taken for.
-    rail_pressure, energising_time, quantity : (n,)
-        In `units`.
-    units : dict of str to str
-        By the names of `KINDS`.
-    said : tuple of str
-        What else was taken or omitted.
-    lines : (n,)
-        Line of the file, or row of the sheet, of each point.
-    """
-
-    form: str
-    rail_pressure: Floats
+    form: str  # what the table was taken for
+    rail_pressure: Floats  # (n,) in `units`, as the next two
     energising_time: Floats
     quantity: Floats
-    units: dict[str, str]
-    said: tuple[str, ...]
-    lines: IndexArray
+    units: dict[str, str]  # by the names of `KINDS`
+    said: tuple[str, ...]  # what else was taken or omitted
+    lines: IndexArray  # (n,): line of the file, or row of the sheet, of each point
 
     @property
     def by_mass(self) -> bool:
@@ -79,16 +66,7 @@ class FoundMap:
 def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of a table.
 
-    Parameters
-    ----------
-    grid : Grid
-    given : GivenUnits
-        They count before those of the file.
-
-    Raises
-    ------
-    InputError
-        If none is found, or a unit is missing.
+    Units that are `given` count before those of the file. Raises `InputError` if none is found, or a unit is missing.
     """
     for i, header in enumerate(grid.rows[:MOST_HEADER]):
         columns = _columns(header, given)
@@ -157,7 +135,7 @@ def _long(grid: Grid, start: int, columns: dict[str, tuple[int, str]]) -> FoundM
     pressure, time, quantity = np.array(rows, float).T
     units = {kind: unit for kind, (_, unit) in columns.items()}
     said = (*grid.said, *_omitted(empty))
-    return FoundMap("a table with a row for each point", pressure, time, quantity, units, said, np.array(lines))
+    return FoundMap(FORM, pressure, time, quantity, units, said, np.array(lines))
 
 
 def _omitted(empty: int) -> list[str]:
@@ -181,17 +159,34 @@ def _matrix(grid: Grid, start: int, given: GivenUnits) -> FoundMap:
     units, order = _units(grid, start, given)
     turned = _pressures_across(grid, axes, units, order)
     down, right = (np.repeat(axes[0], width), np.tile(axes[1], len(axes[0])))
-    filled = np.isfinite(cells).ravel()
-    if not filled.any():
-        raise InputError(f"{grid.path}: the map holds no quantity; all its cells are empty.")
     pressure, time = (right, down) if turned else (down, right)
-    empty = int(cells.size - filled.sum())
-    said = (*grid.said, *_omitted(empty))
-    form = f"a matrix with rail pressures {'across' if turned else 'down'} and energising times " + (
-        "down" if turned else "across"
-    )
     lines = np.repeat([line for line, _ in body], width)
-    return FoundMap(form, pressure[filled], time[filled], cells.ravel()[filled], units, said, lines[filled])
+    points = pressure, time, cells.ravel(), lines
+    return filled_points(grid.path, matrix_form("across" if turned else "down"), points, units, grid.said)
+
+
+def matrix_form(way: str) -> str:
+    """Form of a matrix whose rail pressures run `way`, "down" or "across"."""
+    return f"a matrix with rail pressures {way} and energising times {'across' if way == 'down' else 'down'}"
+
+
+def filled_points(
+    path: Path,
+    form: str,
+    points: tuple[Floats, Floats, Floats, IndexArray],
+    units: dict[str, str],
+    said: Sequence[str],
+) -> FoundMap:
+    """Map of the points whose quantity is not NaN; `InputError` if there is none.
+
+    `points` are rail pressures, energising times and quantities (n,) in `units`, and the line of each.
+    """
+    pressure, time, quantity, lines = points
+    filled = np.isfinite(quantity)
+    if not filled.any():
+        raise InputError(f"{path}: the map holds no quantity; all its cells are empty.")
+    said = (*said, *_omitted(int(np.count_nonzero(~filled))))
+    return FoundMap(form, pressure[filled], time[filled], quantity[filled], units, said, lines[filled])
 
 
 def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], list[str]]:
@@ -248,41 +243,28 @@ def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, 
 
 # Quantity map in the columns of a file with named and typed columns, found by their units whatever their names.
 
-FORM = "a table with a row for each point"
 
-
-def find_column_map(file: ParquetFile, given: GivenUnits = GivenUnits()) -> FoundMap:
+def find_column_map(file: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of a file whose columns state their units.
 
-    Parameters
-    ----------
-    file : ParquetFile
-    given : GivenUnits
-        They count before those of the file.
-
-    Raises
-    ------
-    InputError
-        If not exactly one column has a unit of each kind, or a cell of them holds no number.
+    Units that are `given` count before those of the file. Raises `InputError` if not exactly one column has a unit of
+    each kind, or a cell of them holds no number.
     """
     names = {kind: _column(file, kind) for kind in KINDS}
     stated = given.by_kind()
-    units = {kind: stated[kind] or file.unit(name) for kind, name in names.items()}
+    units = {kind: stated[kind] or unit_of(file, name) for kind, name in names.items()}
     wanted = [Column(name, "1", required=kind != "quantity") for kind, name in names.items()]
     table = file.take(wanted)
     pressure, time, quantity = (table.columns[name] for name in names.values())
-    filled = np.isfinite(quantity)
-    if not filled.any():
-        raise InputError(f'{file.path}: the map holds no quantity; "{names["quantity"]}" has no finite number.')
     said = ["columns " + ", ".join(f'"{name}"' for name in names.values())]
-    if empty := int(filled.size - filled.sum()):
-        said.append(f"{empty} without a quantity omitted")
-    return FoundMap(FORM, pressure[filled], time[filled], quantity[filled], units, tuple(said), table.rows[filled])
+    return filled_points(file.path, FORM, (pressure, time, quantity, table.rows), units, said)
 
 
-def _column(file: ParquetFile, kind: str) -> str:
+def _column(file: Sheet, kind: str) -> str:
     """Name of the only column with a unit of a kind."""
-    found = [name for name in file.names if BAND not in name and (unit := file.unit(name)) and kind_of(unit) == kind]
+    found = [
+        name for name in file.names if BAND not in name and (unit := unit_of(file, name)) and kind_of(unit) == kind
+    ]
     if len(found) == 1:
         return found[0]
     raise InputError(

@@ -18,13 +18,12 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import convert, fits, to_text
 from commonrail.readers.channels import TIME, ChannelSheet
-from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet
+from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, unit_of
 from commonrail.readers.grid import Grid, GridSheet, read_grid
-from commonrail.readers.mat import MatFile, find_mat_map
+from commonrail.readers.mat import map_in
 from commonrail.readers.operating_points import find_traces, pattern_of
-from commonrail.readers.parquet import ParquetFile
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_column_map, find_map
-from commonrail.readers.tables import installed_sheet, open_sheet
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map
+from commonrail.readers.tables import is_grid, open_sheet
 
 # Channels of a data file, and the block of a study that reads a rate of injection among them.
 
@@ -51,28 +50,15 @@ _SET = re.compile(r"set|soll|cmd|nominal", re.I)
 
 
 class Channel(NamedTuple):
-    """A column or channel of a file.
-
-    Attributes
-    ----------
-    name, unit : str
-        Unit of the file.
-    size : int
-    low, high : float
-        Smallest and largest value, in that unit.
-    step : float, optional
-        Median time between samples [s], of a channel with times of its own.
-    times : (float, float), optional
-        Its first and last time [s].
-    """
+    """A column or channel of a file."""
 
     name: str
-    unit: str
+    unit: str  # of the file
     size: int
-    low: float
+    low: float  # smallest value, in that unit
     high: float
-    step: float | None = None
-    times: tuple[float, float] | None = None
+    step: float | None = None  # median time between samples [s], of a channel with times of its own
+    times: tuple[float, float] | None = None  # its first and last time [s]
 
     @property
     def kind(self) -> str:
@@ -93,7 +79,7 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
     found = []
     unread: dict[str, str] = {}
     for name in sheet.names:
-        unit = str(sheet.unit(name)) if hasattr(sheet, "unit") else ""
+        unit = unit_of(sheet, name)
         wanted = [Column(name, "1", required=False)]
         try:
             table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
@@ -155,12 +141,8 @@ def _times(channel: Channel) -> tuple[float, float]:
 def zero_of(times: tuple[float, float], size: int) -> dict[str, str]:
     """Key of a block with the time of the file at which energising starts: 0, where the file's times hold it.
 
-    Parameters
-    ----------
-    times : (float, float)
-        First and last one [s].
-    size : int
-        Number of samples; the first one may end, rather than begin, at its time.
+    `times` are the first and the last one [s]. `size`: number of samples; the first one may end, rather than begin, at
+    its time.
     """
     first, last = times
     interval = (last - first) / max(size - 1, 1)
@@ -184,53 +166,26 @@ def _names(channels: Sequence[Channel]) -> str:
     return " and ".join(f'"{c.name}"' for c in channels[:4]) + (" and others" if len(channels) > 4 else "")
 
 
-OF_CHANNELS = (".mf4", ".mdf", ".lvm", ".mat", ".parquet", ".pq")
-
-
 @dataclass(frozen=True)
 class Survey:
-    """Content of a data file.
-
-    Attributes
-    ----------
-    path : Path
-    taken_for : str
-    facts : dict of str to str
-        Channels, axes and ranges.
-    said : str
-        What was detected of the file's form.
-    block : dict of str to object
-        Keys of a block of a study that reads the file; empty if it is no data of a study. `UNKNOWN` stands for what
-        must be stated.
-    found : FoundMap or None
-        Quantity map of the file.
-    """
+    """Content of a data file."""
 
     path: Path
     taken_for: str
-    facts: dict[str, str]
-    said: str = ""
+    facts: dict[str, str]  # channels, axes and ranges
+    said: str = ""  # what was detected of the file's form
+    # keys of a block that reads the file, none if it is no data of a study; `UNKNOWN` stands for what must be stated
     block: dict[str, Any] = field(default_factory=dict)
-    found: FoundMap | None = None
+    found: FoundMap | None = None  # quantity map of the file
 
 
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
     """Find out the content of a data file.
 
-    Parameters
-    ----------
-    path : Path
-    form : FileForm
-        Encoding and sheet, where they are stated; the decimal sign is detected.
-    given : GivenUnits
-        Units of a map that its file does not give.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
+    `form`: encoding and sheet, where they are stated; the decimal sign is detected. `given`: units of a map that its
+    file does not give. Raises `InputError` if the file cannot be read.
     """
-    if path.suffix.lower() in OF_CHANNELS or installed_sheet(path):
+    if not is_grid(path):
         form = _detected(path, form)
         found = _of_channels(path, open_sheet(path, form), given)
         if path.suffix.lower() != ".lvm" or not form.encoding:
@@ -316,10 +271,9 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     """Survey of a file with named channels."""
     channels, unread = channels_of(sheet)
     facts = {channel.name: channel.text() for channel in channels} | unread
-    if isinstance(sheet, MatFile | ParquetFile):
+    if not isinstance(sheet, ChannelSheet | GridSheet):
         try:
-            own = find_mat_map(sheet, given) if isinstance(sheet, MatFile) else find_column_map(sheet, given)
-            found = _of_map(path, own, PLAIN, given)
+            found = _of_map(path, map_in(sheet, given), PLAIN, given)
             return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
         except InputError as error:
             facts["no map"] = str(error).removeprefix(f"{path}: ")

@@ -7,36 +7,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from commonrail.base import registry
-from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.errors import InputError
 from commonrail.base.units import NAMES, compatible, convert
 from commonrail.physics.parameters import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
 from commonrail.readers.csv import CsvFile
+from commonrail.readers.grid import WorkbookSheet
 from commonrail.readers.location import Place, located
 from commonrail.readers.lvm import LvmFile
 from commonrail.readers.mat import MatFile
 from commonrail.readers.mdf import MdfFile
 from commonrail.readers.parquet import ParquetFile
-from commonrail.readers.workbook import WorkbookSheet
 
 LEAST_SAMPLES = 4
 
 # Format of a file by the end of its name; all else is CSV.
-_SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
-    ".xlsx": WorkbookSheet,
-    ".mf4": MdfFile,
-    ".mdf": MdfFile,
-    ".lvm": LvmFile,
-    ".mat": MatFile,
-    ".parquet": ParquetFile,
-    ".pq": ParquetFile,
+SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
+    "xlsx": WorkbookSheet,
+    "mf4": MdfFile,
+    "mdf": MdfFile,
+    "lvm": LvmFile,
+    "mat": MatFile,
+    "parquet": ParquetFile,
+    "pq": ParquetFile,
 }
-_OWN = ("", ".csv", ".txt", ".tsv", *_SHEETS)  # installed packages are not searched for their endings
-_UNREAD = {".nc": "NetCDF", ".xls": "old Excel", ".tdms": "TDMS"}
+ENDINGS = ("", "csv", "txt", "tsv", *SHEETS)  # installed packages are not searched for these
+_UNREAD = {"nc": "NetCDF", "xls": "old Excel", "tdms": "TDMS"}
 
 
 def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
@@ -61,15 +62,7 @@ def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLE
 
 
 def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
-    """Named columns of an open file in SI units; see `read_columns`.
-
-    Parameters
-    ----------
-    sheet : Sheet
-    wanted : sequence of Column
-    least : int
-        Rows that the file must have.
-    """
+    """Named columns of an open file in SI units; see `read_columns`."""
     path, table = sheet.path, sheet.take(wanted)
     if len(table.rows) < least:
         raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
@@ -91,34 +84,32 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
 def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
     """File with named columns, of the format that its ending tells, also of an installed package; all else is CSV.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, or its format is not.
+    Raises `InputError` if it cannot be read, or its format is not.
     """
-    suffix = path.suffix.lower()
+    ending = _ending(path)
     if part := installed_sheet(path):
-        return _opened(part, path, form)
-    if suffix in _UNREAD:
-        raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
-    opener: Callable[[Path, FileForm], Sheet] = _SHEETS.get(suffix, CsvFile)
-    return opener(path, form)
+        opener = part.load()
+        with part.blamed(f"fails on {path}"):
+            return cast(Sheet, opener(path, form))
+    if ending in _UNREAD:
+        raise InputError(f"{path}: {_UNREAD[ending]} files are not read; export the columns to a CSV file.")
+    return SHEETS.get(ending, CsvFile)(path, form)
 
 
 def installed_sheet(path: Path) -> registry.Entry | None:
     """Format of an installed package that the file's ending tells; none where one that ships has it."""
-    suffix = path.suffix.lower()
-    return None if suffix in _OWN else registry.find("readers", suffix.removeprefix("."))
+    ending = _ending(path)
+    return None if ending in ENDINGS else registry.find("readers", ending)
 
 
-def _opened(part: registry.Entry, path: Path, form: FileForm) -> Sheet:
-    opener: Callable[[Path, FileForm], Sheet] = part.load()
-    try:
-        return opener(path, form)
-    except CommonrailError:
-        raise
-    except Exception as error:  # of a class of somebody else
-        raise part.refused(f"fails on {path} ({type(error).__name__}: {error})") from error
+def is_grid(path: Path) -> bool:
+    """True if a file holds cells, in which a table may stand anywhere: a text or a workbook, not named columns."""
+    return SHEETS.get(_ending(path), WorkbookSheet) is WorkbookSheet and not installed_sheet(path)
+
+
+def _ending(path: Path) -> str:
+    """Ending of a file's name in small letters, without its point."""
+    return path.suffix.lower().removeprefix(".")
 
 
 def _example(column: Column) -> str:

@@ -26,18 +26,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 def read_model(kind: type[_Model], document: Mapping[str, Any], at: Place) -> _Model:
     """Check the tables of a file.
 
-    Parameters
-    ----------
-    kind : type
-        Model of the file.
-    document : mapping
-        Its tables.
-    at : Place
-
-    Raises
-    ------
-    InputError
-        The first fault; the message has the dotted key.
+    Raises `InputError` for the first fault; the message has the dotted key.
     """
     if "format" in kind.model_fields:
         at.check_format(document, get_args(kind.model_fields["format"].annotation)[0])
@@ -116,10 +105,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     """Tables and text of a TOML file.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read or `parse_toml` refuses it.
+    Raises `InputError` if it cannot be read or `parse_toml` refuses it.
     """
     text = read_text(path, LARGEST_TOML)
     return parse_toml(text, str(path)), text
@@ -128,10 +114,8 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
 def parse_toml(text: str, where: str) -> dict[str, Any]:
     """Tables of a TOML text.
 
-    Raises
-    ------
-    InputError
-        If it is not TOML, or a line, key, text or number in it is beyond its limit; the message has line or key.
+    Raises `InputError` if it is not TOML, or a line, key, text or number in it is beyond its limit; the message has
+    line or key.
     """
     _check_lines(text, where)
     try:
@@ -215,38 +199,19 @@ _FileContent = TypeVar("_FileContent", bound=FileModel)
 
 
 class ModelFile(NamedTuple, Generic[_FileContent]):
-    """Content of a file.
-
-    Attributes
-    ----------
-    model : FileModel
-    at : Place
-        The file, for messages.
-    reach : Reach
-        Where the files that it names may lie.
-    text : str
-        The file as given.
-    """
+    """Content of a file."""
 
     model: _FileContent
-    at: Place
-    reach: Reach
-    text: str
+    at: Place  # the file, for messages
+    reach: Reach  # where the files that it names may lie
+    text: str  # the file as given
 
 
 def read_model_file(kind: type[_FileContent], file: Path) -> ModelFile[_FileContent]:
     """Read and check a file.
 
-    Parameters
-    ----------
-    kind : type
-        Model of the file, with the key `allow_outside`.
-    file : Path
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or something in it is unknown, missing or of the wrong kind.
+    `kind`: model of the file, with the key `allow_outside`. Raises `InputError` if it cannot be read, or something in
+    it is unknown, missing or of the wrong kind.
     """
     document, text = read_toml(file)
     at = Place(str(file))

@@ -40,12 +40,7 @@ def inline_table(values: Mapping[str, Any]) -> str:
 def table_lines(path: str, values: Mapping[str, Any]) -> Iterator[str]:
     """Lines of a table and of those in it, each below an empty line.
 
-    Parameters
-    ----------
-    path : str
-        Its dotted key.
-    values : mapping
-        Texts, numbers, lists, and behind them mappings.
+    The path is its dotted key; behind texts, numbers and lists the values hold mappings.
     """
     yield ""
     yield f"[{path}]"

@@ -18,11 +18,11 @@ from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
 from commonrail.data.feature_targets.data import FeatureData
 from commonrail.data.features.features import features
-from commonrail.data.features.measures import FEATURES
 from commonrail.data.features.rate_trace import rate_trace
 from commonrail.data.features.result import Features, unit_of
 from commonrail.data.features.settings import FeatureSettings
 from commonrail.data.features.shots import ShotStatistic
+from commonrail.data.features.table import features_of_traces
 from commonrail.data.records import MEASURED
 from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.runs.folder import read_fit, read_run
@@ -113,7 +113,7 @@ def write_features(path: Path, found: Mapping[str, Features]) -> None:
         If it cannot be written.
     """
     (unit,) = {one.unit for one in found.values()}
-    units = {name: field_unit(unit_of(name, unit)) for name in FEATURES}
+    units = {name: field_unit(unit_of(name, unit)) for name in features_of_traces()}
     header = [
         "trace",
         "injection",
@@ -125,7 +125,7 @@ def write_features(path: Path, found: Mapping[str, Features]) -> None:
     def rows() -> Iterator[list[str]]:
         for trace, one in found.items():
             if not one.injections:
-                yield [trace, "", "", *[""] * len(FEATURES), one.status.value]
+                yield [trace, "", "", *[""] * len(units), one.status.value]
             for i, injection in enumerate(one.injections, start=1):
                 values = (_text(injection.values[name], shown) for name, shown in units.items())
                 status = "; ".join(status.value for status in injection.statuses) or "ok"
@@ -151,7 +151,7 @@ def write_compared(path: Path, found: Sequence[ComparedFeatures]) -> None:
     def rows() -> Iterator[list[str]]:
         for one in found:
             for i in range(1, len(one.measured.energisings) + 1):
-                for name in FEATURES:
+                for name in features_of_traces():
                     shown = field_unit(unit_of(name))
                     pair = one.measured.value(name, i), one.simulated.value(name, i)
                     texts = (_text(value, shown) for value in (*pair, pair[1] - pair[0]))

@@ -42,7 +42,7 @@ def found(study: cr.Study) -> cr.Certainty:
 
 
 def with_noise(study: cr.Study, noise: Noise) -> cr.Study:
-    return replace(study, data=tuple(one.with_noise(noise) for one in study.data))
+    return replace(study, data=tuple(one.changed(noise=noise) for one in study.data))
 
 
 def test_the_example_is_known_to_the_size_of_its_noise(found: cr.Certainty) -> None:
@@ -124,12 +124,12 @@ def test_what_a_filter_leaves_of_zero_is_no_noise(study: cr.Study) -> None:
     meter = Meter("tube", {"cutoff": "20 kHz"}, "zero-phase")
     simulator = Simulator(study.injector, study.space.names, study.time_step, 1)
     point = np.array([list(TRUTH.values())])
-    shown = curve.with_meter(meter).simulated(simulator, point)[0]  # type: ignore[attr-defined]
+    shown = curve.changed(meter=meter).simulated(simulator, point)[0]  # type: ignore[attr-defined]
     quiet = int(np.argmax(np.abs(shown) > 1e-9 * shown.max()))
     assert quiet > 5
     assert (shown[:quiet] != 0.0).any()
     noisy[:quiet] = 0.0
-    metered = replace(curve, rate=noisy).with_meter(meter)  # type: ignore[call-arg]
+    metered = replace(curve, rate=noisy).changed(meter=meter)  # type: ignore[call-arg]
     errors = cr.Likelihood.of(replace(study, data=(metered,)), 1).residuals(point)[0]
     assert np.count_nonzero(errors) == len(errors) - quiet
     assert (errors[:quiet] == 0.0).all()

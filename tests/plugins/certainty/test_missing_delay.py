@@ -118,7 +118,7 @@ def test_a_stated_delay_that_the_first_search_does_not_find_is_no_finding() -> N
 def test_a_free_delay_is_not_missing(undelayed: tuple[Bench, Estimate]) -> None:
     bench, found = undelayed
     parameter = cr.Parameter("meter.bench.delay", 0.0, -5e-6, 5e-6, "s", mark="E", source="test")
-    curve = bench.study.data[0].with_meter(cr.Meter("bench"))
+    curve = bench.study.data[0].changed(meter=cr.Meter("bench"))
     study = replace(bench.study, data=(curve,), space=cr.Space([*bench.study.space.parameters, parameter]))
     own = Likelihood.of(study, 1)
     free = replace(found, likelihood=own.with_noises(found.likelihood.noises))

@@ -55,7 +55,7 @@ def test_friction_of_the_model_or_of_a_statement_is_not_missing() -> None:
     with_some = bench.study.injector.with_values({"plunger_needle.viscous": 1.0})
     assert missing_friction(replace(bench.study, injector=with_some), found, 1) is None
     (curve,) = bench.study.data
-    stated = replace(bench.study, data=(curve.with_noise(Noise(uncertain=FRICTION)),))
+    stated = replace(bench.study, data=(curve.changed(noise=Noise(uncertain=FRICTION)),))
     assert missing_friction(stated, estimate_at_truth(stated, found), 1) is None
 
 

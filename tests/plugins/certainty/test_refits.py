@@ -76,7 +76,7 @@ def test_the_longer_move_gives_the_signs_where_both_sides_bend_alike() -> None:
 def test_a_temperature_of_one_data_set_leaves_the_others_as_they_are() -> None:
     bench = Benches(BEDS["curve and map"]).bench(0)
     curve, quantities = bench.study.data
-    uncertain = curve.with_noise(Noise(uncertain={"fuel_temperature": 5.0}))
+    uncertain = curve.changed(noise=Noise(uncertain={"fuel_temperature": 5.0}))
     own = Likelihood.of(replace(bench.study, data=(uncertain, quantities)), 1)
     plain = own.residuals(bench.truth[None])[0]
     of_curve, of_map = (block.rows for block in own.blocks)

@@ -100,7 +100,7 @@ def bench(benches: Benches) -> Bench:
 
 def test_friction_about_zero_has_one_side_and_a_delay_has_two(bench: Bench) -> None:
     (curve,) = bench.study.data
-    both = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"delay": 1e-6, **FRICTION})),))
+    both = replace(bench.study, data=(curve.changed(noise=Noise(uncertain={"delay": 1e-6, **FRICTION})),))
     assert set(one_sided(both)) == set(FRICTION)
     with_some = both.injector.with_values({"plunger_needle.friction": 10.0})
     assert one_sided(replace(both, injector=with_some)) == ("plunger_needle.viscous",)
@@ -113,7 +113,7 @@ def test_friction_about_zero_has_one_side_and_a_delay_has_two(bench: Bench) -> N
 def test_a_value_near_an_end_has_one_side_as_far_as_that_end(bench: Bench) -> None:
     """Friction of 1 N ± 2 N is 0 to 13 N; 10 N ± 2 N has two sides."""
     (curve,) = bench.study.data
-    stated = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"plunger_needle.friction": 2.0})),))
+    stated = replace(bench.study, data=(curve.changed(noise=Noise(uncertain={"plunger_needle.friction": 2.0})),))
     values = {"plunger_needle.friction": 1.0}, {"plunger_needle.friction": 10.0}
     near, far = (replace(stated, injector=stated.injector.with_values(own)) for own in values)
     assert one_sided(near) == ("plunger_needle.friction",)
@@ -128,13 +128,13 @@ def test_a_value_near_an_end_has_one_side_as_far_as_that_end(bench: Bench) -> No
 
 def test_a_cutoff_is_uncertain_about_that_of_its_meter(bench: Bench) -> None:
     (curve,) = bench.study.data
-    seen = curve.with_meter(Meter("bench", {"cutoff": "10 kHz"})).with_noise(Noise(uncertain={"cutoff": 1e3}))
+    seen = curve.changed(meter=Meter("bench", {"cutoff": "10 kHz"})).changed(noise=Noise(uncertain={"cutoff": 1e3}))
     assert one_sided(replace(bench.study, data=(seen,))) == ()
 
 
 def test_counted_pieces_stay_beside_the_fit(bench: Bench) -> None:
     (curve,) = bench.study.data
-    counted = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"nozzle.holes": 0.1, "delay": 1e-6})),))
+    counted = replace(bench.study, data=(curve.changed(noise=Noise(uncertain={"nozzle.holes": 0.1, "delay": 1e-6})),))
     free = with_uncertain_free(counted)
     assert free is not None
     assert dict(free.data[0].noise.deviations) == {"nozzle.holes": 0.1}
@@ -206,7 +206,7 @@ def test_a_certainty_tells_of_the_friction_that_it_has_fitted(bench: Bench) -> N
 def test_a_delay_counts_with_the_larger_of_its_moves(benches: Benches, bench: Bench) -> None:
     """Friction that follows hides a part of what a delay moves, and makes more of it in another parameter."""
     (curve,) = bench.study.data
-    both = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"delay": 1e-6, **FRICTION})),))
+    both = replace(bench.study, data=(curve.changed(noise=Noise(uncertain={"delay": 1e-6, **FRICTION})),))
     within = benches.within(bench._replace(study=both))
     follow = within.whole.covariance.nuisances[:, :3]
     (largest,) = np.abs(within.found.covariance.nuisances)

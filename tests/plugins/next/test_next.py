@@ -91,7 +91,7 @@ def test_a_shared_error_of_the_bench_makes_more_points_of_the_same_kind_worth_le
     study: cr.Study, plan: cr.Plan
 ) -> None:
     noise = cr.Noise(sigma=1.0, law=Law.GAUSSIAN, uncertain={"gain": 0.05})
-    shared = replace(study, data=(study.data[0].with_noise(noise),))
+    shared = replace(study, data=(study.data[0].changed(noise=noise),))
     found = cr.next_measurements(shared, BEST, candidates(study), SETTINGS, threads=1)
     name = "control_chamber.a_hole_diameter"
     assert found.after[name] > 1.5 * plan.after[name]
@@ -101,7 +101,7 @@ def test_a_shared_error_of_the_bench_makes_more_points_of_the_same_kind_worth_le
 
 def test_a_discrepancy_that_all_points_share_is_averaged_by_no_number_of_them(study: cr.Study, plan: cr.Plan) -> None:
     noise = cr.Noise(sigma=1.0, law=Law.GAUSSIAN, discrepancy=5.0, length=1.0, pressure_length=1e12)
-    shared = replace(study, data=(study.data[0].with_noise(noise),))
+    shared = replace(study, data=(study.data[0].changed(noise=noise),))
     found = cr.next_measurements(shared, BEST, candidates(study), SETTINGS, threads=1)
     assert found.after["control_chamber.a_hole_diameter"] > 1.2 * plan.after["control_chamber.a_hole_diameter"]
 
@@ -111,7 +111,7 @@ def test_a_discrepancy_of_each_point_acts_on_planned_points_as_on_those_that_the
 ) -> None:
     """Uncorrelated from point to point, it is noise on all of them: errors grow by √(1 + 5²), their ratio stays."""
     noise = cr.Noise(sigma=1.0, law=Law.GAUSSIAN, discrepancy=5.0, length=1e-6, pressure_length=1e3)
-    shared = replace(study, data=(study.data[0].with_noise(noise),))
+    shared = replace(study, data=(study.data[0].changed(noise=noise),))
     chosen = [one.candidate for one in plan.measurements]
     found = cr.next_measurements(shared, BEST, chosen, replace(SETTINGS, criterion=cr.Criterion.D), threads=1)
     name = "control_chamber.a_hole_diameter"

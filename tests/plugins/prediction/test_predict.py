@@ -145,7 +145,7 @@ def test_a_band_that_is_linear_below_zero_is_made_of_draws() -> None:
     lows, labels = [], []
     # [m³/s]: the parameters are known as well as the noise allows
     for sigma, drawn in ((0.3e-6, False), (30e-6, True)):
-        noisy = replace(study, data=(study.data[0].with_noise(Noise(law=Law.GAUSSIAN, sigma=sigma)),))
+        noisy = replace(study, data=(study.data[0].changed(noise=Noise(law=Law.GAUSSIAN, sigma=sigma)),))
         found = cr.predict(noisy, best, levels=[0.9], threads=1)
         (band,) = found.bands
         assert band.drawn is drawn

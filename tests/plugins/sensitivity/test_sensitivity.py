@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
-from commonrail.data.feature_targets.injection import FEATURES, NO_EVENT, codes_of, reason
+from commonrail.data.features.table import FEATURES
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.status import OK, Status
@@ -19,11 +19,14 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.sensitivity.file import Sensitivity
 from commonrail.plugins.sensitivity.run import CONSTRAINTS, Progress, sensitivity, study_of_model
 from commonrail.plugins.sensitivity.study import (
+    NO_EVENT,
     Evaluated,
     Output,
     SensitivitySettings,
+    codes_of,
     default_names,
     parameters_within,
+    reason,
 )
 
 Floats = NDArray[np.float64]

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.calibration.optimisers.base import Optimiser, Work, asked
-from commonrail.calibration.optimisers.registry import Registered
+from commonrail.calibration.optimisers.base import Optimiser, Registered, Work, asked
 from commonrail.calibration.space import sample_feasible
 
 

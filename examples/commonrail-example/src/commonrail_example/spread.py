@@ -2,6 +2,7 @@
 
 import html
 import json as json_
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -44,7 +45,7 @@ def spread(
     click.echo(f"{np.ptp(found) * 1e9:.2f} mm3 from least to most; the report is {out / 'report.html'}")
 
 
-def _page(record: dict[str, Any], folder: Path) -> str:
+def _page(record: Mapping[str, Any], folder: Path) -> str:
     rows = "".join(
         f"<tr><td>{change * 1e6:+g} us<td>{volume * 1e9:.2f} mm³"
         for change, volume in zip(CHANGES, record["volumes"], strict=True)

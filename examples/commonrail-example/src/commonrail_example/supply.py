@@ -27,7 +27,7 @@ class SupplyData(ReturnData):
 
     kind: ClassVar[str] = "supply quantities"
     what: ClassVar[str] = "supply quantity"
-    model: ClassVar[type[MapModel]] = SupplyModel  # type: ignore[assignment]  # of its own columns
+    model: ClassVar[type[MapModel]] = SupplyModel
     view: ClassVar[MapView] = MapView("supply ", "Supply quantity")
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:

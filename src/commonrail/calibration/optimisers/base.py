@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -383,3 +384,27 @@ def ranked(best: Best, x: Floats, costs: Floats) -> tuple[Best, ...]:
     """Ends (n, d) of descents, SI, by rising cost (n,); the best point of the search stands for the first one."""
     found = [Best(point, float(cost)) for point, cost in zip(x, costs, strict=True) if np.isfinite(cost)]
     return (best, *sorted(found, key=lambda end: end.cost)[1:])
+
+
+class Registered(NamedTuple):
+    """An optimiser that a study can name.
+
+    Attributes
+    ----------
+    begin : type
+        The `Optimiser`, made of a space, a random generator and settings.
+    settings : type
+        Its `Settings`. The fields are keys of a study file's table [optimiser]; their metadata may limit them ("most").
+        Its `size`, if it has one, is the template of `size_in_words`.
+    checks : mapping of str to callable
+        By the key to blame, what raises a ConfigurationError if settings do not suit a space.
+    """
+
+    begin: type[Any]
+    settings: type[Any]
+    checks: Mapping[str, Callable[[Any, Space], None]] = MappingProxyType({})
+
+    @property
+    def name(self) -> str:
+        """Key `method` of that table."""
+        return str(self.begin.method)

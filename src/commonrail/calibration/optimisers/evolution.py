@@ -18,6 +18,7 @@ from commonrail.calibration.optimisers.base import (
     MOST_MEMBERS,
     Best,
     Optimiser,
+    Registered,
     Trials,
     Work,
     check_counts,
@@ -444,3 +445,6 @@ def _check_start(space: Space, start: ArrayLike | None, members: int) -> Floats:
     if len(refused):
         raise ConfigurationError(f"start: row {refused[0] + 1} breaks the bounds or a constraint, correct or remove it")
     return points.astype(float)
+
+
+REGISTERED = Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial})

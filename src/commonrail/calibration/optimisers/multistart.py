@@ -21,6 +21,7 @@ from commonrail.calibration.optimisers.base import (
     Best,
     Convergence,
     Optimiser,
+    Registered,
     Wanted,
     Work,
     asked,
@@ -211,3 +212,6 @@ class MultiStartLeastSquares(Optimiser):
         self._reserve, self._loss, self._waves = reserve, DescentLoss(state["loss"]), int(state["waves"])
         self._stopped = bool(state["stopped"])
         self._take(ends, costs)
+
+
+REGISTERED = Registered(MultiStartLeastSquares, MultiStartSettings)

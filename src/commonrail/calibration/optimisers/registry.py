@@ -1,50 +1,29 @@
-"""The optimisers that a study can name: those that ship, and the group "optimisers" of installed packages."""
+"""The optimisers that a study can name: those of this folder, and the group "optimisers" of installed packages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
 
 from commonrail.base import registry
 from commonrail.base.errors import PluginError
-from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings, check_initial
-from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
-from commonrail.calibration.optimisers.staged import StagedLeastSquares, StagedSettings
-from commonrail.calibration.space import Space
+from commonrail.calibration import optimisers
+from commonrail.calibration.optimisers.base import Registered
+from commonrail.calibration.optimisers.evolution import EvolutionSettings
 
 
-class Registered(NamedTuple):
-    """An optimiser that a study can name.
-
-    Attributes
-    ----------
-    begin : type
-        The `Optimiser`, made of a space, a random generator and settings.
-    settings : type
-        Its `Settings`. The fields are keys of a study file's table [optimiser]; their metadata may limit them ("most").
-        Its `size`, if it has one, is the template of `size_in_words`.
-    checks : mapping of str to callable
-        By the key to blame, what raises a ConfigurationError if settings do not suit a space.
-    """
-
-    begin: type[Any]
-    settings: type[Any]
-    checks: Mapping[str, Callable[[Any, Space], None]] = MappingProxyType({})
-
-    @property
-    def name(self) -> str:
-        """Key `method` of that table."""
-        return str(self.begin.method)
+def _registered() -> tuple[Registered, ...]:
+    """`REGISTERED` of the modules of this folder; differential evolution first, which a study means that names none."""
+    names = [module.name for module in iter_modules(optimisers.__path__) if module.name != "registry"]
+    names.sort(key=lambda name: (name != "evolution", name))
+    modules = (import_module(f"{optimisers.__name__}.{name}") for name in names)
+    return tuple(module.REGISTERED for module in modules if hasattr(module, "REGISTERED"))
 
 
-# The first one is what a study without the key `method` means.
-REGISTERED = (
-    Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),
-    Registered(StagedLeastSquares, StagedSettings),
-    Registered(MultiStartLeastSquares, MultiStartSettings),
-)
+REGISTERED = _registered()
 
 
 def named(method: str) -> Registered | None:
@@ -67,9 +46,14 @@ def _of(part: registry.Entry) -> Registered:
     return found
 
 
+def shipped_methods() -> list[str]:
+    """Names of the optimisers that ship."""
+    return [entry.name for entry in REGISTERED]
+
+
 def methods() -> list[str]:
     """Names of all optimisers, those that ship first."""
-    return [*(entry.name for entry in REGISTERED), *registry.installed("optimisers")]
+    return [*shipped_methods(), *registry.installed("optimisers")]
 
 
 def registered(settings: object) -> Registered | None:

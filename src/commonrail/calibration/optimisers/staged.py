@@ -16,6 +16,7 @@ from commonrail.calibration.optimisers.base import (
     MOST_STARTS,
     Best,
     Optimiser,
+    Registered,
     Wanted,
     Work,
     asked,
@@ -253,3 +254,6 @@ def capped(cap: float, residuals: Floats) -> Floats:
     finite = np.isfinite(residuals)
     size = np.minimum(np.abs(np.where(finite, residuals, 0.0)), cap)
     return np.where(np.all(finite, axis=1), np.sum(size**2, axis=1), np.inf)
+
+
+REGISTERED = Registered(StagedLeastSquares, StagedSettings)

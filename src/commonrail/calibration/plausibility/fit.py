@@ -50,7 +50,7 @@ def model_findings(data: DataSet, score: Score, injector: Injector) -> Iterator[
 
     `score`: of the model on these data; `injector`: the model.
     """
-    error = data.relative_error(score)
+    error = score.relative_error()
     if error > finding.LARGE_MISFIT:
         yield found(
             "misfit",
@@ -87,14 +87,14 @@ def best_gain(data: DataSet, score: Score) -> Change:
     """Factor on the simulated values that makes J least; above 1: the data lie higher."""
     low, high = log(finding.GAINS)
     gains = exp(np.linspace(low, high, round((high - low) / finding.GAIN_STEP) + 1))
-    gain = data.best_gain(score, gains)
-    before, after = map(float, data.misfit(data.scaled(score.values, np.array([1.0, gain]))))
+    gain = score.best_gain(gains)
+    before, after = map(float, data.misfit(score.scaled(np.array([1.0, gain]))))
     return Change(gain, before, after if abs(gain - 1.0) >= finding.LEAST_GAIN else before)
 
 
 def _moved(fit: Fit) -> Iterator[Finding]:
     pairs = zip(fit.study.data, fit.scores, strict=True)
-    good = all(d.relative_error(s) <= finding.GOOD_FIT for d, s in pairs if d.role is Role.FIT)
+    good = all(s.relative_error() <= finding.GOOD_FIT for d, s in pairs if d.role is Role.FIT)
     if good or not fit.cost >= (1.0 - finding.BARELY) * fit.start_cost:
         return
     yield found(

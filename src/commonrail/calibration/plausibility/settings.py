@@ -14,7 +14,7 @@ from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.calibration.time_step import longest_for_all
-from commonrail.data.base import DataSet
+from commonrail.data.base import DataSet, widths_of
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.injector import Injector, parameter_quantities
@@ -89,7 +89,7 @@ def signal_findings(data: DataSet) -> Iterator[Finding]:
         yield found("constant", data.name, f"all {len(values)} values of the {what} are zero; check the column.")
     elif len(values) > 1 and np.ptp(values) == 0.0:
         yield found("constant", data.name, f"all {len(values)} values of the {what} are {first}; check the column.")
-    elif np.sum(values * data.widths) < 0.0 or -values.min() > values.max():
+    elif np.sum(values * widths_of(data)) < 0.0 or -values.min() > values.max():
         yield found(
             "sign",
             data.name,

@@ -33,7 +33,7 @@ def start_findings(data: DataSet, score: Score) -> Iterator[Finding]:
             "`commonrail simulate`.",
         )
         return
-    yield from _quantities(data.name, *data.quantities(score))
+    yield from _quantities(data.name, *score.quantities())
     if data.bounds is not None:
         yield from _onset(data, onset(data.measured, data.bounds), onset(score.values, data.bounds))
 

@@ -204,7 +204,7 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
         for read in kind.read_all(model, context._replace(at=at[i])):
             known = noise.sigma is not None or noise.shots
             own = noise if known else replace(noise, sigma=read.noise.sigma, freedom=read.noise.freedom)
-            found += read.with_noise(own).divided(model, at[i])
+            found.append(read.changed(noise=own))
             samples += read.samples
             if samples > MOST_SAMPLES:
                 raise at[i].error(

@@ -15,7 +15,7 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import nearest
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import registry
-from commonrail.calibration.optimisers.registry import Registered
+from commonrail.calibration.optimisers.base import Registered
 from commonrail.calibration.parameter import Wanted
 from commonrail.calibration.study import LeaveOut
 from commonrail.data.kinds import KINDS, find_kind

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -95,8 +96,9 @@ def resume(
     Example:
       commonrail resume runs/paper-1 --generations 30
     """
-    from commonrail.cli.fit import print_outcome, resume_study
+    from commonrail.cli.fit import outcome_of, print_outcome
     from commonrail.cli.study_kind import RunOptions, kind_of_run
+    from commonrail.runs.fit import resume as again
 
     if kind := kind_of_run(run):
         options = RunOptions(
@@ -105,5 +107,6 @@ def resume(
         kind.resume(run, options)
         return
     with open_workers(workers, cluster) as crew:
-        outcome = resume_study(run, generations=generations, as_begun=as_begun, threads=threads, workers=crew)
+        how = partial(again, run, generations=generations, as_begun=as_begun, threads=threads, workers=crew)
+        outcome = outcome_of(f"resuming {run}", run, lambda listener: how(listener=listener))
     print_outcome(outcome, json)

@@ -1,4 +1,4 @@
-"""commonrail catalogue: list of fuels, injectors and parameters."""
+"""commonrail catalogue: list of fuels, injectors, meters, features and parameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from commonrail.base.errors import InputError, PluginError
+from commonrail.base.errors import CommonrailError, InputError
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
@@ -20,13 +20,16 @@ class Section(StrEnum):
 
     FUELS = "fuels"
     INJECTORS = "injectors"
+    METERS = "meters"
+    FEATURES = "features"
     PARAMETERS = "parameters"
 
 
 @verb
 def catalogue(
     section: Annotated[
-        Section | None, Argument(help="Section to be listed: fuels, injectors or parameters. [default: all three]")
+        Section | None,
+        Argument(help="Section to be listed: fuels, injectors, meters, features or parameters. [default: all]"),
     ] = None,
     *,
     search: Annotated[str, Option(help="Text that the listed entries contain. [default: all entries]")] = "",
@@ -35,10 +38,10 @@ def catalogue(
     ] = None,
     json: Json = False,
 ) -> None:
-    """List fuels, injectors and parameters.
+    """List fuels, injectors, meters, features and parameters.
 
-    Fuels and injectors are those that ship with commonrail and those of installed packages; parameters are what
-    --set, a study or an injector's file can name.
+    Fuels, injectors and features of an injection are those that ship with commonrail and those of installed packages,
+    meters those of installed packages; parameters are what --set, a study or an injector's file can name.
 
     \b
     Examples:
@@ -50,7 +53,7 @@ def catalogue(
         _write_gallery(gallery, search, json)
         return
     chosen = [section] if section else list(Section)
-    found = {s.value: [e for e in _entries(s) if _matches(e, search)] for s in chosen}
+    found = {s.value: [e for e in _ENTRIES[s]() if _matches(e, search)] for s in chosen}
     if json:
         print_json({"kind": "catalogue", **found})
         return
@@ -84,12 +87,6 @@ def _write_gallery(path: Path, search: str, json: bool) -> None:
         say(f"wrote {path} ({len(names)} injectors)")
 
 
-def _entries(section: Section) -> list[dict[str, Any]]:
-    if section is Section.FUELS:
-        return _fuels()
-    return _injectors() if section is Section.INJECTORS else _parameters()
-
-
 def _fuels() -> list[dict[str, Any]]:
     from commonrail.readers.fuel import fuel_catalogue, load_fuel
 
@@ -106,13 +103,39 @@ def _injectors() -> list[dict[str, Any]]:
     ]
 
 
+def _meters() -> list[dict[str, Any]]:
+    from commonrail.base import registry
+    from commonrail.readers.injector.meters import installed_meter
+
+    return [
+        {"name": name, "law": f"{m.law.value}, order {m.order}", "quantities": ", ".join(m.values)}
+        for name, m in _sound(installed_meter, list(registry.installed("meters"))).items()
+    ]
+
+
+def _features() -> list[dict[str, Any]]:
+    from commonrail.data.features.table import known_features
+
+    return [
+        {
+            "name": feature.name,
+            "unit": feature.unit,
+            "meaning": feature.meaning,
+            "found in": " and ".join(
+                word for word, found in (("traces", feature.of_trace), ("simulations", feature.of_simulation)) if found
+            ),
+        }
+        for feature in known_features().values()
+    ]
+
+
 def _sound(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
     """Files that can be loaded, by name; one of an installed package that cannot be is named in a warning."""
     found = {}
     for name in names:
         try:
             found[name] = load(name)
-        except (InputError, PluginError) as error:
+        except CommonrailError as error:
             say(f"commonrail: {error}")
     return found
 
@@ -131,6 +154,15 @@ def _parameters() -> list[dict[str, Any]]:
         }
         for name, q in parameter_quantities().items()
     ]
+
+
+_ENTRIES: dict[Section, Callable[[], list[dict[str, Any]]]] = {
+    Section.FUELS: _fuels,
+    Section.INJECTORS: _injectors,
+    Section.METERS: _meters,
+    Section.FEATURES: _features,
+    Section.PARAMETERS: _parameters,
+}
 
 
 def _matches(entry: dict[str, Any], search: str) -> bool:

@@ -48,7 +48,7 @@ def inspect(
 
     check_file(out, "--out")
     if part := registry.find("inspectors", file.suffix.lower().removeprefix(".")):
-        _show({"file": str(file), **part.load()(file)}, json)
+        _show({"file": str(file), **part.call(file)}, json)
         return
     given = GivenUnits(pressure_unit, time_unit, quantity_unit)
     found = survey(file, FileForm(check_encoding(encoding, "--encoding") if encoding else "", sheet=sheet or ""), given)

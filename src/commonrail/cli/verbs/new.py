@@ -99,10 +99,7 @@ _TEMPLATES = {
 def write_plugin(folder: Path, name: str) -> list[Path]:
     """Write a package with a verb and an optimiser, and its tests, into a new or empty folder.
 
-    Raises
-    ------
-    InputError
-        If the name is no name of a package or that of a verb, or something is in the folder.
+    Raises `InputError` if the name is no name of a package or that of a verb, or something is in the folder.
     """
     from commonrail.calibration.study_file.from_data import write_into
 

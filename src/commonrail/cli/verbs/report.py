@@ -8,7 +8,7 @@ from typing import Annotated
 import click
 
 from commonrail.base import registry
-from commonrail.base.errors import InputError
+from commonrail.base.errors import InputError, PluginError
 from commonrail.cli.console import print_json, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
@@ -20,14 +20,14 @@ def report(
     *,
     pdf: Annotated[bool, Option("--pdf", help="Print report.pdf too, by a Chromium of this machine.")] = False,
     page: Annotated[
-        bool, Option("--page", help="Make bench.html beside it, with sliders; the report links it.")
+        bool, Option("--page", help="Make further pages beside it: bench.html with sliders, and those of plug-ins.")
     ] = False,
     json: Json = False,
 ) -> None:
     """Make the report of a run folder again.
 
     RUN/report.html is self-contained: it opens without a network and prints on A4. --page makes RUN/bench.html beside
-    it, as commonrail page does, for the run folder of commonrail calibrate.
+    it, as commonrail page does, and the pages of installed packages, for the run folder of commonrail calibrate.
 
     \b
     Example:
@@ -41,33 +41,35 @@ def report(
 
     if pdf:
         browser()  # refuse before anything is written
-    bench = _make_page(run) if page else None
+    pages = _make_pages(run) if page else []
     lacking = kind_of(run).extra(run)
     path = write_report(run)
     if lacking:
         say(lacking)
     printed = print_pdf(path) if pdf else None
     if json:
-        made = {"report": path, "pdf": printed, "page": bench}
-        print_json({"kind": "report"} | {key: str(place) for key, place in made.items() if place})
+        made = {"report": str(path)} | ({"pdf": str(printed)} if printed else {})
+        print_json({"kind": "report", **made} | ({"pages": list(map(str, pages))} if page else {}))
     else:
-        click.echo("\n".join(str(made) for made in (path, printed, bench) if made))
+        click.echo("\n".join(str(made) for made in (path, printed, *pages) if made))
 
 
-def _make_page(run: Path) -> Path:
-    """The bench page of a run, written into its folder."""
+def _make_pages(run: Path) -> list[Path]:
+    """Pages of a run that parts make, written into its folder; one of a package that fails is named on stderr."""
     from commonrail.base.output import write_text
-    from commonrail.report.page import BENCH
     from commonrail.runs.folder import RESULT
 
-    part = registry.find("pages", BENCH)
-    if part is None:
-        raise InputError(f"--page: no installed package makes {BENCH}; omit --page.")
     if not (run / RESULT).is_file():
         raise InputError(
             f"{run}: --page needs the folder of a calibration, and there is no {RESULT} in it; omit --page, or make a "
             "page of an injector with `commonrail page`."
         )
-    path = run / BENCH
-    write_text(path, part.load()(run))
-    return path
+    written = []
+    for name, part in registry.entries("pages").items():
+        try:
+            write_text(run / name, part.call(run))
+        except PluginError as error:
+            say(f"commonrail: {error}")
+        else:
+            written.append(run / name)
+    return written

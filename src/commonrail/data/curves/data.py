@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -13,13 +14,24 @@ from commonrail.base.arguments import array, instance, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number
-from commonrail.data.base import DataSet, Missing, Role, Term, share_of
+from commonrail.data.base import (
+    DataSet,
+    Missing,
+    Role,
+    Score,
+    Term,
+    is_metered,
+    read_labels,
+    share_of,
+    term_of,
+    widths_of,
+)
 from commonrail.data.curves.page import CurveView
-from commonrail.data.curves.reading import ReadCurve, read_curves
+from commonrail.data.curves.reading import read_curves
 from commonrail.data.curves.samples import RateModel
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.records import MEASURED, MM3_PER_MS, point_record
-from commonrail.data.simulator import Candidates, Simulator
+from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint, Trace
@@ -27,24 +39,6 @@ from commonrail.engine.simulate import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import QUANTITIES, Given, Meter, shown_rates
-
-
-@dataclass(frozen=True)
-class RateScore:
-    """Injection curve: simulated samples [m³/s] and J, Σ |error| [mm³/ms]; NaN if the simulation failed."""
-
-    rate: Floats
-    j: float
-
-    @property
-    def values(self) -> Floats:
-        """Simulated samples [m³/s]."""
-        return self.rate
-
-    @property
-    def error(self) -> float:
-        """J [mm³/ms]."""
-        return self.j
 
 
 @dataclass(frozen=True)
@@ -72,8 +66,6 @@ class RateData(DataSet):
         Of the bench: the simulated rate is compared as this meter shows it.
     noise : Noise
         Its standard deviations are rates [m³/s].
-    points : (OperatingPoint,)
-        The one point.
 
     Raises
     ------
@@ -87,7 +79,7 @@ class RateData(DataSet):
     error_head: ClassVar[tuple[str, str]] = ("J", "mm3/ms")
     model: ClassVar[type[RateModel]] = RateModel
     view: ClassVar[CurveView] = CurveView()
-    seen: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
+    meter_inputs: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
     sigma_unit: ClassVar[str] = "m3/s"
     residual_unit: ClassVar[str] = "mm3/ms"
     residual_scale: ClassVar[float] = MM3_PER_MS
@@ -103,10 +95,9 @@ class RateData(DataSet):
     mass_density: float = math.nan
     meter: Meter | None = None
     noise: Noise = NOISE
-    points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self._settle_labels()
+        read_labels(self)
         instance(self.point, OperatingPoint, "point of the data")
         bounds, rate = array(self.bounds, "s", "bounds of the data", 1), array(self.rate, "m3/s", "rate of the data", 1)
         if len(bounds) != len(rate) + 1 or not len(rate):
@@ -116,38 +107,20 @@ class RateData(DataSet):
             )
         if not np.all(np.diff(bounds) > 0.0):
             raise ConfigurationError(f"The bounds of {self.name} must increase from sample to sample.")
-        settle(self, bounds=bounds, rate=rate, points=(self.point,))
-
-    @classmethod
-    def read(cls, model: RateModel, context: Context) -> Self:
-        """Read an injection curve; see `DataSet.read`."""
-        found = cls.read_all(model, context)
-        if len(found) != 1:
-            raise context.at.error(f"{model.file} holds {len(found)} curves, and one is expected")
-        return found[0]
+        points = (self.point,)
+        settle(self, bounds=bounds, rate=rate, measured=rate, judged=np.ones(len(rate), bool))
+        settle(self, points=points, simulated_points=points)
 
     @classmethod
     def read_all(cls, model: RateModel, context: Context) -> tuple[Self, ...]:
         """Read the injection curves of a block; see `DataSet.read_all`."""
-        return tuple(cls._of(curve, model, context) for curve in read_curves(model, context))
-
-    @classmethod
-    def _of(cls, curve: ReadCurve, model: RateModel, context: Context) -> Self:
-        name = f"{model.name}, {curve.label}" if curve.label else model.name
-        source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
-        return cls(
-            name,
-            Role(model.role),
-            curve.point,
-            curve.bounds,
-            curve.rate,
-            model.weight,
-            source,
-            model.synthetic,
-            curve.mass_density,
-            context.meter(model.meter),
-            curve.noise,
-        )
+        found = []
+        for curve in read_curves(model, context):
+            name = f"{model.name}, {curve.label}" if curve.label else model.name
+            source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
+            read = curve.point, curve.bounds, curve.rate, model.weight, source, model.synthetic, curve.mass_density
+            found.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise))
+        return tuple(found)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
@@ -159,16 +132,9 @@ class RateData(DataSet):
             weights, samples = np.array([d.weight for d in group]), _samples(group, time_step)
             return [Term([d.point for d in group], weights, _j_of, _squares_of, which_failed, samples)]
         return [
-            cls.terms([d], time_step)[0]
-            if d.meter is None
-            else Term(d.points, np.array([d.weight]), d._j_as_shown, d._squares_as_shown, which_failed)
+            cls.terms([d], time_step)[0] if d.meter is None else term_of(d, partial(_in_term, d), which_failed)
             for d in group
         ]
-
-    @property
-    def measured(self) -> Floats:
-        """Measured rate [m³/s]."""
-        return self.rate
 
     @property
     def samples(self) -> int:
@@ -180,14 +146,14 @@ class RateData(DataSet):
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
         """Simulated samples (candidates, samples) [m³/s], as the meter shows them if there is one."""
         candidates = Candidates(simulator, values)
-        if self.is_metered(simulator):
-            return self._as_shown(candidates)
+        if is_metered(self, simulator):
+            return self._as_metered(candidates)
         s = simulator
         how = s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step
         rates = sampled_rates(*how, threads=s.threads, prepared=s.prepared(self.points), same_bits=s.same_bits)
         return rates / self.density_of(candidates)
 
-    def _as_shown(self, candidates: Candidates) -> Floats:
+    def _as_metered(self, candidates: Candidates) -> Floats:
         """Samples (candidates, samples) [m³/s] as the meter shows them."""
         assert self.meter is not None
         given = candidates.given(self.meter)
@@ -199,62 +165,76 @@ class RateData(DataSet):
         """Density [kg/m³] that makes volumes of the simulated masses."""
         return candidates.densities(self.points, given) if math.isnan(self.mass_density) else self.mass_density
 
-    def _j_as_shown(self, batch: Batch, candidates: Candidates) -> Floats:
-        """J (candidates, 1) of the samples as the meter shows them."""
-        return self.misfit(self._as_shown(candidates))[:, None]
-
-    def _squares_as_shown(self, batch: Batch, candidates: Candidates) -> Floats:
-        """Sum of squared errors (candidates, 1) [mm³/ms] of the samples as the meter shows them."""
-        errors = (self._as_shown(candidates) - self.rate) * MM3_PER_MS
-        return np.asarray(np.sum(errors**2, axis=1)[:, None])
+    def errors(self, values: Floats) -> Floats:
+        """Simulated − measured rate [mm³/ms]."""
+        return np.asarray((values - self.rate) * MM3_PER_MS)
 
     def misfit(self, values: Floats) -> Floats:
         """J of simulated samples: Σ |rate − measured rate| [mm³/ms], Sec. 4."""
         return np.asarray(np.sum(np.abs(values - self.rate), axis=-1) * MM3_PER_MS)
 
-    def residuals(self, values: Floats) -> Floats:
-        """Errors of the samples [mm³/ms], scaled by the root of the weight."""
-        return np.asarray(np.sqrt(self.weight) * (values - self.rate) * MM3_PER_MS)
-
     def score(self, simulator: Simulator) -> RateScore:
         """Score of the simulator's injector as it is."""
-        rate = self.simulated(simulator, np.empty((1, 0)))[0]
-        return RateScore(rate, float(self.misfit(rate)))
-
-    def missing(self, score: RateScore) -> list[Missing]:
-        """The one point, if its simulation failed."""
-        return [] if math.isfinite(score.j) else [Missing(self.point)]
-
-    def quantities(self, score: RateScore) -> tuple[Floats, Floats]:
-        """Volumes injected within the samples [m³]."""
-        measured, simulated = (np.atleast_1d(np.sum(rate * self.widths)) for rate in (self.rate, score.rate))
-        return measured, simulated
-
-    def relative_error(self, score: RateScore) -> float:
-        """Σ |error| over Σ data, without what the noise of the samples makes of it."""
-        return share_of(np.sum(np.abs(score.rate - self.rate)) - _noise(self.rate), np.sum(self.rate))
-
-    def best_gain(self, score: RateScore, gains: Floats) -> float:
-        """Median of the ratios of data to simulation, weighted by the simulation: it makes Σ |error| least."""
-        used = np.abs(score.rate) > 0.0  # not where it is NaN
-        if not used.any():
-            return 1.0
-        ratios, weights = self.rate[used] / score.rate[used], np.abs(score.rate[used])
-        order = np.argsort(ratios, kind="stable")
-        half = np.searchsorted(np.cumsum(weights[order]), 0.5 * np.sum(weights))
-        return float(np.clip(ratios[order][half], gains[0], gains[-1]))
+        return RateScore(self, self.simulated(simulator, ITSELF)[0])
 
     def record(self, scores: Mapping[str, RateScore]) -> dict[str, Any]:
         """J, J relative to the data, and injected volume of each label."""
-        level = float(np.sum(np.abs(self.rate)) * MM3_PER_MS)
+        level, widths = float(np.sum(np.abs(self.rate)) * MM3_PER_MS), widths_of(self)
         return {
             "samples": len(self.rate),
             **point_record(self.point),
             "J": {label: number(s.j) for label, s in scores.items()},
             "J_relative": {label: number(s.j / level) if level else None for label, s in scores.items()},
-            "volume": {MEASURED: float(np.sum(self.rate * self.widths))}
-            | {label: number(float(np.sum(s.rate * self.widths))) for label, s in scores.items()},
+            "volume": {MEASURED: float(np.sum(self.rate * widths))}
+            | {label: number(float(np.sum(s.values * widths))) for label, s in scores.items()},
         }
+
+
+@dataclass(frozen=True)
+class RateScore(Score):
+    """Injection curve: simulated samples [m³/s]."""
+
+    data: RateData
+
+    @property
+    def j(self) -> float:
+        """J, Σ |error| [mm³/ms]; NaN if the simulation failed."""
+        return float(self.data.misfit(self.values))
+
+    @property
+    def error(self) -> float:
+        """J [mm³/ms]."""
+        return self.j
+
+    def missing(self) -> list[Missing]:
+        """The one point, if its simulation failed."""
+        return [] if math.isfinite(self.j) else [Missing(self.data.point)]
+
+    def quantities(self) -> tuple[Floats, Floats]:
+        """Volumes injected within the samples [m³]."""
+        widths = widths_of(self.data)
+        measured, simulated = (np.atleast_1d(np.sum(rate * widths)) for rate in (self.data.rate, self.values))
+        return measured, simulated
+
+    def relative_error(self) -> float:
+        """Σ |error| over Σ data, without what the noise of the samples makes of it."""
+        rate = self.data.rate
+        return share_of(np.sum(np.abs(self.values - rate)) - _noise(rate), np.sum(rate))
+
+    def best_gain(self, gains: Floats) -> float:
+        """Median of the ratios of data to simulation, weighted by the simulation: it makes Σ |error| least."""
+        used = np.abs(self.values) > 0.0  # not where it is NaN
+        if not used.any():
+            return 1.0
+        ratios, weights = self.data.rate[used] / self.values[used], np.abs(self.values[used])
+        order = np.argsort(ratios, kind="stable")
+        half = np.searchsorted(np.cumsum(weights[order]), 0.5 * np.sum(weights))
+        return float(np.clip(ratios[order][half], gains[0], gains[-1]))
+
+
+def _in_term(data: RateData, batch: Batch, candidates: Candidates) -> Floats:
+    """Samples (candidates, samples) [m³/s] as the meter shows them; the batch has none of them."""
+    return data._as_metered(candidates)
 
 
 def _j_of(batch: Batch, candidates: Candidates) -> Floats:

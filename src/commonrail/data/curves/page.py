@@ -93,11 +93,7 @@ class CurveView(View):
 def _title(data: Record, words: str) -> str:
     """Title of a curve's figure: words, and what the curve's name does not say of its operating point.
 
-    Parameters
-    ----------
-    data : Record
-    words : str
-        Name of the curve, with its role or without.
+    `words`: name of the curve, with its role or without.
     """
     place = pressure(data["rail_pressure"]), f"{data['energising_time'] * MICROSECOND:.0f} µs"
     name = data["name"].replace(" us", " µs")

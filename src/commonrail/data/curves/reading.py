@@ -10,7 +10,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
-from commonrail.data.curves.samples import PulseModel, RateModel, Samples, samples_of, within_window
+from commonrail.data.curves.samples import RateModel, Samples, samples_of, within_window
 from commonrail.data.curves.several import FoundCurve, label_of, named_columns, traces_below_points
 from commonrail.data.curves.shots import cut_shots
 from commonrail.data.noise import NOISE, Noise
@@ -88,7 +88,7 @@ def _curve(model: RateModel, curve: FoundCurve, context: Context, label: str) ->
 
 def _point(model: RateModel, samples: Samples, context: Context, at: Place) -> OperatingPoint:
     """Operating point, simulated from the first bound or energising to the last bound, in whole steps."""
-    pulses, bounds = _pulses(model, at), samples.bounds
+    pulses, bounds = pulses_of(model, at), samples.bounds
     if pulses[0].start >= bounds[-1]:
         raise ConfigurationError(
             f"{at}: the samples that count end at {to_text(float(bounds[-1]), 's')}, before the first "
@@ -119,19 +119,18 @@ def _point(model: RateModel, samples: Samples, context: Context, at: Place) -> O
         return point
 
 
-def _pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:
+def pulses_of(model: RateModel, at: Place) -> tuple[Energising, ...]:
+    """Energisings that a block states, a single one from time 0."""
     if (model.energising_time is None) == (model.energisings is None):
         raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
     if model.energising_time is not None:
         with located(at / "energising_time"):
             return (Energising(0.0, model.energising_time),)
-    at = at / "energisings"
-    return tuple(_pulse(pulse, at[i]) for i, pulse in enumerate(model.energisings or ()))
-
-
-def _pulse(pulse: PulseModel, at: Place) -> Energising:
-    with located(at):
-        return Energising(pulse.start, pulse.duration)
+    found = []
+    for i, pulse in enumerate(model.energisings or ()):
+        with located((at / "energisings")[i]):
+            found.append(Energising(pulse.start, pulse.duration))
+    return tuple(found)
 
 
 def _drive(model: RateModel, context: Context, first: float, at: Place) -> Trace | None:

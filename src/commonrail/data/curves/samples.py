@@ -75,26 +75,13 @@ _TIME_UNITS = ("us", "ms", "s", "ns")
 
 
 class Samples(NamedTuple):
-    """Samples of a rate.
+    """Samples of a rate."""
 
-    Attributes
-    ----------
-    bounds : (n + 1,)
-        [s].
-    rate : (n,)
-        In `unit`, m3/s or kg/s.
-    unit : str
-    time_unit : str
-        Unit of the time as the file gives it.
-    time : str
-        Where it is given.
-    """
-
-    bounds: Floats
-    rate: Floats
+    bounds: Floats  # (n + 1,): [s]
+    rate: Floats  # (n,): in `unit`, m3/s or kg/s
     unit: str
-    time_unit: str
-    time: str
+    time_unit: str  # unit of the time as the file gives it
+    time: str  # where it is given
 
     def range(self) -> str:
         """Sentence part that says what times the samples have."""
@@ -122,19 +109,8 @@ class Samples(NamedTuple):
 def samples_of(table: Table, column: str, model: RateModel, at: Place) -> Samples:
     """Samples of a column of rates, with the times of its table.
 
-    Parameters
-    ----------
-    table : Table
-    column : str
-        An empty cell at the end of a column ends it.
-    model : RateModel
-    at : Place
-        Of the block.
-
-    Raises
-    ------
-    InputError
-        If there are too few, or one is missing between others.
+    An empty cell at the end of the `column` ends it. Raises `InputError` if there are too few, or one is missing
+    between others.
     """
     time, rate = table.columns[model.time] - model.time_zero, table.columns[column]
     empty = np.flatnonzero(np.isnan(rate))
@@ -210,17 +186,7 @@ def _check_window(samples: Samples, begin: float, end: float, at: Place) -> None
 def raster(begin: float, end: float, step: float, at: Place) -> Floats:
     """Bounds of even intervals from `begin`, as many as end before or at `end`.
 
-    Parameters
-    ----------
-    begin, end, step : float
-        [s].
-    at : Place
-        Of the step.
-
-    Raises
-    ------
-    InputError
-        If they are too few or too many.
+    `begin`, `end` and `step` in [s]. Raises `InputError` if they are too few or too many.
     """
     count = int(np.floor((end - begin) / step + 1e-6))
     if not LEAST_SAMPLES <= count <= MOST_SAMPLES:

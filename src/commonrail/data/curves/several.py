@@ -26,28 +26,14 @@ RATES = ("m3/s", "kg/s")
 
 
 class FoundCurve(NamedTuple):
-    """A curve among several of a file.
+    """A curve among several of a file."""
 
-    Attributes
-    ----------
-    samples : Samples
-        Those that count.
-    rail_pressure, energising_time : float or None
-        [Pa], [s]; None where the block of the study states it.
-    shots : int
-        Repeated shots of which it is the mean.
-    sigma : float or None
-        Standard error of the mean, in the unit of the samples.
-    freedom : float
-        Its degrees of freedom.
-    """
-
-    samples: Samples
-    rail_pressure: float | None
-    energising_time: float | None
-    shots: int = 1
-    sigma: float | None = None
-    freedom: float = 0.0
+    samples: Samples  # those that count
+    rail_pressure: float | None  # [Pa]
+    energising_time: float | None  # [s]; None where the block of the study states it
+    shots: int = 1  # repeated shots of which it is the mean
+    sigma: float | None = None  # standard error of the mean, in the unit of the samples
+    freedom: float = 0.0  # its degrees of freedom
 
 
 def label_of(curve: FoundCurve) -> str:
@@ -59,17 +45,8 @@ def label_of(curve: FoundCurve) -> str:
 def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of the columns whose names fit the key `columns` of a block.
 
-    Parameters
-    ----------
-    model : RateModel
-    context : Context
-
-    Raises
-    ------
-    InputError
-        If no name fits, or a column cannot be read.
-    ConfigurationError
-        If the window does not fit.
+    Raises `InputError` if no name fits, or a column cannot be read. Raises `ConfigurationError` if the window does not
+    fit.
     """
     at = context.at
     stated = {"Pa": model.rail_pressure_unit or "", "s": model.energising_time_unit or ""}
@@ -114,11 +91,7 @@ def _gathered(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Plac
 def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising_time: float | None) -> FoundCurve:
     """Mean of repeated shots, on the raster of the first and as long as the shortest.
 
-    Parameters
-    ----------
-    shots : sequence of Samples
-    rail_pressure, energising_time : float or None
-        [Pa], [s].
+    `rail_pressure` and `energising_time` in [Pa], [s].
     """
     if len(shots) == 1:
         return FoundCurve(shots[0], rail_pressure, energising_time)
@@ -134,17 +107,7 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
 def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of a table that has their operating points in rows above them.
 
-    Parameters
-    ----------
-    model : RateModel
-    context : Context
-
-    Raises
-    ------
-    InputError
-        If it is no such table.
-    ConfigurationError
-        If the window does not fit.
+    Raises `InputError` if it is no such table. Raises `ConfigurationError` if the window does not fit.
     """
     at = context.at
     path = context.path(model.file, at)

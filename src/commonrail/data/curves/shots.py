@@ -70,18 +70,8 @@ class _Channel(NamedTuple):
 def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of the operating points of a record, each the mean of its shots.
 
-    Parameters
-    ----------
-    model : RateModel
-        Its `window` counts from the start of energising.
-    context : Context
-
-    Raises
-    ------
-    InputError
-        If a channel is missing, or no shot is found or whole.
-    ConfigurationError
-        If the window is missing.
+    The `window` of the model counts from the start of energising. Raises `InputError` if a channel is missing, or no
+    shot is found or whole. Raises `ConfigurationError` if the window is missing.
     """
     at, shots = context.at, model.shots
     assert shots is not None
@@ -94,8 +84,7 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     source = _Source.of(model, context)
     begin, end = model.window
     trigger = source.channel(Column(shots.trigger, TRIGGERS, otherwise="1"))
-    edges = _edges(trigger, shots, max(end - begin, 0.0), source.path, at / "shots")
-    starts = edges + shots.offset
+    starts = _edges(trigger, shots, max(end - begin, 0.0), source.path, at / "shots") + shots.offset
     rate = source.take(Column(model.rate, RATES, model.rate_unit))
     record = samples_of(rate, model.rate, model, at)
     step = model.resample or float(np.median(np.diff(record.bounds)))
@@ -107,16 +96,20 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
             f"{at / 'window'}: no shot of {source.path} is whole: the window reaches from {to_text(begin, 's')} to "
             f"{to_text(end, 's')} about {len(starts)} triggers, and {record.range()}."
         )
-    return _points(model, source, record, starts[whole], bounds, len(starts) - int(whole.sum()), at)
+    found = _points(source, record, starts[whole], bounds)
+    counts = sorted({curve.shots for curve in found})
+    many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    lost = len(starts) - int(whole.sum())
+    omitted = f"; {lost} that the record does not hold whole are omitted" if lost else ""
+    note(f"{source.path}: {whole.sum()} shots at {len(found)} operating points, {many} each{omitted}.")
+    return found
 
 
-def _points(
-    model: RateModel, source: _Source, record: Samples, starts: Floats, bounds: Floats, lost: int, at: Place
-) -> list[FoundCurve]:
-    """Mean curves of the operating points, in the order of their first shots."""
-    shots = model.shots
+def _points(source: _Source, record: Samples, starts: Floats, bounds: Floats) -> list[FoundCurve]:
+    """Mean curves of the operating points of shots that begin at `starts` [s], in the order of their first shots."""
+    shots = source.model.shots
     assert shots is not None
-    rail, time = _set_points(model, source, starts)
+    rail, time = _set_points(source, starts)
     places = np.column_stack([values if values is not None else np.ones(len(starts)) for values in (rail, time)])
     for values, what in ((rail, "rail pressure"), (time, "energising time")):
         if values is not None and not (values > 0.0).all():
@@ -126,7 +119,7 @@ def _points(
             )
     groups = groups_of(places, shots.same)
     if len(groups) > MOST_CURVES:
-        raise (at / "shots").error(
+        raise (source.context.at / "shots").error(
             f"the shots are at {len(groups)} operating points, and at most {MOST_CURVES} are read"
         )
     found = []
@@ -134,10 +127,6 @@ def _points(
         cut = [record._replace(bounds=record.bounds - starts[i]).on(bounds) for i in rows]
         mean = [None if values is None else _rounded(float(values[rows].mean())) for values in (rail, time)]
         found.append(mean_curve(cut, *mean))
-    counts = sorted({curve.shots for curve in found})
-    many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    omitted = f"; {lost} that the record does not hold whole are omitted" if lost else ""
-    note(f"{source.path}: {len(starts)} shots at {len(found)} operating points, {many} each{omitted}.")
     return found
 
 
@@ -146,17 +135,15 @@ def _rounded(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def _set_points(model: RateModel, source: _Source, starts: Floats) -> tuple[Floats | None, Floats | None]:
+def _set_points(source: _Source, starts: Floats) -> tuple[Floats | None, Floats | None]:
     """Rail pressure [Pa] and energising time [s] of each shot, where the record has channels of them."""
-    shots = model.shots
+    model, shots = source.model, source.model.shots
     assert shots is not None
     rail = time = None
     if shots.rail_pressure is not None:
-        column = Column(shots.rail_pressure, "Pa", model.rail_pressure_unit)
-        rail = source.channel(column).before(starts)
+        rail = source.channel(Column(shots.rail_pressure, "Pa", model.rail_pressure_unit)).before(starts)
     if shots.energising_time is not None:
-        column = Column(shots.energising_time, "s", model.energising_time_unit)
-        time = source.channel(column).at(starts)
+        time = source.channel(Column(shots.energising_time, "s", model.energising_time_unit)).at(starts)
     return rail, time
 
 

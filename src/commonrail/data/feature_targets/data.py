@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from commonrail.base.arguments import instance, instances, settle
-from commonrail.base.arrays import Bools, Floats
+from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number
-from commonrail.data.base import DataSet, Missing, Role, Term, share_of
+from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, read_labels, share_of, term_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.feature_targets.page import FeatureView
 from commonrail.data.feature_targets.reading import (
@@ -24,20 +25,17 @@ from commonrail.data.feature_targets.reading import (
     read_curve_of,
     read_targets,
     settings_of,
-    unit_of_target,
 )
 from commonrail.data.features.features import features
-from commonrail.data.features.measures import FEATURES
 from commonrail.data.features.rate_trace import RateTrace, rate_trace
 from commonrail.data.features.result import Features
 from commonrail.data.features.settings import FeatureSettings, Levels
+from commonrail.data.features.table import find_feature
 from commonrail.data.noise import NOISE, Noise
-from commonrail.data.quantities.data import soft_l1
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.records import MEASURED, point_record
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context
-from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import Meter
@@ -46,19 +44,7 @@ NO_FEATURE = "NO_FEATURE"
 
 
 @dataclass(frozen=True)
-class FeatureScore:
-    """Simulated features [SI], NaN where there is none, root mean square error in tolerances, and reasons.
-
-    A reason says why a trace lacks a feature; it is empty where there is a number, and where the simulation failed.
-    """
-
-    values: Floats
-    error: float
-    reasons: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class FeatureData(DataSet):
+class FeatureData(ToleratedData):
     """Measured features of the injections at one operating point.
 
     Attributes
@@ -82,6 +68,8 @@ class FeatureData(DataSet):
         Its standard deviations are multiples of the tolerance.
     points : tuple of OperatingPoint
         The one point, for each target.
+    judged : (targets,) bool
+        Rates and quantities, which a gain multiplies; times are not.
 
     Raises
     ------
@@ -95,7 +83,7 @@ class FeatureData(DataSet):
     error_head: ClassVar[tuple[str, str]] = ("rms", "tolerances")
     model: ClassVar[type[FeaturesModel]] = FeaturesModel
     view: ClassVar[FeatureView] = FeatureView()
-    seen: ClassVar[frozenset[str]] = RateData.seen
+    meter_inputs: ClassVar[frozenset[str]] = RateData.meter_inputs
 
     name: str
     role: Role
@@ -110,45 +98,32 @@ class FeatureData(DataSet):
     meter: Meter | None = None
     noise: Noise = NOISE
     mass_density: float = field(init=False, repr=False, compare=False)
-    points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False)
     returned: ReturnData | None = field(init=False, repr=False, compare=False)
-    simulated_points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False)
 
     bounds = None
 
     def __post_init__(self) -> None:
-        curve = instance(self.curve, RateData, "curve of the features").with_meter(self.meter)
+        curve = instance(self.curve, RateData, "curve of the features").changed(meter=self.meter)
         settle(self, curve=curve, mass_density=curve.mass_density)
-        self._settle_labels()
+        read_labels(self)
         targets = instances(self.targets, FeatureTarget, "targets of the features")
         if not targets:
             raise ConfigurationError(f"{self.name} has no feature; name at least one.")
-        returned = self._returns([target for target in targets if target.feature == RETURNED])
+        returned = _returned(self, [target for target in targets if target.feature == RETURNED])
         settle(
             self,
             targets=targets,
             points=(curve.point,) * len(targets),
             returned=returned,
             simulated_points=curve.points if returned is None else curve.points + returned.points,
-        )
-
-    def _returns(self, targets: Sequence[FeatureTarget]) -> ReturnData | None:
-        """The return quantity as a map of one point, which is simulated beyond the end of injection."""
-        if not targets:
-            return None
-        point = self.curve.point
-        end = max(pulse.start + pulse.duration for pulse in point.pulses) + AFTER
-        longer = replace(point, horizon=max(end - point.start, point.duration))
-        value, tolerance = np.array([targets[0].value]), targets[0].tolerance
-        none = np.zeros(1, bool)
-        more = self.weight, self.source, self.synthetic, targets[0].mass_density
-        return ReturnData(
-            self.name, self.role, (longer,), value, tolerance, 0.0, none, *more, stroke_period=self.stroke_period
+            measured=np.array([target.value for target in targets]),
+            tolerances=np.array([target.tolerance for target in targets]),
+            judged=np.array([find_feature(target.feature).unit in ("m3", "m3/s") for target in targets]),
         )
 
     @classmethod
-    def read(cls, model: FeaturesModel, context: Context) -> Self:
-        """Read features; see `DataSet.read`."""
+    def read_all(cls, model: FeaturesModel, context: Context) -> tuple[Self, ...]:
+        """Read features; see `DataSet.read_all`."""
         curve = read_curve_of(model, context)
         settings = settings_of(model, context.injector, curve.point, context.at)
         measured = features(curve, settings=settings) if model.file else None
@@ -156,40 +131,12 @@ class FeatureData(DataSet):
         levels = None if measured is None else measured.levels
         labels = model.weight, model.source, model.synthetic
         more = model.stroke_period, context.meter(model.meter)
-        return cls(model.name, Role(model.role), curve, targets, settings, levels, *labels, *more)
-
-    @property
-    def injections(self) -> int:
-        """One injection, and one more for a return quantity."""
-        return len(self.simulated_points)
+        return (cls(model.name, Role(model.role), curve, targets, settings, levels, *labels, *more),)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each data set; the features are found in traces outside of its batch."""
-        return [
-            Term(d.simulated_points, np.array([d.weight]), d._j_of, d._squares_of, which_failed, whole=d.whole)
-            for d in group
-        ]
-
-    @property
-    def whole(self) -> bool:
-        """True if there is a return quantity, see `Term.whole`."""
-        return self.returned is not None
-
-    @property
-    def measured(self) -> Floats:
-        """Measured features [SI]."""
-        return np.array([target.value for target in self.targets])
-
-    @property
-    def tolerances(self) -> Floats:
-        """Tolerances of the features [SI]."""
-        return np.array([target.tolerance for target in self.targets])
-
-    @property
-    def judged(self) -> Bools:
-        """Rates and quantities, which a gain multiplies; times are not."""
-        return np.array([unit_of_target(target.feature) != "s" for target in self.targets])
+        return [term_of(d, partial(_in_term, d), which_failed, whole=d.returned is not None) for d in group]
 
     @property
     def samples(self) -> int:
@@ -234,18 +181,6 @@ class FeatureData(DataSet):
             for target in self.targets
         ]
 
-    def errors(self, values: Floats) -> Floats:
-        """(Feature − measured)/tolerance of simulated features (…, targets)."""
-        return np.asarray((values - self.measured) / self.tolerances)
-
-    def misfit(self, values: Floats) -> Floats:
-        """J of simulated features: the soft-L1 sum of `errors`."""
-        return soft_l1(self.errors(values))
-
-    def residuals(self, values: Floats) -> Floats:
-        """`errors`, scaled by the root of the weight."""
-        return np.asarray(np.sqrt(self.weight) * self.errors(values))
-
     def discrepancy(self, values: Floats) -> Floats:
         """Tolerances of predicted features."""
         return np.broadcast_to(self.tolerances, values.shape)
@@ -259,34 +194,7 @@ class FeatureData(DataSet):
             "" if found is None or math.isfinite(value) else found.reason(target.injection).sentence
             for value, target in zip(values.tolist(), self.targets, strict=True)
         )
-        return FeatureScore(values, float(np.sqrt(np.mean(self.errors(values) ** 2))), reasons)
-
-    def missing(self, score: FeatureScore) -> list[Missing]:
-        """Features without a number: of a failed simulation, or of a trace that does not have them."""
-        return [
-            Missing(point, NO_FEATURE, f"{target.text}: {reason}") if reason else Missing(point)
-            for point, target, value, reason in zip(
-                self.points, self.targets, score.values.tolist(), score.reasons, strict=True
-            )
-            if not math.isfinite(value)
-        ]
-
-    def quantities(self, score: FeatureScore) -> tuple[Floats, Floats]:
-        """Measured and simulated quantities of injections where there are both [m³]."""
-        both = np.isfinite(score.values) & np.array(
-            [target.feature in ("quantity", "total_quantity") for target in self.targets]
-        )
-        return self.measured[both], score.values[both]
-
-    def relative_error(self, score: FeatureScore) -> float:
-        """Σ |error| over Σ |feature|, each in its tolerances; NaN for a failed simulation."""
-        return share_of(
-            np.sum(np.abs(self.errors(score.values))), float(np.sum(np.abs(self.measured / self.tolerances)))
-        )
-
-    def best_gain(self, score: FeatureScore, gains: Floats) -> float:
-        """Factor on the simulated rates and quantities that makes J least; 1 where there are times alone."""
-        return super().best_gain(score, gains) if self.judged.any() else 1.0
+        return FeatureScore(self, values, reasons)
 
     def record(self, scores: Mapping[str, FeatureScore]) -> dict[str, Any]:
         """A row for each feature, and root mean squares in tolerances, by label."""
@@ -294,8 +202,8 @@ class FeatureData(DataSet):
             {
                 "feature": target.feature,
                 "injection": target.injection,
-                "unit": unit_of_target(target.feature),
-                "meaning": FEATURES[target.feature].meaning if target.feature in FEATURES else "return quantity",
+                "unit": find_feature(target.feature).unit,
+                "meaning": find_feature(target.feature).meaning,
                 "tolerance": target.tolerance,
                 MEASURED: target.value,
                 **{label: number(float(score.values[i])) for label, score in scores.items()},
@@ -308,8 +216,63 @@ class FeatureData(DataSet):
             "rms": {label: number(score.error) for label, score in scores.items()},
         }
 
-    def _j_of(self, batch: Batch, candidates: Candidates) -> Floats:
-        return self.misfit(self.simulated(*candidates))[:, None]
 
-    def _squares_of(self, batch: Batch, candidates: Candidates) -> Floats:
-        return np.asarray(np.sum(self.errors(self.simulated(*candidates)) ** 2, axis=1)[:, None])
+@dataclass(frozen=True)
+class FeatureScore(Score):
+    """Simulated features [SI], NaN where there is none, and reasons.
+
+    A reason says why a trace lacks a feature; it is empty where there is a number, and where the simulation failed.
+    """
+
+    data: FeatureData
+    reasons: tuple[str, ...]
+
+    @property
+    def error(self) -> float:
+        """Root mean square error in tolerances."""
+        return float(np.sqrt(np.mean(self.data.errors(self.values) ** 2)))
+
+    def missing(self) -> list[Missing]:
+        """Features without a number: of a failed simulation, or of a trace that does not have them."""
+        rows = zip(self.data.points, self.data.targets, self.values.tolist(), self.reasons, strict=True)
+        return [
+            Missing(point, NO_FEATURE, f"{target.text}: {reason}") if reason else Missing(point)
+            for point, target, value, reason in rows
+            if not math.isfinite(value)
+        ]
+
+    def quantities(self) -> tuple[Floats, Floats]:
+        """Measured and simulated quantities of injections where there are both [m³]."""
+        both = np.isfinite(self.values) & np.array(
+            [target.feature in ("quantity", "total_quantity") for target in self.data.targets]
+        )
+        return self.data.measured[both], self.values[both]
+
+    def relative_error(self) -> float:
+        """Σ |error| over Σ |feature|, each in its tolerances; NaN for a failed simulation."""
+        data = self.data
+        level = float(np.sum(np.abs(data.measured / data.tolerances)))
+        return share_of(np.sum(np.abs(data.errors(self.values))), level)
+
+    def best_gain(self, gains: Floats) -> float:
+        """Factor on the simulated rates and quantities that makes J least; 1 where there are times alone."""
+        return super().best_gain(gains) if self.data.judged.any() else 1.0
+
+
+def _in_term(data: FeatureData, batch: Batch, candidates: Candidates) -> Floats:
+    return data.simulated(*candidates)
+
+
+def _returned(data: FeatureData, targets: Sequence[FeatureTarget]) -> ReturnData | None:
+    """The return quantity as a map of one point, which is simulated beyond the end of injection."""
+    if not targets:
+        return None
+    point = data.curve.point
+    end = max(pulse.start + pulse.duration for pulse in point.pulses) + AFTER
+    longer = replace(point, horizon=max(end - point.start, point.duration))
+    value, tolerance = np.array([targets[0].value]), targets[0].tolerance
+    none = np.zeros(1, bool)
+    more = data.weight, data.source, data.synthetic, targets[0].mass_density
+    return ReturnData(
+        data.name, data.role, (longer,), value, tolerance, 0.0, none, *more, stroke_period=data.stroke_period
+    )

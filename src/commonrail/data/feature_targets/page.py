@@ -9,7 +9,7 @@ from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import field_unit, fixed, listed, megapascal, number, pressure, signed
 from commonrail.data.base import View
-from commonrail.data.features.result import DECIMALS
+from commonrail.data.features.result import decimals_of
 from commonrail.data.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present
 
 _STEPS = (1.0, 2.0)  # [tolerances]
@@ -63,7 +63,7 @@ def _name(row: Record) -> str:
 
 
 def _shown(row: Record, key: str) -> str:
-    return fixed(row.get(key), DECIMALS[row["unit"]], field_unit(row["unit"]).factor)
+    return fixed(row.get(key), decimals_of(row["unit"]), field_unit(row["unit"]).factor)
 
 
 def _error(row: Record, label: str) -> float | None:
@@ -75,7 +75,7 @@ def _error(row: Record, label: str) -> float | None:
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     def errors(row: Record) -> Iterator[str | Cell]:
         factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
-        yield signed(None if value is None else (value - row[MEASURED]) * factor, DECIMALS[row["unit"]])
+        yield signed(None if value is None else (value - row[MEASURED]) * factor, decimals_of(row["unit"]))
         error = _error(row, JUDGED)
         yield Cell(signed(error, 2), size_of(error, _STEPS))
 
@@ -91,9 +91,7 @@ def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
 
 def _errors_table(data: Record, labels: Sequence[str]) -> Table:
     def errors(row: Record) -> list[Cell]:
-        found = [_error(row, label) for label in labels]
-        cells = zip(marked(found, lambda error: signed(error, 2)), found, strict=True)
-        return [Cell(cell.text, size_of(error, _STEPS), cell.best) for cell, error in cells]
+        return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
 
     parts = (_HEAD, Part((origin_of(data),), lambda row: (_shown(row, MEASURED),)), Part(labels, errors))
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -14,11 +15,12 @@ from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.units import parse
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
+from commonrail.data.curves.reading import pulses_of
 from commonrail.data.curves.samples import RateModel
-from commonrail.data.features.measures import FEATURES
 from commonrail.data.features.settings import FeatureSettings, Threshold
+from commonrail.data.features.table import features_of_traces, find_feature
 from commonrail.data.study_block import Context, drive_unit, mass_density
-from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.injector import Injector
 from commonrail.readers.fields import FileModel, Unit, fault
@@ -29,14 +31,14 @@ SAMPLE = 2e-6  # of a simulated trace that no measured one gives samples for [s]
 AFTER = 3e-3  # simulated after the last energising [s]
 MOST_TARGETS = 1000
 
-_UNITS = {"time": ("s",), "rate": ("m3/s", "kg/s"), "quantity": ("m3", "kg")}
+_BY_MASS = {"m3/s": "kg/s", "m3": "kg"}
 
 Number = tuple[float, str]  # value and its SI unit
 
 
 def _known(item: str) -> str:
-    if item not in FEATURES and item != RETURNED:
-        raise fault(f'there is no feature "{item}"{nearest(item, [*FEATURES, RETURNED])}')
+    if item not in (known := [*features_of_traces(), RETURNED]):
+        raise fault(f'there is no feature "{item}"{nearest(item, known)}')
     return item
 
 
@@ -45,13 +47,11 @@ def _in_its_unit(item: Any, info: ValidationInfo) -> Number | None:
     name = info.data.get("feature")
     if item is None or name is None:
         return None
-    units = _UNITS["quantity" if name == RETURNED else FEATURES[name].of]
-    for unit in units[1:]:
-        try:
-            return parse(item, unit), unit
-        except InputError:
-            continue
-    return Unit(units[0]).read(item), units[0]
+    unit = find_feature(name).unit
+    if by_mass := _BY_MASS.get(unit):
+        with suppress(InputError):
+            return parse(item, by_mass), by_mass
+    return Unit(unit).read(item), unit
 
 
 _InItsUnit = PlainValidator(_in_its_unit)
@@ -98,21 +98,10 @@ class FeatureTarget(NamedTuple):
         return self.feature if self.feature == RETURNED else f"{self.feature} {self.injection}"
 
 
-def unit_of_target(feature: str) -> str:
-    """SI unit of a target."""
-    return "m3" if feature == RETURNED else _UNITS[FEATURES[feature].of][0]
-
-
 def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:
     """Settings of a block, with a threshold by mass as one by volume.
 
-    Parameters
-    ----------
-    model : FeaturesModel
-    injector : Injector
-    point : OperatingPoint
-    at : Place
-        Of the block; an error names it.
+    An error names the place `at` which the block stands.
     """
     with located(at):
         settings = FeatureSettings(
@@ -132,13 +121,14 @@ def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint,
 def read_curve_of(model: FeaturesModel, context: Context) -> RateData:
     """Measured curve of a block; without a file a curve of zeros at the block's operating point.
 
-    Raises
-    ------
-    InputError, ConfigurationError
-        As `DataSet.read`; also if there is no file, and something needs one.
+    Raises `InputError` and `ConfigurationError` as `DataSet.read_all`; also if there is no file, and something needs
+    one.
     """
     if model.file:
-        return RateData.read(model, context)
+        curves = RateData.read_all(model, context)
+        if len(curves) != 1:
+            raise context.at.error(f"{model.file} holds {len(curves)} curves, and one is expected")
+        return curves[0]
     if drive_unit(context.injector):
         raise context.at.error("an injector that is driven by a trace needs a file with the measured drive")
     point = _point(model, context)
@@ -163,14 +153,8 @@ def _point(model: FeaturesModel, context: Context) -> OperatingPoint:
     for key, value in pressures.items():
         if not isinstance(value, float):
             raise (at / key).error("without a file this must be one pressure")
-    if (model.energising_time is None) == (model.energisings is None):
-        raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
+    pulses = pulses_of(model, at)
     with located(at):
-        pulses = (
-            (Energising(0.0, model.energising_time),)
-            if model.energising_time is not None
-            else tuple(Energising(pulse.start, pulse.duration) for pulse in model.energisings or ())
-        )
         start = min(0.0, pulses[0].start)
         last = max(pulse.start + pulse.duration for pulse in pulses)
         steps = math.ceil((last + AFTER - start) / context.time_step - 1e-6)
@@ -185,21 +169,8 @@ def read_targets(
 ) -> tuple[FeatureTarget, ...]:
     """Targets of a block, with the values of the measured trace where none is stated.
 
-    Parameters
-    ----------
-    model : FeaturesModel
-    injector : Injector
-        Its fuel turns masses into volumes.
-    point : OperatingPoint
-    measured : Features or None
-        Of the measured trace.
-    at : Place
-        Of the block.
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        If a value is neither stated nor in the trace, an injection has no energising, or a target is repeated.
+    The fuel of the `injector` turns masses into volumes. Raises `InputError` and `ConfigurationError` if a value is
+    neither stated nor in the trace, an injection has no energising, or a target is repeated.
     """
     found = []
     for i, item in enumerate(model.features):

@@ -12,20 +12,19 @@ import numpy as np
 from commonrail.base.arguments import instance
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.features.measures import (
-    FEATURES,
     FeatureStatus,
     Instant,
     Instants,
-    Measured,
     Part,
+    TracedInjection,
     averaged,
     instants_of,
-    measured_between,
     parts_of,
 )
 from commonrail.data.features.rate_trace import RateTrace, rate_trace
 from commonrail.data.features.result import Features, Injection
 from commonrail.data.features.settings import CLEAR, FeatureSettings, Levels, levels_of
+from commonrail.data.features.table import features_of_traces
 from commonrail.engine.operating_point import Energising, OperatingPoint
 
 
@@ -95,14 +94,18 @@ def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> 
     if not parts:
         return []
     instants = [instants_of(trace, course, part, levels) for part in parts]
-    windows = _windows(trace, instants, parts, float(settings.tail))
-    measured = [
-        measured_between(trace, course, part, window, levels, settings)
-        for part, window in zip(parts, windows, strict=True)
-    ]
+    windows = list(_windows(trace, instants, parts, float(settings.tail)))
     numbers = [_energising_of(at.begin, trace.energisings, float(settings.least_delay)) for at in instants]
     before = [Instant(), *(at.closing for at in instants[:-1])]
-    return [_injection(measured, i, numbers, trace.energisings, before[i]) for i in range(len(parts))]
+    found = []
+    for i, (part, at, window, number) in enumerate(zip(parts, instants, windows, numbers, strict=True)):
+        again = number is not None and number in numbers[:i]  # a reopening
+        same = [w for w, other in zip(windows, numbers, strict=True) if other == number]
+        together = () if again else (window,) if number is None else tuple(same)
+        pulse = None if again or number is None else trace.energisings[number - 1]
+        one = TracedInjection(trace, course, part, levels, settings, at, window, together, pulse, before[i])
+        found.append(_injection(one, None if again else number, again=again))
+    return found
 
 
 def _windows(
@@ -125,29 +128,11 @@ def _energising_of(opening: float, energisings: Sequence[Energising], delay: flo
     return before[-1] if before else None
 
 
-def _injection(
-    measured: Sequence[Measured],
-    i: int,
-    numbers: Sequence[int | None],
-    energisings: Sequence[Energising],
-    before: Instant,
-) -> Injection:
-    """Injection i with what depends on its energising, on its reopenings, and on the closing `before` it."""
-    values, errors, statuses = dict(measured[i].values), dict(measured[i].standard_errors), list(measured[i].statuses)
-    again = numbers[i] is not None and numbers[i] in numbers[:i]
-    number = None if again else numbers[i]
-    pulse = None if number is None else energisings[number - 1]
-    start, end = (math.nan, math.nan) if pulse is None else (pulse.start, pulse.start + pulse.duration)
-    own = [m.values["quantity"] for m, other in zip(measured, numbers, strict=True) if other == number]
-    values |= {
-        "opening_delay": values["opening"] - start,
-        "closing_delay": values["closing"] - end,
-        "separation": values["opening"] - before.time,
-        "total_quantity": math.nan if again else values["quantity"] if number is None else sum(own),
-    }
-    errors["separation"] = math.hypot(errors["opening"], before.error)
-    if pulse is not None:
-        errors |= {"opening_delay": errors["opening"], "closing_delay": errors["closing"]}
-    if energisings and pulse is None:
-        statuses.append(FeatureStatus.REOPENED if again else FeatureStatus.NO_ENERGISING)
-    return Injection({name: values[name] for name in FEATURES}, errors, tuple(statuses), number)
+def _injection(one: TracedInjection, number: int | None, *, again: bool) -> Injection:
+    """Injection with all features of the table; `number` is that of its energising, `again` tells a reopening."""
+    estimates = {name: f.of_trace(one) for name, f in features_of_traces().items() if f.of_trace}
+    errors = {name: found.error for name, found in estimates.items() if found.error is not None}
+    statuses = one.statuses
+    if one.trace.energisings and one.pulse is None:
+        statuses = (*statuses, FeatureStatus.REOPENED if again else FeatureStatus.NO_ENERGISING)
+    return Injection({name: found.value for name, found in estimates.items()}, errors, statuses, number)

@@ -1,10 +1,12 @@
-"""Features of one injection in an averaged course: instants, ramps, rates, quantity."""
+"""Injections of a trace: where each begins and ends in the averaged course, its instants, ramps and plateau."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +14,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.data.features.rate_trace import RateTrace
 from commonrail.data.features.settings import FeatureSettings, Levels
+from commonrail.engine.operating_point import Energising
 
 # Division of a trace into injections: runs above the threshold with hysteresis, split where they fuse.
 
@@ -63,12 +66,7 @@ def averaged(trace: RateTrace, width: float) -> Course:
 def parts_of(course: Course, levels: Levels, split: float) -> list[Part]:
     """Injections in the order of time.
 
-    Parameters
-    ----------
-    course : Course
-    levels : Levels
-    split : float
-        Share of the smaller neighbouring peak below which the rate must fall between two injections.
+    `split`: share of the smaller neighbouring peak below which the rate must fall between two injections.
     """
     above = np.concatenate(([False], course.rate > levels.release, [False]))
     edges = np.flatnonzero(np.diff(above.astype(np.int8)))
@@ -144,42 +142,6 @@ BEND = 4.0 / 24.0
 MIDDLE = 0.25  # share that is left out at either end of the plateau
 
 
-class Feature(NamedTuple):
-    """Feature of an injection: its name, kind of unit ("time", "rate", "quantity") and meaning."""
-
-    name: str
-    of: str
-    meaning: str
-
-
-FEATURES = {
-    name: Feature(name, of, meaning)
-    for name, of, meaning in (
-        ("opening", "time", "instant at which the rate rises above the threshold"),
-        ("closing", "time", "instant at which the rate falls below the threshold"),
-        ("opening_delay", "time", "hydraulic delay: from the start of energising to opening"),
-        ("closing_delay", "time", "from the end of energising to closing"),
-        ("duration", "time", "from opening to closing"),
-        ("separation", "time", "from the closing of the previous injection to opening"),
-        ("rise_time", "time", "opening ramp, between two shares of the largest rate"),
-        ("fall_time", "time", "closing ramp, between the same shares"),
-        ("steady_rate", "rate", "mean of the middle half of the plateau"),
-        ("peak_rate", "rate", "largest mean over the peak averaging"),
-        ("quantity", "quantity", "quantity of this injection"),
-        ("total_quantity", "quantity", "quantity with what reopenings after the same energising add"),
-        ("dribble", "quantity", "quantity after closing"),
-    )
-}
-
-
-class Measured(NamedTuple):
-    """Values by feature, their standard errors by the noise, and what is missing for which reason."""
-
-    values: Mapping[str, float]
-    standard_errors: Mapping[str, float]
-    statuses: tuple[FeatureStatus, ...]
-
-
 class Instant(NamedTuple):
     """Time at which the rate passes the threshold and its standard error [s], NaN where it does not."""
 
@@ -197,16 +159,7 @@ class Instants(NamedTuple):
 
 
 def instants_of(trace: RateTrace, course: Course, part: Part, levels: Levels) -> Instants:
-    """Last rise above the threshold before the trigger, and first fall below it after the trigger.
-
-    Parameters
-    ----------
-    trace : RateTrace
-    course : Course
-        Of the trace.
-    part : Part
-    levels : Levels
-    """
+    """Last rise above the threshold before the trigger, and first fall below it after the trigger."""
     rate = course.rate[part.first : part.last + 1]
     high = part.first + np.flatnonzero(rate > levels.trigger)
     rises = course.rises(levels.threshold, part.first, int(high[0]))
@@ -228,16 +181,8 @@ def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Le
     A mean over more than twice the distance to the foot of the ramp, or to its top, would move the passing. The slope
     between the passing and a mean within the injection gives that distance.
 
-    Parameters
-    ----------
-    trace : RateTrace
-    time : float
-        Passing of the rate averaged over `levels.width` [s].
-    sign : int
-        1 for a rise, -1 for a fall.
-    margin : float
-        From the threshold to zero or to the largest rate, whichever is nearer [m³/s or kg/s].
-    levels : Levels
+    `time`: passing of the rate averaged over `levels.width` [s]. `sign`: 1 for a rise, -1 for a fall. `margin`: from
+    the threshold to zero or to the largest rate, whichever is nearer [m³/s or kg/s].
     """
     first, level, narrowest = time, levels.threshold, max(levels.narrowest, trace.interval)
     width = max(levels.width, trace.interval)
@@ -251,13 +196,13 @@ def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Le
         time = _nearest_passing(trace, first, sign, width, levels)
     if not slope > 0.0:
         return Instant(time, math.inf)
-    bend = _bend(trace, time, width)
+    bend = second_difference(trace, time, width)
     noise = levels.noise * math.sqrt(max(levels.width / width, 1.0))
     return Instant(time, math.hypot(noise, bend) / slope)
 
 
-def _bend(trace: RateTrace, time: float, width: float) -> float:
-    """Difference of a mean over a width about a time [s] from the rate there, by its second difference."""
+def second_difference(trace: RateTrace, time: float, width: float) -> float:
+    """Difference of a mean over a width [s] about a time [s] from the rate there, by its second difference."""
     before, here, after = trace.means([time - 0.5 * width, time, time + 0.5 * width], 0.5 * width)
     return abs(float(before - 2.0 * here + after)) * BEND
 
@@ -273,130 +218,95 @@ def _nearest_passing(trace: RateTrace, time: float, sign: int, width: float, lev
     return min(times, key=lambda one: abs(one - time), default=time)
 
 
-def measured_between(
-    trace: RateTrace, course: Course, part: Part, window: tuple[float, float], levels: Levels, settings: FeatureSettings
-) -> Measured:
-    """Features of one injection but for those that depend on its neighbours or its energising.
+class Ramps(NamedTuple):
+    """Times of the opening and of the closing ramp, and instants between which the rate is above both shares [s]."""
 
-    Parameters
+    rise: float
+    fall: float
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True)
+class TracedInjection:
+    """One injection of a trace, with what its features follow from.
+
+    Attributes
     ----------
     trace : RateTrace
     course : Course
-        Of the trace.
+        The trace averaged.
     part : Part
-    window : (float, float)
-        Times between which its quantity counts [s].
+        The injection in the course.
     levels : Levels
     settings : FeatureSettings
+    at : Instants
+        Opening and closing.
+    window : (float, float)
+        Times between which its quantity counts [s].
+    windows : tuple of (float, float)
+        Those of all injections after its energising; its own where that is unknown, none of a reopening.
+    pulse : Energising or None
+        None where it is unknown, and for a reopening.
+    before : Instant
+        Closing of the previous injection.
     """
-    at = instants_of(trace, course, part, levels)
-    opening, closing = at.opening.time, at.closing.time
-    peak = _largest(trace, course, part, at, float(settings.peak_averaging))
-    rise, fall, plateau = _ramps(course, part, settings.ramp, peak)
-    steady = math.nan
-    if plateau[1] - plateau[0] > PLATEAU * (at.end - at.begin):
-        left_out = MIDDLE * (plateau[1] - plateau[0])
-        begin, end = plateau[0] + left_out, plateau[1] - left_out
-        steady = trace.quantity(begin, end) / (end - begin)
-    values = {
-        "opening": opening,
-        "closing": closing,
-        "duration": closing - opening,
-        "rise_time": rise,
-        "fall_time": fall,
-        "steady_rate": steady,
-        "peak_rate": peak,
-        "quantity": trace.quantity(*window),
-        "dribble": trace.quantity(closing, window[1]) if math.isfinite(closing) else math.nan,
-    }
-    errors = _errors(trace, at, window)
-    share = _peak_error(trace, plateau, levels, float(settings.peak_averaging)) / peak
-    apart = (settings.ramp[1] - settings.ramp[0]) * peak
-    for name, ends in (("rise_time", (plateau[0] - rise, plateau[0])), ("fall_time", (plateau[1], plateau[1] + fall))):
-        errors[name] = _ramp_error(trace, ends, apart, share, levels)
-    if settings.zero_at_rest:
-        errors["quantity"] = _quantity_error_from_zero(trace, window)
-    return Measured(values, errors, _statuses(at, part, math.isnan(steady)))
 
+    trace: RateTrace
+    course: Course
+    part: Part
+    levels: Levels
+    settings: FeatureSettings
+    at: Instants
+    window: tuple[float, float]
+    windows: tuple[tuple[float, float], ...]
+    pulse: Energising | None
+    before: Instant
 
-def _largest(trace: RateTrace, course: Course, part: Part, at: Instants, width: float) -> float:
-    """Largest mean over a width [s] within the injection."""
-    width = max(width, trace.interval)
-    low = at.begin + (0.5 * width if part.fused_before else 0.0)
-    high = at.end - (0.5 * width if part.fused_after else 0.0)
-    inside = course.time[(course.time >= low) & (course.time <= high)]
-    return float(trace.means(inside, width).max() if len(inside) else course.rate[part.first : part.last + 1].max())
+    @cached_property
+    def peak(self) -> float:
+        """Largest mean over the peak averaging within the injection [m³/s or kg/s]."""
+        trace, course, part, at = self.trace, self.course, self.part, self.at
+        width = max(float(self.settings.peak_averaging), trace.interval)
+        low = at.begin + (0.5 * width if part.fused_before else 0.0)
+        high = at.end - (0.5 * width if part.fused_after else 0.0)
+        inside = course.time[(course.time >= low) & (course.time <= high)]
+        return float(trace.means(inside, width).max() if len(inside) else course.rate[part.first : part.last + 1].max())
 
+    @cached_property
+    def ramps(self) -> Ramps:
+        """Ramps between the shares of the largest rate that the settings name; NaN where there is none."""
+        course, part = self.course, self.part
+        low, high = (share * self.peak for share in self.settings.ramp)
+        rises = course.rises(high, part.first, part.last)
+        falls = course.falls(high, part.first, part.last)
+        up = course.crossing(int(rises[0]), high) if len(rises) else math.nan
+        down = course.crossing(int(falls[-1]), high) if len(falls) else math.nan
+        before = course.rises(low, part.first, int(rises[0]) + 1) if len(rises) else rises
+        after = course.falls(low, int(falls[-1]), part.last) if len(falls) else falls
+        rise = up - course.crossing(int(before[-1]), low) if len(before) else math.nan
+        fall = course.crossing(int(after[0]), low) - down if len(after) else math.nan
+        return Ramps(rise, fall, up, down)
 
-def _ramps(
-    course: Course, part: Part, shares: tuple[float, float], peak: float
-) -> tuple[float, float, tuple[float, float]]:
-    """Times of the opening and of the closing ramp [s], and the times between which the rate is above both shares."""
-    low, high = (share * peak for share in shares)
-    rises = course.rises(high, part.first, part.last)
-    falls = course.falls(high, part.first, part.last)
-    up = course.crossing(int(rises[0]), high) if len(rises) else math.nan
-    down = course.crossing(int(falls[-1]), high) if len(falls) else math.nan
-    before = course.rises(low, part.first, int(rises[0]) + 1) if len(rises) else rises
-    after = course.falls(low, int(falls[-1]), part.last) if len(falls) else falls
-    rise = up - course.crossing(int(before[-1]), low) if len(before) else math.nan
-    fall = course.crossing(int(after[0]), low) - down if len(after) else math.nan
-    return rise, fall, (up, down)
+    @cached_property
+    def steady(self) -> float:
+        """Mean of the middle half of the plateau [m³/s or kg/s]; NaN where the plateau is too short."""
+        begin, end = self.ramps.begin, self.ramps.end
+        if not end - begin > PLATEAU * (self.at.end - self.at.begin):
+            return math.nan
+        left_out = MIDDLE * (end - begin)
+        begin, end = begin + left_out, end - left_out
+        return self.trace.quantity(begin, end) / (end - begin)
 
-
-def _errors(trace: RateTrace, at: Instants, window: tuple[float, float]) -> dict[str, float]:
-    """Standard errors: of instants as found, of a quantity that of a sum of white noise."""
-    opening, closing = at.opening.error, at.closing.error
-    quantity = trace.noise * math.sqrt(trace.interval * (window[1] - window[0]))
-    return {"opening": opening, "closing": closing, "duration": math.hypot(opening, closing), "quantity": quantity}
-
-
-def _peak_error(trace: RateTrace, plateau: tuple[float, float], levels: Levels, width: float) -> float:
-    """Standard error of the largest mean over a width [s].
-
-    The largest of n means with the standard deviation σ exceeds the rate by up to σ √(2 ln n), the bound of the
-    expected largest of n normal values; that counts beside σ.
-    """
-    width = max(width, trace.interval)
-    count = max((plateau[1] - plateau[0]) / width, 1.0)
-    return levels.noise * math.sqrt(levels.width / width * (1.0 + 2.0 * math.log(count)))
-
-
-def _ramp_error(trace: RateTrace, ends: tuple[float, float], apart: float, share: float, levels: Levels) -> float:
-    """Standard error of the time [s] of a ramp.
-
-    Parameters
-    ----------
-    trace : RateTrace
-    ends : (float, float)
-        Times between which the ramp is timed [s].
-    apart : float
-        Difference of the rates there [m³/s or kg/s].
-    share : float
-        Standard error of the largest rate over that rate: both ends are shares of it.
-    levels : Levels
-    """
-    time = ends[1] - ends[0]
-    if not time > 0.0:
-        return math.nan
-    width = max(levels.width, trace.interval)
-    bends = [_bend(trace, end, width) for end in ends]
-    return time * math.hypot(math.sqrt(2.0) * levels.noise / apart, *(bend / apart for bend in bends), share)
-
-
-def _quantity_error_from_zero(trace: RateTrace, window: tuple[float, float]) -> float:
-    """Standard error of a quantity above the mean at rest: the zero of few samples counts over the whole window."""
-    rest, length = trace.interval * len(trace.at_rest), window[1] - window[0]
-    shared = max(0.0, float(trace.bounds[len(trace.at_rest)]) - window[0])  # at rest and within the window
-    return trace.noise * math.sqrt(trace.interval * length * max(1.0 + (length - 2.0 * shared) / rest, 0.0))
-
-
-def _statuses(at: Instants, part: Part, no_plateau: bool) -> tuple[FeatureStatus, ...]:
-    found = []
-    if (math.isnan(at.opening.time) and part.fused_before) or (math.isnan(at.closing.time) and part.fused_after):
-        found.append(FeatureStatus.FUSED)
-    if math.isnan(at.opening.time) and not part.fused_before:
-        found.append(FeatureStatus.CUT_AT_START)
-    if math.isnan(at.closing.time) and not part.fused_after:
-        found.append(FeatureStatus.CUT_AT_END)
-    return (*found, *([FeatureStatus.NO_PLATEAU] if no_plateau else []))
+    @property
+    def statuses(self) -> tuple[FeatureStatus, ...]:
+        """Reasons for which features of the injection itself are missing."""
+        no_opening, no_closing = math.isnan(self.at.opening.time), math.isnan(self.at.closing.time)
+        part = self.part
+        reasons = {
+            FeatureStatus.FUSED: (no_opening and part.fused_before) or (no_closing and part.fused_after),
+            FeatureStatus.CUT_AT_START: no_opening and not part.fused_before,
+            FeatureStatus.CUT_AT_END: no_closing and not part.fused_after,
+            FeatureStatus.NO_PLATEAU: math.isnan(self.steady),
+        }
+        return tuple(status for status, applies in reasons.items() if applies)

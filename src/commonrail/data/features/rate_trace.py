@@ -112,17 +112,8 @@ def spread(values: Floats) -> float:
 def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] | None = None) -> RateTrace:
     """Rate of injection from anything that has one.
 
-    Parameters
-    ----------
-    source : RateTrace, Solution, Trace or RateData
-        Of a `Trace` each sample is taken as the mean over the interval around its time [m³/s].
-    energisings : OperatingPoint or sequence of Energising, optional
-        Those of the source if it has some.
-
-    Raises
-    ------
-    ConfigurationError
-        If the source has no rate.
+    Of a `Trace` each sample is taken as the mean over the interval around its time [m³/s]. Energisings are those of
+    the source by default. Raises `ConfigurationError` if the source has no rate.
     """
     pulses = energisings.pulses if isinstance(energisings, OperatingPoint) else energisings
     if isinstance(source, RateTrace):

@@ -7,15 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from commonrail.base.arguments import shown
-from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.text import number
-from commonrail.data.features.measures import FEATURES, FeatureStatus
+from commonrail.data.features.measures import FeatureStatus
 from commonrail.data.features.rate_trace import RATE_UNITS
 from commonrail.data.features.settings import Levels
+from commonrail.data.features.table import features_of_traces, find_feature, known_name
 from commonrail.engine.operating_point import Energising
 
-DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2, "m3": 3, "kg": 3}  # of a feature in its `field_unit`, by SI unit
+_DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2}
+
+
+def decimals_of(unit: str) -> int:
+    """Decimals with which a feature of an SI unit is shown in its `field_unit`."""
+    return _DECIMALS.get(unit, 3)
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ class Injection:
 
     def __getitem__(self, name: str) -> float:
         """Value of a feature [SI]; `ConfigurationError` for a name that is none."""
-        return self.values[known_feature(name)]
+        return self.values[known_name(name, self.values)]
 
 
 @dataclass(frozen=True)
@@ -89,8 +93,8 @@ class Features:
         injection : int
             As for `of`.
         """
-        name, found = known_feature(name), self.of(injection)
-        return math.nan if found is None else found.values[name]
+        name, found = known_name(name, features_of_traces()), self.of(injection)
+        return math.nan if found is None else found.values.get(name, math.nan)
 
     def reason(self, injection: int = 1) -> FeatureStatus:
         """Status that explains a missing feature of one injection, numbered as for `of`."""
@@ -120,23 +124,10 @@ class Features:
         }
 
 
-def known_feature(name: object) -> str:
-    """Name of a feature.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none of that name, with the nearest.
-    """
-    if not isinstance(name, str) or name not in FEATURES:
-        meant = nearest(name, FEATURES) if isinstance(name, str) else ""
-        raise ConfigurationError(f"There is no feature {shown(name)}{meant}; the features are {', '.join(FEATURES)}.")
-    return name
-
-
 def unit_of(name: str, unit: str = "m3/s") -> str:
     """SI unit of a feature of a trace whose rate has a unit."""
-    return {"time": "s", "rate": unit, "quantity": RATE_UNITS[unit]}[FEATURES[name].of]
+    by_volume = find_feature(name).unit
+    return {"m3/s": unit, "m3": RATE_UNITS[unit]}.get(by_volume, by_volume)
 
 
 def _record(one: Injection) -> dict[str, Any]:

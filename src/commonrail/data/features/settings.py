@@ -31,28 +31,14 @@ class Threshold(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """Rates [m³/s or kg/s] and times [s] as they apply to a trace, so that others can be judged alike.
+    """Rates [m³/s or kg/s] and times [s] as they apply to a trace, so that others can be judged alike."""
 
-    Attributes
-    ----------
-    threshold : float
-        Rate at which an injection opens and closes.
-    trigger, release : float
-        Rate that an injection must exceed, and rate below which the next one can begin.
-    width : float
-        Time over which the rate is averaged.
-    noise : float
-        Standard deviation of the averaged rate.
-    narrowest : float
-        Shortest time over which the rate is averaged about an opening or a closing.
-    """
-
-    threshold: float
-    trigger: float
-    release: float
-    width: float
-    noise: float
-    narrowest: float = 0.0
+    threshold: float  # rate at which an injection opens and closes
+    trigger: float  # rate that an injection must exceed
+    release: float  # rate below which the next one can begin
+    width: float  # time over which the rate is averaged
+    noise: float  # standard deviation of the averaged rate
+    narrowest: float = 0.0  # shortest time over which the rate is averaged about an opening or a closing
 
 
 @dataclass(frozen=True)
@@ -124,15 +110,7 @@ class FeatureSettings:
 def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
     """Rates and averaging as they apply to a trace; the threshold is NaN where nothing is injected.
 
-    Parameters
-    ----------
-    trace : RateTrace
-    settings : FeatureSettings
-
-    Raises
-    ------
-    ConfigurationError
-        If the threshold is a rate by mass and the trace one by volume, or the other way round.
+    Raises `ConfigurationError` if the threshold is a rate by mass and the trace one by volume, or the other way round.
     """
     noise, wide = trace.noise, max(float(settings.peak_averaging), trace.interval)
     largest = float(trace.means(trace.bounds, wide).max())

@@ -12,9 +12,9 @@ import numpy as np
 from commonrail.base.arguments import instances, number
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number as plain
-from commonrail.data.features.measures import FEATURES
 from commonrail.data.features.rate_trace import spread
 from commonrail.data.features.result import Features, unit_of
+from commonrail.data.features.table import features_of_traces
 
 APART = 3.5  # standard deviations by medians from the median, beyond which a shot stands apart
 FEWEST_TO_JUDGE = 5  # shots
@@ -90,7 +90,7 @@ def shot_statistics(shots: Sequence[Features], level: float = 0.95) -> tuple[Sho
     if not 0.0 < level < 1.0:
         raise ConfigurationError(f"The level must lie between 0 and 1, not {level:g}.")
     most = max(len(shot.energisings or shot.injections) for shot in shots)
-    found = (_statistic(name, shots, i, level) for i in range(1, most + 1) for name in FEATURES)
+    found = (_statistic(name, shots, i, level) for i in range(1, most + 1) for name in features_of_traces())
     return tuple(one for one in found if one.count)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import fixed, listed, number, significant
 from commonrail.data.records import MM3
 from commonrail.data.study_block import Context
-from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.parameters import Domain
 from commonrail.readers.columns import Column, FormModel
 from commonrail.readers.fields import Unit
@@ -26,6 +25,7 @@ from commonrail.readers.fields import Unit
 # Exponents of the rail pressure in which an interpolation is linear: p, and √p, which the flow of an orifice follows.
 SCALES: Mapping[str, float] = {"p": 1.0, "√p": 0.5}
 SAME = 1e-9  # relative difference within which two pressures or times are one
+ROUNDING = 1e-18  # sum of squared errors in tolerances that exact rules leave
 
 
 class Rule(StrEnum):
@@ -51,17 +51,9 @@ def interpolate(
     For a map that is bilinear in energising time and in the power of the rail pressure all rules are exact. Beyond the
     known points the nearest two are continued as a line, and no quantity is less than zero.
 
-    Parameters
-    ----------
-    known : (m, 3)
-        Rail pressure [Pa], energising time [s] and quantity [m³]; one or more rows. Values at the same place are
-        averaged.
-    at : (n, 2)
-        Rail pressures [Pa] and energising times [s] that are asked for.
-    exponent : float
-        Power of the rail pressure, see `SCALES`.
-    rules : (Rule, Rule)
-        In energising time and in pressure.
+    `known` (m, 3): rail pressure [Pa], energising time [s] and quantity [m³]; one or more rows. Values at the same
+    place are averaged. `at` (n, 2): rail pressures [Pa] and energising times [s] that are asked for. `exponent`: power
+    of the rail pressure, see `SCALES`. `rules` (Rule, Rule): in energising time and in pressure.
     """
     in_time, in_pressure = (_RULES[rule] for rule in rules)
     lines = {rail: _line(known[_near(known[:, 0], rail), 1:]) for rail in _distinct(known[:, 0])}
@@ -78,14 +70,7 @@ def interpolate(
 def interpolate_line(x: Floats, y: Floats, at: float) -> tuple[float, bool]:
     """Value between the two nearest points, and True if it is extrapolated; one point alone is taken as constant.
 
-    Parameters
-    ----------
-    x : (m,)
-        Places, rising.
-    y : (m,)
-        Values there.
-    at : float
-        Place that is asked for.
+    `x` (m,): places, rising. `y` (m,): values there. `at`: place that is asked for.
     """
     outside = not x[0] * (1.0 - SAME) <= at <= x[-1] * (1.0 + SAME)
     if len(x) == 1:
@@ -95,42 +80,11 @@ def interpolate_line(x: Floats, y: Floats, at: float) -> tuple[float, bool]:
 
 
 def _interpolate_curve(x: Floats, y: Floats, at: float) -> tuple[float, bool]:
-    """As `interpolate_line`, on the cubic of `pchip_slopes` between the first and the last point."""
+    """As `interpolate_line`, on the monotone cubic between the first and the last of three points or more."""
+    from scipy.interpolate import PchipInterpolator  # slow to import
+
     line, outside = interpolate_line(x, y, at)
-    if outside or len(x) < 3:
-        return line, outside
-    low, high = _around(x, at)
-    slopes, width = pchip_slopes(x, y), x[high] - x[low]
-    u = (at - x[low]) / width
-    bend = (1.0 - u) * (slopes[low] * width - (y[high] - y[low])) - u * (slopes[high] * width - (y[high] - y[low]))
-    return float(line + u * (1.0 - u) * bend), outside
-
-
-def pchip_slopes(x: Floats, y: Floats) -> Floats:
-    """Slopes (m,) of the monotone cubic through three points or more, rising in x (Fritsch and Butland 1984).
-
-    Inside, the weighted harmonic mean of both neighbouring slopes, or zero at an extremum; at an end, that of the
-    parabola through three points, limited so that the cubic stays monotone.
-    """
-    width = np.diff(x)
-    slope = np.diff(y) / width
-    found = np.zeros(len(x))
-    for k in range(1, len(x) - 1):
-        if slope[k - 1] * slope[k] > 0.0:
-            before, behind = 2.0 * width[k] + width[k - 1], width[k] + 2.0 * width[k - 1]
-            found[k] = (before + behind) / (before / slope[k - 1] + behind / slope[k])
-    found[0] = _end_slope(width[0], width[1], slope[0], slope[1])
-    found[-1] = _end_slope(width[-1], width[-2], slope[-1], slope[-2])
-    return found
-
-
-def _end_slope(width: float, following: float, slope: float, next_slope: float) -> float:
-    """Slope at an end, of the width and slope there and of those of the interval beside it."""
-    found = ((2.0 * width + following) * slope - width * next_slope) / (width + following)
-    if found * slope <= 0.0:
-        return 0.0
-    steep = slope * next_slope <= 0.0 and abs(found) > 3.0 * abs(slope)
-    return 3.0 * slope if steep else found
+    return (line, outside) if outside or len(x) < 3 else (float(PchipInterpolator(x, y)(at)), outside)
 
 
 def _around(x: Floats, at: float) -> Sequence[int]:
@@ -209,18 +163,8 @@ class Sister:
 def read_sister(model: SisterModel, context: Context) -> Sister:
     """Read the map of a sister part.
 
-    Parameters
-    ----------
-    model : SisterModel
-    context : Context
-        `at` is the place of the data set that names it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    ConfigurationError
-        If the ratio of the flows is not greater than zero.
+    The context is `at` the data set that names it. Raises `InputError` if the file cannot be read. Raises
+    `ConfigurationError` if the ratio of the flows is not greater than zero.
     """
     units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
     wanted = [Column(name, unit, None, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]
@@ -246,65 +190,30 @@ _DECISIVE = (
 )
 
 
-class Map(Protocol):
-    """Quantity map as a baseline reads it."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def points(self) -> tuple[OperatingPoint, ...]: ...
-
-    @property
-    def quantity(self) -> Floats: ...
-
-    @property
-    def absolute(self) -> float: ...
-
-    @property
-    def relative(self) -> float: ...
-
-    @property
-    def dead_time(self) -> Bools: ...
-
-    @property
-    def sister(self) -> Sister | None: ...
-    @property
-    def judged(self) -> Bools: ...
-
-    def scored(self, quantity: Floats, dead_time: Floats) -> Any: ...
-
-    def figures_of(self, score: Any) -> dict[str, float | None]: ...
+Map = Any  # `QuantityData`, which is made with this module
 
 
 class Interpolated(NamedTuple):
-    """An interpolation: number of known points, its rule in words, extrapolated values, and its score."""
+    """Interpolation: number of known points, rule in words, extrapolated values, quantities [m³] and dead times [s]."""
 
     known: int
     rule: str
     extrapolated: int
-    score: Any
+    values: Floats
+    dead_time: Floats
 
 
-def interpolated_baseline(data: Map, fitted: Sequence[Map], model: Any) -> dict[str, Any] | None:
-    """Record of the interpolation of fitted maps at the points of another; None where that is not possible.
+def interpolated_baseline(model: Any, fitted: Sequence[Any]) -> dict[str, Any] | None:
+    """Record of the interpolation of the maps that a model was fitted to; None where that is not possible.
 
-    Parameters
-    ----------
-    data : QuantityData
-        Validation map.
-    fitted : sequence of QuantityData
-        Maps that the model was fitted to.
-    model : QuantityScore
-        Of the calibrated model.
+    `model` is its `QuantityScore` on other data, `fitted` holds `QuantityData`.
     """
-    found = interpolated(data, fitted)
+    found = interpolated(model.data, fitted)
     if found is None:
         return None
     return baseline_record(
-        data,
         model,
-        found.score,
+        replace(model, values=found.values, dead_time=found.dead_time),
         name="interpolation",
         text=f"interpolating the {found.known} fitted points",
         rule=found.rule,
@@ -312,26 +221,20 @@ def interpolated_baseline(data: Map, fitted: Sequence[Map], model: Any) -> dict[
     )
 
 
-def sister_baseline(data: Map, model: Any) -> dict[str, Any] | None:
+def sister_baseline(model: Any) -> dict[str, Any] | None:
     """Record of the map of a sister part, interpolated and scaled by the catalogue flow; None where none is named.
 
-    Parameters
-    ----------
-    data : QuantityData
-        Validation map.
-    model : QuantityScore
-        Of the calibrated model.
+    `model` is the `QuantityScore` of the calibrated one.
     """
+    data: Map = model.data
     if data.sister is None or not _is_plain(data) or not data.judged.any():
         return None
     ratio, places = data.sister.flow_ratio, places_of(data)
     by_rules = {rules: interpolate(data.sister.places, places, rules=rules) for rules in _BOTH}
     (in_time, in_pressure), found = min(by_rules.items(), key=lambda one: _closeness(data, ratio * one[1].values))
-    score = data.scored(ratio * found.values, np.full(int(data.dead_time.sum()), np.nan))
     return baseline_record(
-        data,
         model,
-        score,
+        replace(model, values=ratio * found.values, dead_time=np.full(int(data.dead_time.sum()), np.nan)),
         name="sister",
         text=f"the sister part's map times {ratio:.4g}",
         rule=f"{in_time.value} in energising time, then {in_pressure.value} in p, between its points (of linear and "
@@ -341,13 +244,7 @@ def sister_baseline(data: Map, model: Any) -> dict[str, Any] | None:
 
 
 def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
-    """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible.
-
-    Parameters
-    ----------
-    data : QuantityData
-    fitted : sequence of QuantityData
-    """
+    """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible."""
     if not all(_is_plain(d) for d in (data, *fitted)):
         return None
     known = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
@@ -359,24 +256,18 @@ def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
         values, beyond = interpolate(known, places_of(data), exponent, rules)
         count = int(np.count_nonzero(beyond & data.judged))
         text = RULE.format(in_time=rules[0].value, in_pressure=rules[1].value, scale=scale)
-        found.append(Interpolated(len(known), text, count, data.scored(values, dead_time)))
-    return min(found, key=lambda one: _closeness(data, one.score.quantity))
+        found.append(Interpolated(len(known), text, count, values, dead_time))
+    return min(found, key=lambda one: _closeness(data, one.values))
 
 
-def baseline_record(data: Map, model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
+def baseline_record(model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
     """Record of a baseline: its figures, whether the model beats it, and a sentence on both.
 
-    Parameters
-    ----------
-    data : QuantityData
-    model, baseline : QuantityScore
-        Of the calibrated model and of the baseline.
-    text : str
-        The baseline as the subject of a sentence, such as "interpolating the 21 fitted points".
-    more : mapping
-        Further keys of the record: "name", "rule", "extrapolated".
+    Both are `QuantityScore` of one data set. `text` is the baseline as the subject of a sentence, such as
+    "interpolating the 21 fitted points", `more` has further keys of the record: "name", "rule", "extrapolated".
     """
-    own, other = data.figures_of(model), data.figures_of(baseline)
+    data: Map = model.data
+    own, other = model.figures, baseline.figures
     limit = significant(own["limit_quantity"], 3, MM3)
     keys = [item for item in _DECISIVE if number(other[item[0]]) is not None]
     worse = [item for item in keys if not _is_less(own[item[0]], other[item[0]])]
@@ -424,9 +315,9 @@ def _dead_times(data: Map, fitted: Sequence[Map]) -> Floats:
 
 
 def _closeness(data: Map, values: Floats) -> float:
-    """Sum of squared errors in units of the tolerances."""
+    """Sum of squared errors in tolerances, to nine digits: of rules that differ by rounding the first wins."""
     error = (values - data.quantity) / (data.absolute + data.relative * data.quantity)
-    return float(np.sum(error[data.judged] ** 2))
+    return float(f"{max(np.sum(error[data.judged] ** 2), ROUNDING):.9g}")
 
 
 def _is_less(own: Any, other: Any) -> bool:

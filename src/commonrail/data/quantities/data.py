@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,18 @@ from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number
 from commonrail.base.units import to_text
-from commonrail.data.base import DataSet, Missing, Role, Term, share_of
+from commonrail.data.base import (
+    DataSet,
+    Missing,
+    Role,
+    Score,
+    Term,
+    ToleratedData,
+    is_metered,
+    read_labels,
+    share_of,
+    term_of,
+)
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.baselines import Sister, interpolated_baseline, places_of, read_sister, sister_baseline
 from commonrail.data.quantities.dead_times import (
@@ -38,44 +49,23 @@ from commonrail.engine.status import OK
 from commonrail.physics.meters import Given, Meter, shown_quantities
 from commonrail.readers.location import Place, located
 
+_Map = TypeVar("_Map", bound="QuantityData")
+
 SMALL_QUANTITY = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
 TIME_TOLERANCES = Limits(1e-12, 1.0, (1e-8, 1e-3), ("us",))  # of a dead time [s]
 
 
 @dataclass(frozen=True)
-class QuantityScore:
-    """Quantity map: simulated quantities (points,) [m³], dead times (dead-time rows,) [s], and root mean squares.
-
-    `rms_large` is relative and over Q > 3 mm³, `rms_small` [m³] over the rest, `rms_dead_time` [s]; NaN where
-    there is no such row.
-    """
-
-    quantity: Floats
-    dead_time: Floats
-    rms_large: float
-    rms_small: float
-    rms_dead_time: float
-
-    @property
-    def values(self) -> Floats:
-        """Simulated quantities [m³]."""
-        return self.quantity
-
-    @property
-    def error(self) -> float:
-        """Root mean square over the large quantities [%]."""
-        return 100.0 * self.rms_large
-
-
-@dataclass(frozen=True)
-class QuantityData(DataSet):
+class QuantityData(ToleratedData):
     """Measured quantities per stroke at several operating points (a map).
 
     Attributes
     ----------
     whole : bool
         Of the kind: whether its quantity depends on what follows the end of injection, see `Term.whole`.
+    own_keys : tuple of str
+        Of the kind: attributes beyond these that are keys of its block.
     name : str
     role : Role
     points : tuple of OperatingPoint, length n
@@ -109,10 +99,11 @@ class QuantityData(DataSet):
     what: ClassVar[str] = "quantity"
     unit: ClassVar[str] = "m3"
     error_head: ClassVar[tuple[str, str]] = ("rms", "%")
-    model: ClassVar[type[QuantitiesModel]] = QuantitiesModel
+    model: ClassVar[type[MapModel]] = QuantitiesModel
     view: ClassVar[MapView] = MapView()
-    seen: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
+    meter_inputs: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
     whole: ClassVar[bool] = False
+    own_keys: ClassVar[tuple[str, ...]] = ()
 
     name: str
     role: Role
@@ -132,14 +123,11 @@ class QuantityData(DataSet):
 
     bounds = None
 
-    if TYPE_CHECKING:  # noted by `_settle_targets`
+    if TYPE_CHECKING:  # set by `_set_targets`
         _timed: ClassVar[IndexArray]
-        _simulated_points: ClassVar[tuple[OperatingPoint, ...]]
-        _target: ClassVar[Floats]
-        _tolerance: ClassVar[Floats]
 
     def __post_init__(self) -> None:
-        self._settle_labels()
+        read_labels(self)
         points = instances(self.points, OperatingPoint, "points of the data")
         quantity = array(self.quantity, "m3", "quantity of the data", 1)
         dead_time = np.array([flag(item, "dead_time") for item in np.ravel(self.dead_time)], bool)
@@ -161,145 +149,75 @@ class QuantityData(DataSet):
             settle(self, dead_time_tolerance=tolerance)
         if self.sister is not None:
             instance(self.sister, Sister, "sister")
-        self._settle_targets()
-
-    def _settle_targets(self) -> None:
-        """Note what each row is compared with, within which tolerance, and all points that are simulated.
-
-        `_timed` are the rows that are judged as times; the points around each of them follow those of the rows.
-        """
-        judged_as_times = self.dead_time & (self.dead_time_tolerance is not None)
-        timed = np.flatnonzero(judged_as_times)
-        durations = [point.pulses[0].duration if point.pulses else 0.0 for point in self.points]
-        settle(
-            self,
-            _timed=timed,
-            _simulated_points=self.points + tuple(p for row in timed for p in neighbours(self.points[row])),
-            _target=np.where(judged_as_times, durations, self.quantity),
-            _tolerance=np.where(
-                judged_as_times, self.dead_time_tolerance or 1.0, self.absolute + self.relative * self.quantity
-            ),
-        )
+        _set_targets(self)
 
     @classmethod
-    def read(cls, model: QuantitiesModel, context: Context) -> Self:
-        """Read a quantity map; see `DataSet.read`."""
+    def read_all(cls, model: MapModel, context: Context) -> tuple[Self, ...]:
+        """Read a quantity map, and divide it into its fitted and its held-out part if the block asks for that."""
         rows = read_map(model, context)
-        labels = model.weight, "; ".join(filter(None, (model.source, rows.strokes))), model.synthetic
-        values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
-        sister = None if model.sister is None else read_sister(model.sister, context)
-        more = rows.mass_density, rows.dead_time_tolerance, context.meter(model.meter)
+        sister = getattr(model, "sister", None)
         with located(context.at):
-            return cls(model.name, Role(model.role), rows.points, *values, *labels, *more, sister, rows.noise)
+            read = cls(
+                model.name,
+                Role(model.role),
+                rows.points,
+                rows.quantity,
+                rows.absolute,
+                rows.relative,
+                rows.dead_time,
+                model.weight,
+                "; ".join(filter(None, (model.source, rows.strokes))),
+                model.synthetic,
+                rows.mass_density,
+                rows.dead_time_tolerance,
+                context.meter(model.meter),
+                None if sister is None else read_sister(sister, context),
+                rows.noise,
+                **{key: getattr(model, key) for key in cls.own_keys},
+            )
+        return (read,) if model.hold_out is None else divide(read, model.hold_out, context.at / "hold_out")
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each map."""
         failed = partial(np.not_equal, OK)
-        return [
-            Term(d._simulated_points, np.array([d.weight]), d._j_of, d._squares_of, failed, whole=d.whole)
-            for d in group
-        ]
+        return [term_of(d, partial(values_of, d), failed, whole=d.whole) for d in group]
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
-        """Mass per stroke that the map holds volumes of, (candidates, points) [kg].
-
-        Parameters
-        ----------
-        batch : Batch
-        candidates : Candidates
-            Those of the batch.
-        points : sequence of OperatingPoint
-            Those of the batch.
-        """
+        """Mass per stroke that the map holds volumes of, (candidates, points) [kg]."""
         return batch.injected_mass
 
     def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
         """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
 
-        Parameters
-        ----------
-        batch, candidates, points
-            As of `masses`.
-        given : mapping of str to (candidates,)
-            Quantities of the meter; of them `density` and `temperature` count.
+        Of the quantities of the meter, which are `given` (candidates,), `density` and `temperature` count.
         """
         own = {"density", "temperature"} & given.keys()
         return candidates.densities(points, given) if own else batch.reference_density
-
-    @property
-    def measured(self) -> Floats:
-        """Measured quantities [m³]; dead times [s] where they are judged as times."""
-        return self._target
-
-    @property
-    def judged(self) -> Bools:
-        """Rows that are no dead times."""
-        return ~self.dead_time
-
-    @property
-    def injections(self) -> int:
-        """Single injections of a candidate; a dead time that is judged as a time takes three."""
-        return len(self._simulated_points)
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
         """Quantities (candidates, points) [m³], times [s] as `measured`; NaN for a failed simulation.
 
         A needle that never closes is a failure too.
         """
-        batch = simulator.batch(self._simulated_points, values, whole=self.whole)
-        return self._values_of(batch, Candidates(simulator, values))
+        batch = simulator.batch(self.simulated_points, values, whole=self.whole)
+        return values_of(self, batch, Candidates(simulator, values))
 
-    def _values_of(self, batch: Batch, candidates: Candidates) -> Floats:
-        """Values (candidates, points), in the units of `measured`, of a batch at `_simulated_points`."""
-        rows = np.concatenate([np.arange(len(self.points)), np.repeat(self._timed, 2)])
-        density = np.broadcast_to(self.mass_density, self.quantity.shape)[rows]
-        found = self.shown(batch, density, candidates, self._simulated_points)
-        values = found[:, : len(self.points)]
-        if not len(self._timed):
-            return values
-        around = found[:, len(self.points) :].reshape(len(found), -1, 2)
-        three = np.stack([around[..., 0], values[:, self._timed], around[..., 1]], axis=-1)
-        values[:, self._timed] = crossing_times(self._target[self._timed], three, self.quantity[self._timed])
-        return values
-
-    def shown(
+    def volumes(
         self, batch: Batch, mass_density: ArrayLike, candidates: Candidates, points: Sequence[OperatingPoint]
     ) -> Floats:
         """Volumes (candidates, points) of a batch [m³], as the meter shows them if there is one.
 
-        Parameters
-        ----------
-        batch : Batch
-        mass_density : float or (points,)
-            As in the data; the candidates' own where it is NaN.
-        candidates : Candidates
-            Those of the batch.
-        points : sequence of OperatingPoint
-            Those of the batch.
+        Candidates and points are those of the batch; where `mass_density`, as in the data, is NaN, that of the
+        candidates counts.
         """
-        seen = self.meter is not None and self.is_metered(candidates.simulator)
-        given = candidates.given(self.meter) if self.meter is not None and seen else {}
+        metered = self.meter is not None and is_metered(self, candidates.simulator)
+        given = candidates.given(self.meter) if self.meter is not None and metered else {}
         density = np.asarray(mass_density, float)
         if np.isnan(density).any():
             density = np.where(np.isnan(density), self.densities(batch, candidates, points, given), density)
         volumes = np.where(batch.status == OK, self.masses(batch, candidates, points) / density, np.nan)
-        return shown_quantities(given, volumes) if seen else volumes
-
-    def errors(self, values: Floats) -> Floats:
-        """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points).
-
-        Dead times that are judged as times: (t − t_measured)/tolerance.
-        """
-        return np.asarray((values - self._target) / self._tolerance)
-
-    def misfit(self, values: Floats) -> Floats:
-        """J of simulated quantities: the soft-L1 sum of `errors`."""
-        return soft_l1(self.errors(values))
-
-    def residuals(self, values: Floats) -> Floats:
-        """`errors`, scaled by the root of the weight."""
-        return np.asarray(np.sqrt(self.weight) * self.errors(values))
+        return shown_quantities(given, volumes) if metered else volumes
 
     def discrepancy(self, values: Floats) -> Floats:
         """Tolerance of predicted quantities [m³]; NaN for dead times."""
@@ -307,40 +225,7 @@ class QuantityData(DataSet):
 
     def score(self, simulator: Simulator) -> QuantityScore:
         """Score of the simulator's injector as it is."""
-        quantity = self.simulated(simulator, np.empty((1, 0)))[0]
-        found = _find_dead_times(self, simulator)
-        return self.scored(quantity, found)
-
-    def scored(self, quantity: Floats, dead_time: Floats) -> QuantityScore:
-        """Score of quantities (points,) [m³] and dead times (dead-time rows,) [s], whatever predicts them."""
-        error = quantity - self.quantity
-        large = (self.quantity > SMALL_QUANTITY) & self.judged
-        small = ~large & self.judged
-        measured = np.array([self.points[i].pulses[0].duration for i in np.flatnonzero(self.dead_time)])
-        return QuantityScore(
-            quantity,
-            dead_time,
-            rms(error[large] / self.quantity[large]),
-            rms(error[small]),
-            rms(dead_time - measured),
-        )
-
-    def missing(self, score: QuantityScore) -> list[Missing]:
-        """Points whose simulation failed, and those whose dead time was not found."""
-        failed = np.flatnonzero(np.isnan(score.quantity) & self.judged)
-        dead = np.flatnonzero(self.dead_time)[np.isnan(score.dead_time)]
-        found = [Missing(self.points[i]) for i in failed]
-        return found + [Missing(self.points[i], NO_DEAD_TIME, NOT_REACHED) for i in dead]
-
-    def quantities(self, score: QuantityScore) -> tuple[Floats, Floats]:
-        """Measured and simulated quantities where there are both [m³]."""
-        both = np.isfinite(score.quantity) & self.judged
-        return self.quantity[both], score.quantity[both]
-
-    def relative_error(self, score: QuantityScore) -> float:
-        """Σ |error| over Σ quantity, of the points that did not fail."""
-        error = np.nansum(np.abs(score.quantity - self.quantity)[self.judged])
-        return share_of(error, np.sum(self.quantity[self.judged]))
+        return QuantityScore(self, self.simulated(simulator, ITSELF)[0], _find_dead_times(self, simulator))
 
     def record(self, scores: Mapping[str, QuantityScore]) -> dict[str, Any]:
         """Rows with the quantity or dead time of each label, and root mean squares."""
@@ -354,40 +239,107 @@ class QuantityData(DataSet):
                 row |= {label: number(s.dead_time[place[i]]) for label, s in scores.items()}
             else:
                 row[MEASURED] = quantity
-                row |= {label: number(s.quantity[i]) for label, s in scores.items()}
+                row |= {label: number(s.values[i]) for label, s in scores.items()}
             rows.append(row)
-        figures = {label: self.figures_of(s) for label, s in scores.items()}
-        return {"rows": rows, "figures": figures}
+        return {"rows": rows, "figures": {label: s.figures for label, s in scores.items()}}
 
-    def figures_of(self, score: QuantityScore) -> dict[str, float | None]:
-        """JSON-able root mean squares of a score."""
+
+@dataclass(frozen=True)
+class QuantityScore(Score):
+    """Predicted quantities (points,) [m³] of a map, and dead times (dead-time rows,) [s]."""
+
+    data: QuantityData
+    dead_time: Floats
+
+    @property
+    def error(self) -> float:
+        """Root mean square over the large quantities [%]."""
+        return 100.0 * self.rms_large
+
+    @property
+    def rms_large(self) -> float:
+        """Relative root mean square over Q > 3 mm³; NaN without such a row."""
+        large = (self.data.quantity > SMALL_QUANTITY) & self.data.judged
+        return rms((self.values - self.data.quantity)[large] / self.data.quantity[large])
+
+    @property
+    def rms_small(self) -> float:
+        """Root mean square over the rest [m³]; NaN without such a row."""
+        small = ~(self.data.quantity > SMALL_QUANTITY) & self.data.judged
+        return rms((self.values - self.data.quantity)[small])
+
+    @property
+    def rms_dead_time(self) -> float:
+        """Root mean square of the dead times [s]; NaN without such a row."""
+        rows = np.flatnonzero(self.data.dead_time)
+        return rms(self.dead_time - np.array([self.data.points[i].pulses[0].duration for i in rows]))
+
+    @property
+    def figures(self) -> dict[str, float | None]:
+        """JSON-able root mean squares."""
         return {
-            "rms_small": number(score.rms_small),
-            "rms_large_percent": number(100.0 * score.rms_large),
-            "dead_time_rms": number(score.rms_dead_time),
+            "rms_small": number(self.rms_small),
+            "rms_large_percent": number(100.0 * self.rms_large),
+            "dead_time_rms": number(self.rms_dead_time),
             "limit_quantity": SMALL_QUANTITY,
         }
 
-    def divided(self, model: MapModel, at: Place) -> tuple[QuantityData, ...]:
-        """The map itself, or its fitted and its held-out part; see `divide`."""
-        return (self,) if model.hold_out is None else divide(self, model.hold_out, at / "hold_out")
+    def missing(self) -> list[Missing]:
+        """Points whose simulation failed, and those whose dead time was not found."""
+        points = self.data.points
+        failed = np.flatnonzero(np.isnan(self.values) & self.data.judged)
+        dead = np.flatnonzero(self.data.dead_time)[np.isnan(self.dead_time)]
+        return [Missing(points[i]) for i in failed] + [Missing(points[i], NO_DEAD_TIME, NOT_REACHED) for i in dead]
 
-    def baselines(self, fitted: Sequence[DataSet], score: QuantityScore) -> list[dict[str, Any]]:
+    def quantities(self) -> tuple[Floats, Floats]:
+        """Measured and simulated quantities where there are both [m³]."""
+        both = np.isfinite(self.values) & self.data.judged
+        return self.data.quantity[both], self.values[both]
+
+    def relative_error(self) -> float:
+        """Σ |error| over Σ quantity, of the points that did not fail."""
+        judged, quantity = self.data.judged, self.data.quantity
+        return share_of(np.nansum(np.abs(self.values - quantity)[judged]), np.sum(quantity[judged]))
+
+    def baselines(self, fitted: Sequence[DataSet]) -> list[dict[str, Any]]:
         """Interpolation of the fitted maps, and the map of a sister part, if there are any."""
-        maps = [d for d in fitted if isinstance(d, QuantityData) and d.kind == self.kind]
-        found = interpolated_baseline(self, maps, score), sister_baseline(self, score)
+        maps = [d for d in fitted if isinstance(d, QuantityData) and d.kind == self.data.kind]
+        found = interpolated_baseline(self, maps), sister_baseline(self)
         return [one for one in found if one]
 
-    def _j_of(self, batch: Batch, candidates: Candidates) -> Floats:
-        return self.misfit(self._values_of(batch, candidates))[:, None]
 
-    def _squares_of(self, batch: Batch, candidates: Candidates) -> Floats:
-        return np.asarray(np.sum(self.errors(self._values_of(batch, candidates)) ** 2, axis=1)[:, None])
+def _set_targets(data: QuantityData) -> None:
+    """Set what each row is compared with, within which tolerance, and all points that are simulated.
+
+    `_timed` are the rows that are judged as times; the points around each of them follow those of the rows.
+    """
+    as_times = data.dead_time & (data.dead_time_tolerance is not None)
+    timed = np.flatnonzero(as_times)
+    durations = [point.pulses[0].duration if point.pulses else 0.0 for point in data.points]
+    by_quantity = data.absolute + data.relative * data.quantity
+    settle(
+        data,
+        _timed=timed,
+        simulated_points=data.points + tuple(p for row in timed for p in neighbours(data.points[row])),
+        measured=np.where(as_times, durations, data.quantity),
+        judged=~data.dead_time,
+        tolerances=np.where(as_times, data.dead_time_tolerance or 1.0, by_quantity),
+    )
 
 
-def soft_l1(residuals: Floats) -> Floats:
-    """Sum of 2 (sqrt(1 + r²) − 1) over the last axis: r² for small residuals, 2 |r| for large ones."""
-    return np.asarray(np.sum(2.0 * (np.sqrt(1.0 + residuals**2) - 1.0), axis=-1))
+def values_of(data: QuantityData, batch: Batch, candidates: Candidates) -> Floats:
+    """Values (candidates, points), in the units of `measured`, of a batch at the simulated points."""
+    timed, count = data._timed, len(data.points)
+    rows = np.concatenate([np.arange(count), np.repeat(timed, 2)])
+    density = np.broadcast_to(data.mass_density, data.quantity.shape)[rows]
+    found = data.volumes(batch, density, candidates, data.simulated_points)
+    values = found[:, :count]
+    if not len(timed):
+        return values
+    around = found[:, count:].reshape(len(found), -1, 2)
+    three = np.stack([around[..., 0], values[:, timed], around[..., 1]], axis=-1)
+    values[:, timed] = crossing_times(data.measured[timed], three, data.quantity[timed])
+    return values
 
 
 def held_out_name(name: str) -> str:
@@ -395,24 +347,14 @@ def held_out_name(name: str) -> str:
     return f"{name}, held out"
 
 
-def divide(data: QuantityData, model: HoldOutModel, at: Place) -> tuple[QuantityData, QuantityData]:
+def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
     """Part of a map that is fitted, and the part that is held out for validation.
 
     Held out are the quantities at one of the rail pressures or at one of the energising times, and the dead times at
     one of the rail pressures.
 
-    Parameters
-    ----------
-    data : QuantityData
-        The whole map.
-    model : HoldOutModel
-    at : Place
-        Of the key `hold_out`.
-
-    Raises
-    ------
-    ConfigurationError
-        If the map is no data of the fit, no row is at a pressure or time that is named, or none remains on one side.
+    Raises `ConfigurationError` if the map is no data of the fit, no row is at a pressure or time that is named, or none
+    remains on one side.
     """
     if data.role is not Role.FIT:
         raise at.error('only data with role = "fit" can hold rows out; remove hold_out')
@@ -426,28 +368,14 @@ def divide(data: QuantityData, model: HoldOutModel, at: Place) -> tuple[Quantity
 
 
 def rows_of(data: QuantityData, column: int, value: float) -> Bools:
-    """Rows (n,) at a rail pressure [Pa] (column 0) or an energising time [s] (column 1).
-
-    Parameters
-    ----------
-    data : QuantityData
-    column : int
-    value : float
-    """
+    """Rows (n,) at a rail pressure [Pa] (column 0) or an energising time [s] (column 1)."""
     return np.isclose(places_of(data)[:, column], value, rtol=SAME, atol=0.0)
 
 
-def chosen_rows(data: QuantityData, rows: Bools, name: str = "", role: Role | None = None) -> QuantityData:
+def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = None) -> _Map:
     """Some rows of a map.
 
-    Parameters
-    ----------
-    data : QuantityData
-    rows : (n,) bool
-    name : str
-        Its own if empty.
-    role : Role, optional
-        Its own by default.
+    The mask `rows` is (n,); name and role are those of the map by default.
     """
     density = np.asarray(data.mass_density)
     return replace(
@@ -484,7 +412,7 @@ def _find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
         part = slice(i * len(SEARCHED), (i + 1) * len(SEARCHED))
         assert batch is not None
         own = batch.at_points(part)
-        quantity = data.shown(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
+        quantity = data.volumes(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
         above = np.flatnonzero(quantity > data.quantity[row])
         if len(above) and above[0] > 0:
             k = int(above[0])

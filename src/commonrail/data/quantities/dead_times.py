@@ -52,19 +52,9 @@ def crossing_times(duration: Floats, quantity: Floats, threshold: Floats) -> Flo
     Beyond the outer ones the nearest segment is extrapolated. Its slope is at least that of a quantity that grows by
     the threshold within `FLATTEST`, so that an injector that injects nothing still has a finite dead time.
 
-    Parameters
-    ----------
-    duration : (rows,)
-        Energising times of the middle ones [s].
-    quantity : (candidates, rows, 3)
-        Quantities at the `neighbours` and, between them, at the point itself [m³]; NaN where a simulation failed.
-    threshold : (rows,)
-        Quantity to be reached [m³].
-
-    Returns
-    -------
-    (candidates, rows)
-        Times [s]; NaN where a simulation failed.
+    `duration` (rows,): energising times of the middle ones [s]. `quantity` (candidates, rows, 3): quantities at the
+    `neighbours` and, between them, at the point itself [m³]; NaN where a simulation failed. `threshold` (rows,):
+    quantity to be reached [m³]. Returns (candidates, rows) times [s]; NaN where a simulation failed.
     """
     low, middle, high = np.moveaxis(quantity, -1, 0)
     later = middle < threshold
@@ -93,13 +83,7 @@ def dead_times_of(data: Record) -> list[Record]:
 def dead_time_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     """Dead times of one map and the error of the calibrated model.
 
-    Parameters
-    ----------
-    data : Record
-    labels : sequence of str
-        Models that have a column.
-    texts : mapping of str to str
-        What they are called.
+    `labels`: models that have a column. `texts`: what they are called.
     """
 
     def error(row: Record) -> list[Cell]:
@@ -120,9 +104,7 @@ def compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
     """Errors of the dead times of one map, by model."""
 
     def errors(row: Record) -> list[Cell]:
-        found = _errors(row, labels)
-        cells = zip(marked(found, lambda error: signed(error, 1)), found, strict=True)
-        return [Cell(cell.text, size_of(error, _STEPS), cell.best) for cell, error in cells]
+        return marked(_errors(row, labels), lambda error: signed(error, 1), _STEPS)
 
     note = (
         "The dead time is the energising time at which the quantity is reached; errors are simulated − "

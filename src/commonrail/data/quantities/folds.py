@@ -32,13 +32,8 @@ def levels(data: QuantityData, by: str) -> list[float]:
 def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, QuantityData, Bools] | None:
     """Map without the rows at a value, those rows as data of validation, and their mask; None where it is all or none.
 
-    Parameters
-    ----------
-    data : QuantityData
-    by : str
-        "rail_pressure" or "energising_time"; dead times are left out by their rail pressure alone.
-    value : float
-        [Pa] or [s].
+    Dead times are left out `by` their rail pressure alone, not by "energising_time". `value`: [Pa] or
+    [s].
     """
     rows = rows_of(data, _COLUMNS[by], value)
     if by == "energising_time":
@@ -49,36 +44,31 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
 
 
 def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
-    """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it.
-
-    Parameters
-    ----------
-    data : QuantityData
-        The whole map.
-    folds : sequence of Fold
-    """
+    """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it."""
     rows = np.any([fold.rows for fold in folds], axis=0)
     part = chosen_rows(data, rows)
     model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])
-    record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": part.figures_of(model)}
+    record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": model.figures}
     means = [(fold.rows, fold.mean) for fold in folds if fold.mean is not None]
     if len(means) == len(folds):
-        record["mean"] = part.figures_of(_joined(data, rows, means))
-    found = [sister_baseline(part, model)]
+        record["mean"] = _joined(data, rows, means).figures
+    found = [sister_baseline(model)]
     others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
     if len(others) == len(folds):
-        baseline = _joined(data, rows, [(where, one.score) for where, one in others])
+        baseline = _joined(data, rows, others)
         beyond = sum(one.extrapolated for _, one in others)
         text = "interpolating the other points"
-        found.insert(0, baseline_record(part, model, baseline, text=text, extrapolated=beyond))
+        found.insert(0, baseline_record(model, baseline, text=text, extrapolated=beyond))
     record["baselines"] = [one for one in found if one]
     return record
 
 
-def _joined(data: QuantityData, kept: Bools, parts: Sequence[tuple[Bools, Any]]) -> Any:
-    """Score of the kept rows from scores of their parts."""
+def _joined(
+    data: QuantityData, kept: Bools, parts: Sequence[tuple[Bools, QuantityScore | Interpolated]]
+) -> QuantityScore:
+    """Score of the kept rows from predictions of their parts."""
     quantity, dead_time = np.full((2, len(kept)), np.nan)
     for rows, score in parts:
-        quantity[rows] = score.quantity
+        quantity[rows] = score.values
         dead_time[rows & data.dead_time] = score.dead_time
-    return chosen_rows(data, kept).scored(quantity[kept], dead_time[kept & data.dead_time])
+    return QuantityScore(chosen_rows(data, kept), quantity[kept], dead_time[kept & data.dead_time])

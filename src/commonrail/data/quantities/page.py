@@ -49,12 +49,8 @@ Measure = Callable[[float, float], float]  # of an error and the measured quanti
 class MapView(View):
     """Tables, figures and sentences of maps of a quantity per stroke.
 
-    Attributes
-    ----------
-    of : str
-        Word before "quantity" and "quantities", with a space behind it; none for the injected one.
-    caption : str
-        The quantity, as a figure's caption begins.
+    `of`: word before "quantity" and "quantities", with a space behind it; none for the injected one. `caption`: the
+    quantity, as a figure's caption begins.
     """
 
     of: str = ""
@@ -76,7 +72,7 @@ class MapView(View):
 
     def sentences(self, data: Sequence[Record]) -> list[str]:
         """Root mean squares of each map, calibrated and start values."""
-        return [f" ({d['name']}), {self._sentence(d)}" for d in data]
+        return [f" ({d['name']}), {_sentence(self, d)}" for d in data]
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """Errors of the large quantities of each map."""
@@ -85,195 +81,203 @@ class MapView(View):
 
     def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
         """Root mean squares of all maps, then quantities and dead times of each."""
-        tables = [self._figures_table(data, texts)]
+        tables = [_figures_table(self, data, texts)]
         for d in data:
             labels = [label for label in texts if self.has(d, label) and label != "rigid"]
-            tables += [self._quantity_table(d, labels, texts), dead_time_table(d, labels, texts)]
+            tables += [_quantity_table(self, d, labels, texts), dead_time_table(d, labels, texts)]
         return [tables[0], *(table for table in tables[1:] if table.rows)]
 
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
         """Root mean squares of all maps, then quantities and dead times of each."""
-        tables = [table for d in data for table in (self._compared(d, labels), compared_dead_times(d, labels))]
-        return [self._figures_compared(data, labels), *(table for table in tables if table.rows)]
+        tables = [table for d in data for table in (_compared(self, d, labels), compared_dead_times(d, labels))]
+        return [_figures_compared(self, data, labels), *(table for table in tables if table.rows)]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities, their errors, and dead times; a rigid body is not shown."""
         shown = {label: model for label, model in plotted.models.items() if label in ("start", JUDGED)}
-        return [self._map_figure(data), self._error_figure(data), *dead_time_figure(data, shown)]
+        return [_map_figure(self, data), _error_figure(self, data), *dead_time_figure(data, shown)]
 
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities, their errors, and dead times, of each model."""
         models = plotted.models
-        found = [self._map_compared(data, models), self._errors_compared(data, models)] if _quantities(data) else []
+        found = [_map_compared(self, data, models), _errors_compared(self, data, models)] if _quantities(data) else []
         return [*found, *dead_time_figure(data, models)]
 
-    def _sentence(self, data: Record) -> str:
-        best, start = (data["figures"].get(key, {}) for key in (JUDGED, "start"))
-        limit = significant(best.get("limit_quantity"), 3, MM3)
-        parts = []
-        for key, scale, decimals, words in (
-            ("rms_large_percent", 1.0, 1, f"{self.of}quantities above {limit} mm³ are met to {{}} % rms"),
-            ("rms_small", MM3, 2, f"those up to {limit} mm³ to {{}} mm³ rms"),
-            ("dead_time_rms", MICROSECOND, 0, "dead times to {} µs rms"),
-        ):
-            if number(best.get(key)) is None:
-                continue
-            text = words.format(fixed(best[key], decimals, scale))
-            if number(start.get(key)) is not None:
-                text += f" (start: {fixed(start[key], decimals, scale)})"
-            parts.append(text)
-        return listed(parts) or "nothing could be simulated"
 
-    def _figures_table(self, data: Sequence[Record], texts: Texts) -> Table:
-        rows: list[tuple[Record, str, Record]] = []
-        for d in data:
-            rows += [(d, texts[label], d["figures"].get(label, {})) for label in texts if self.has(d, label)]
-            rows += [(d, baseline["text"], baseline["figures"]) for baseline in d.get("baselines", ())]
-        parts = (
-            Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], row[1])),
-            Part((f"{self.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
-            Part(_figure_heads(data), lambda row: _figure_texts(row[2])),
-        )
-        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, _rules(data), 3)
+def _sentence(view: MapView, data: Record) -> str:
+    best, start = (data["figures"].get(key, {}) for key in (JUDGED, "start"))
+    limit = significant(best.get("limit_quantity"), 3, MM3)
+    parts = []
+    for key, scale, decimals, words in (
+        ("rms_large_percent", 1.0, 1, f"{view.of}quantities above {limit} mm³ are met to {{}} % rms"),
+        ("rms_small", MM3, 2, f"those up to {limit} mm³ to {{}} mm³ rms"),
+        ("dead_time_rms", MICROSECOND, 0, "dead times to {} µs rms"),
+    ):
+        if number(best.get(key)) is None:
+            continue
+        text = words.format(fixed(best[key], decimals, scale))
+        if number(start.get(key)) is not None:
+            text += f" (start: {fixed(start[key], decimals, scale)})"
+        parts.append(text)
+    return listed(parts) or "nothing could be simulated"
 
-    def _figures_compared(self, data: Sequence[Record], labels: Sequence[str]) -> Table:
-        rows = []
-        for d in data:
-            figures = [d["figures"].get(label, {}) for label in labels]
-            columns = [marked([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
-            rows += [(d, label, cells) for label, *cells in zip(labels, *columns, strict=True)]
-        parts = (
-            Part(("data set", "model"), lambda row: (row[0]["name"], row[1])),
-            Part((f"{self.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
-            Part(_figure_heads(data), lambda row: row[2]),
-        )
-        failing = "A model that fails at one point has no figure over the points."
-        note = f"{BEST_SIGN} least error of the data set. {failing}"
-        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, note, 2)
 
-    def _quantity_table(self, data: Record, labels: Sequence[str], texts: Texts) -> Table:
-        """Quantities point by point, start and calibrated against measured."""
+def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table:
+    rows: list[tuple[Record, str, Record]] = []
+    for d in data:
+        rows += [(d, texts[label], d["figures"].get(label, {})) for label in texts if view.has(d, label)]
+        rows += [(d, baseline["text"], baseline["figures"]) for baseline in d.get("baselines", ())]
+    parts = (
+        Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], row[1])),
+        Part((f"{view.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+        Part(_figure_heads(data), lambda row: _figure_texts(row[2])),
+    )
+    return table_of(f"Errors of the {view.of}quantity maps", rows, parts, _rules(data), 3)
 
-        def errors(row: Record) -> tuple[str, Cell]:
-            measured, best = row[MEASURED], number(row.get(JUDGED))
-            error = None if best is None else (best - measured) * MM3
-            share = signed(relative_error(best, measured), 1)
-            return signed(error, 2), Cell(share, error_size(error, measured * MM3))
 
-        parts = [
-            *_head(origin_of(data)),
-            Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 2, MM3) for k in labels]),
-            Part(("error", "error, %"), errors),
-        ]
-        note = f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}"
+def _figures_compared(view: MapView, data: Sequence[Record], labels: Sequence[str]) -> Table:
+    rows = []
+    for d in data:
+        figures = [d["figures"].get(label, {}) for label in labels]
+        columns = [marked([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
+        rows += [(d, label, cells) for label, *cells in zip(labels, *columns, strict=True)]
+    parts = (
+        Part(("data set", "model"), lambda row: (row[0]["name"], row[1])),
+        Part((f"{view.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+        Part(_figure_heads(data), lambda row: row[2]),
+    )
+    failing = "A model that fails at one point has no figure over the points."
+    note = f"{BEST_SIGN} least error of the data set. {failing}"
+    return table_of(f"Errors of the {view.of}quantity maps", rows, parts, note, 2)
+
+
+def _quantity_table(view: MapView, data: Record, labels: Sequence[str], texts: Texts) -> Table:
+    """Quantities point by point, start and calibrated against measured."""
+
+    def errors(row: Record) -> tuple[str, Cell]:
+        measured, best = row[MEASURED], number(row.get(JUDGED))
+        error = None if best is None else (best - measured) * MM3
+        share = signed(relative_error(best, measured), 1)
+        return signed(error, 2), Cell(share, error_size(error, measured * MM3))
+
+    parts = [
+        *_head(origin_of(data)),
+        Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 2, MM3) for k in labels]),
+        Part(("error", "error, %"), errors),
+    ]
+    note = f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}"
+    if "band" in data:
+        parts.append(Part((f"{band_name(data)}, ±",), band_cells))
+        note += f" {band_note(data)}"
+    title = f"{_title(view)}, mm³: {data['name']} ({data['role']})"
+    return table_of(title, _quantities(data), parts, note, 0)
+
+
+def _compared(view: MapView, data: Record, labels: Sequence[str]) -> Table:
+    """Quantities point by point: quantities and errors of few models, errors of many."""
+    wide = len(labels) <= WIDE
+
+    def shown(row: Record) -> Iterator[Cell]:
+        measured = float(row[MEASURED])
+        found = [number(row.get(label)) for label in labels]
+        errors = marked([relative_error(value, measured) for value in found], lambda e: signed(e, 1))
+        for value, error in zip(found, errors, strict=True):
+            if wide:
+                yield Cell(fixed(value, 2, MM3))
+            absolute = None if value is None else (value - measured) * MM3
+            yield Cell(error.text, error_size(absolute, measured * MM3), error.best)
+
+    heads = [head for label in labels for head in ((label, "error, %") if wide else (label,))]
+    title = f"{_title(view)}, mm³" if wide else f"Errors of the {view.of}quantities, %"
+    note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
+    parts = (*_head(f"{origin_of(data)}, mm³"), Part(heads, shown))
+    return table_of(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
+
+
+def _map_figure(view: MapView, data: Record) -> Figure:
+    """Quantity [mm³] against energising time [us], one family for each rail pressure."""
+    series: list[Series] = []
+    bands: list[Band] = []
+    for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+        x = scaled(rows, "energising_time", MICROSECOND)
+        series += [Series("", label, x, scaled(rows, label, MM3), family=family) for label in ("start", JUDGED)]
+        measured = scaled(rows, MEASURED, MM3)
+        series.append(Series(pressure(rail), MEASURED, x, measured, MARKERS, family))
+        bands += [error_band(rows, family, lambda value, _: value * MM3, about=JUDGED)] if "band" in data else []
+    caption = f"{view.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values."
+    return Figure(
+        f"{data['name']} ({data['role']})",
+        f"{caption} {shaded(data)}".rstrip(),
+        ENERGISING,
+        (Panel(f"{view.of}quantity, mm³", tuple(series), bands=tuple(bands)),),
+    )
+
+
+def _error_figure(view: MapView, data: Record) -> Figure:
+    """Errors of the calibrated quantities, in mm³ for small ones and in percent for large ones."""
+    limit = data["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT)
+    large, small = [], []
+    wide: list[Band] = []
+    narrow: list[Band] = []
+    for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+        over, under = _parted_at(limit, rows)
+        large.append(Series(pressure(rail), JUDGED, *_errors(over, JUDGED, _percent), MARKERS, family))
+        small.append(Series("", JUDGED, *_errors(under, JUDGED, _absolute), MARKERS, family))
         if "band" in data:
-            parts.append(Part((f"{band_name(data)}, ±",), band_cells))
-            note += f" {band_note(data)}"
-        title = f"{self._title}, mm³: {data['name']} ({data['role']})"
-        return table_of(title, _quantities(data), parts, note, 0)
+            wide.append(error_band(over, family, _percent))
+            narrow.append(error_band(under, family, _absolute))
+    text = f"{limit * MM3:.3g} mm³"
+    return Figure(
+        f"Errors of {data['name']}",
+        f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {shaded(data)}".rstrip(),
+        ENERGISING,
+        (
+            Panel("error, %", tuple(large), 0.6, zero_line=True, bands=tuple(wide)),
+            Panel("error, mm³", tuple(small), 0.4, zero_line=True, bands=tuple(narrow)),
+        ),
+    )
 
-    def _compared(self, data: Record, labels: Sequence[str]) -> Table:
-        """Quantities point by point: quantities and errors of few models, errors of many."""
-        wide = len(labels) <= WIDE
 
-        def shown(row: Record) -> Iterator[Cell]:
-            measured = float(row[MEASURED])
-            found = [number(row.get(label)) for label in labels]
-            errors = marked([relative_error(value, measured) for value in found], lambda e: signed(e, 1))
-            for value, error in zip(found, errors, strict=True):
-                if wide:
-                    yield Cell(fixed(value, 2, MM3))
-                absolute = None if value is None else (value - measured) * MM3
-                yield Cell(error.text, error_size(absolute, measured * MM3), error.best)
+def _map_compared(view: MapView, data: Record, models: Models) -> Figure:
+    """Quantity [mm³] against energising time [us]; each model draws a line for each rail pressure."""
+    parts = _by_pressure(data)
+    rails = list(dict.fromkeys(map(megapascal, parts)))
+    x = _with_gaps(parts, "energising_time", MICROSECOND)
+    series = [
+        Series(model.text, model.look, x, _with_gaps(parts, label, MM3), family=model.family)
+        for label, model in models.items()
+    ]
+    measured = Series(origin_of(data), MEASURED, x, _with_gaps(parts, MEASURED, MM3), MARKERS)
+    return Figure(
+        data["name"],
+        f"{view.caption}: markers {origin_of(data)}; each model has a line for each rail pressure "
+        f"({listed(rails)} MPa).",
+        ENERGISING,
+        (Panel(f"{view.of}quantity, mm³", (*present(series), measured)),),
+    )
 
-        heads = [head for label in labels for head in ((label, "error, %") if wide else (label,))]
-        title = f"{self._title}, mm³" if wide else f"Errors of the {self.of}quantities, %"
-        note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
-        parts = (*_head(f"{origin_of(data)}, mm³"), Part(heads, shown))
-        return table_of(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
 
-    @property
-    def _title(self) -> str:
-        words = f"{self.of}quantities"
-        return words[0].upper() + words[1:]
+def _errors_compared(view: MapView, data: Record, models: Models) -> Figure:
+    """Errors of the quantities, in percent for large ones and in mm³ for small ones."""
+    limit = float(next((f["limit_quantity"] for f in data["figures"].values()), USUAL_LIMIT))
+    over, under = _parted_at(limit, _sorted(data))
+    large, small = (
+        present([Series(m.text, m.look, *_errors(rows, k, measure), MARKERS, m.family) for k, m in models.items()])
+        for rows, measure in ((over, _percent), (under, _absolute))
+    )
+    panels = [Panel("error, %", large, 0.6, zero_line=True)] if over else []
+    panels += [Panel("error, mm³", _unlabelled(small, large), 0.4, zero_line=True)] if under else []
+    return Figure(
+        f"Errors of {data['name']}",
+        f"Simulated − {origin_of(data)}: in percent above {limit * MM3:.3g} mm³, in mm³ up to it; all rail pressures.",
+        ENERGISING,
+        tuple(panels),
+    )
 
-    def _map_figure(self, data: Record) -> Figure:
-        """Quantity [mm³] against energising time [us], one family for each rail pressure."""
-        series: list[Series] = []
-        bands: list[Band] = []
-        for family, (rail, rows) in enumerate(_by_pressure(data).items()):
-            x = scaled(rows, "energising_time", MICROSECOND)
-            series += [Series("", label, x, scaled(rows, label, MM3), family=family) for label in ("start", JUDGED)]
-            measured = scaled(rows, MEASURED, MM3)
-            series.append(Series(pressure(rail), MEASURED, x, measured, MARKERS, family))
-            bands += [error_band(rows, family, lambda value, _: value * MM3, about=JUDGED)] if "band" in data else []
-        caption = f"{self.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values."
-        return Figure(
-            f"{data['name']} ({data['role']})",
-            f"{caption} {shaded(data)}".rstrip(),
-            ENERGISING,
-            (Panel(f"{self.of}quantity, mm³", tuple(series), bands=tuple(bands)),),
-        )
 
-    def _error_figure(self, data: Record) -> Figure:
-        """Errors of the calibrated quantities, in mm³ for small ones and in percent for large ones."""
-        limit = data["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT)
-        large, small = [], []
-        wide: list[Band] = []
-        narrow: list[Band] = []
-        for family, (rail, rows) in enumerate(_by_pressure(data).items()):
-            over, under = _parted_at(limit, rows)
-            large.append(Series(pressure(rail), JUDGED, *_errors(over, JUDGED, _percent), MARKERS, family))
-            small.append(Series("", JUDGED, *_errors(under, JUDGED, _absolute), MARKERS, family))
-            if "band" in data:
-                wide.append(error_band(over, family, _percent))
-                narrow.append(error_band(under, family, _absolute))
-        text = f"{limit * MM3:.3g} mm³"
-        return Figure(
-            f"Errors of {data['name']}",
-            f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {shaded(data)}".rstrip(),
-            ENERGISING,
-            (
-                Panel("error, %", tuple(large), 0.6, zero_line=True, bands=tuple(wide)),
-                Panel("error, mm³", tuple(small), 0.4, zero_line=True, bands=tuple(narrow)),
-            ),
-        )
-
-    def _map_compared(self, data: Record, models: Models) -> Figure:
-        """Quantity [mm³] against energising time [us]; each model draws a line for each rail pressure."""
-        parts = _by_pressure(data)
-        rails = list(dict.fromkeys(map(megapascal, parts)))
-        x = _with_gaps(parts, "energising_time", MICROSECOND)
-        series = [
-            Series(model.text, model.look, x, _with_gaps(parts, label, MM3), family=model.family)
-            for label, model in models.items()
-        ]
-        measured = Series(origin_of(data), MEASURED, x, _with_gaps(parts, MEASURED, MM3), MARKERS)
-        return Figure(
-            data["name"],
-            f"{self.caption}: markers {origin_of(data)}; each model has a line for each rail pressure "
-            f"({listed(rails)} MPa).",
-            ENERGISING,
-            (Panel(f"{self.of}quantity, mm³", (*present(series), measured)),),
-        )
-
-    def _errors_compared(self, data: Record, models: Models) -> Figure:
-        """Errors of the quantities, in percent for large ones and in mm³ for small ones."""
-        limit = float(next((f["limit_quantity"] for f in data["figures"].values()), USUAL_LIMIT))
-        over, under = _parted_at(limit, _sorted(data))
-        large, small = (
-            present([Series(m.text, m.look, *_errors(rows, k, measure), MARKERS, m.family) for k, m in models.items()])
-            for rows, measure in ((over, _percent), (under, _absolute))
-        )
-        panels = [Panel("error, %", large, 0.6, zero_line=True)] if over else []
-        panels += [Panel("error, mm³", _unlabelled(small, large), 0.4, zero_line=True)] if under else []
-        return Figure(
-            f"Errors of {data['name']}",
-            f"Simulated − {origin_of(data)}: in percent above {limit * MM3:.3g} mm³, in mm³ up to it; all rail "
-            "pressures.",
-            ENERGISING,
-            tuple(panels),
-        )
+def _title(view: MapView) -> str:
+    words = f"{view.of}quantities"
+    return words[0].upper() + words[1:]
 
 
 def error_size(error: float | None, measured: float) -> str:

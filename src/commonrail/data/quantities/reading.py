@@ -25,46 +25,26 @@ from commonrail.readers.columns import Column, FileForm, FormModel, Table
 from commonrail.readers.fields import FileModel, Unit, fault
 from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place, located
-from commonrail.readers.mat import MatFile, find_mat_map
-from commonrail.readers.parquet import ParquetFile
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_column_map, find_map
+from commonrail.readers.mat import map_in
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map
+from commonrail.readers.tables import is_grid, open_sheet
 
 # Quantity map found in a file, a matrix or a table with other names, as the columns that a map is read from.
 
 _SI = {"rail pressure": "Pa", "energising time": "s"}
-_NO_MAP = (".mf4", ".mdf", ".lvm")
-_COLUMNS = (".parquet", ".pq")
 
 
 def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
     """Columns rail_pressure, energising_time and quantity in SI units, a row for each point.
 
-    Parameters
-    ----------
-    path : Path
-        CSV or text table, workbook, MAT or Parquet file.
-    form : FileForm
-    given : GivenUnits
-        They count before those of the file.
-    quantity : str
-        Name of the column of the quantities.
-    matrix : bool
-        Whether only a matrix is taken.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, no map is found in it, or a number makes no sense.
+    Units that are `given` count before those of the file, and `quantity` names the column of the quantities; with
+    `matrix` only a matrix is taken. Raises `InputError` if the file cannot be read, no map is found in it, or a
+    number makes no sense.
     """
-    suffix = path.suffix.lower()
-    if suffix in _NO_MAP or (matrix and suffix in _COLUMNS):
-        raise InputError(f"{path}: a matrix is read from CSV, Excel and MAT files; this format holds columns only.")
-    if suffix == ".mat":
-        found = find_mat_map(MatFile(path), given)
-    elif suffix in _COLUMNS:
-        found = find_column_map(ParquetFile(path), given)
-    else:
+    if is_grid(path):
         found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)
+    else:
+        found = map_in(open_sheet(path, form), given)
     if matrix and not found.form.startswith("a matrix"):
         raise InputError(f'{path}: this is {found.form} and no matrix; state layout = "found".')
     note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")

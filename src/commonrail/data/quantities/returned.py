@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from commonrail.base.arguments import Limits, amount, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
-from commonrail.data.base import Role
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.page import MapView
-from commonrail.data.quantities.reading import MapModel, read_map
+from commonrail.data.quantities.reading import MapModel
 from commonrail.data.simulator import Candidates
-from commonrail.data.study_block import Context
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.solution import Batch
@@ -26,7 +24,6 @@ from commonrail.physics.flow import gap_conductance
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.physics.meters import Given
 from commonrail.readers.fields import Unit
-from commonrail.readers.location import located
 
 PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]
 
@@ -68,9 +65,10 @@ class ReturnData(QuantityData):
 
     kind: ClassVar[str] = "return quantities"
     what: ClassVar[str] = "return quantity"
-    model: ClassVar[type[MapModel]] = ReturnsModel  # type: ignore[assignment]  # of its own columns
+    model: ClassVar[type[MapModel]] = ReturnsModel
     view: ClassVar[MapView] = MapView("return ", "Return quantity")
     whole: ClassVar[bool] = True
+    own_keys: ClassVar[tuple[str, ...]] = ("stroke_period",)
 
     stroke_period: float | None = None
 
@@ -86,25 +84,6 @@ class ReturnData(QuantityData):
             raise ConfigurationError(
                 f"The stroke_period of {self.name}, {to_text(self.stroke_period, 's')}, is shorter than the longest "
                 f"simulated time, {to_text(longest, 's')}; give the time between the starts of two strokes."
-            )
-
-    @classmethod
-    def read(cls, model: ReturnsModel, context: Context) -> Self:  # type: ignore[override]  # of its own columns
-        """Read a map of return quantities; see `DataSet.read`."""
-        rows = read_map(model, context)
-        labels = model.weight, "; ".join(filter(None, (model.source, rows.strokes))), model.synthetic
-        values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
-        with located(context.at):
-            return cls(
-                model.name,
-                Role(model.role),
-                rows.points,
-                *values,
-                *labels,
-                rows.mass_density,
-                meter=context.meter(model.meter),
-                noise=rows.noise,
-                stroke_period=model.stroke_period,
             )
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
@@ -125,13 +104,7 @@ def _at_the_end(point: OperatingPoint) -> OperatingPoint:
 
 
 def leak_at_rest(candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
-    """Leakage of the guides while all volumes are at rail pressure, Eq. (5), (candidates, points) [kg/s].
-
-    Parameters
-    ----------
-    candidates : Candidates
-    points : sequence of OperatingPoint
-    """
+    """Leakage of the guides while all volumes are at rail pressure, Eq. (5), (candidates, points) [kg/s]."""
     injector = candidates.simulator.injector
     names, values = candidates.simulator.of_injector(candidates.values)
     columns = {name: values[:, i] for i, name in enumerate(names)}

@@ -171,7 +171,7 @@ def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Delay
         return None
     likelihood = fit.likelihood
     fitted = [_behind_a_meter(data) for data in of_role(fit.study.data, Role.FIT)]
-    meters = {data.meter.name: data.meter for data in fitted if data.meter is not None and DELAY in data.seen}
+    meters = {data.meter.name: data.meter for data in fitted if data.meter is not None and DELAY in data.meter_inputs}
     names = {meter.parameter(DELAY): meter.values.get(DELAY, 0.0) for meter in meters.values()}
     new = {name: present for name, present in names.items() if name not in likelihood.names}
     space = wider(likelihood.space, [_delay(name, present) for name, present in new.items()])
@@ -201,8 +201,8 @@ def _as_stated(both: _Delayed, unit: Floats) -> Floats:
 
 def _behind_a_meter(data: DataSet) -> DataSet:
     """A data set without uncertain quantities; a curve without a meter has a neutral one."""
-    plain = data.with_noise(replace(data.noise, uncertain={}))
-    return plain if data.bounds is None or data.meter is not None else plain.with_meter(Meter(UNNAMED))
+    plain = data.changed(noise=replace(data.noise, uncertain={}))
+    return plain if data.bounds is None or data.meter is not None else plain.changed(meter=Meter(UNNAMED))
 
 
 def _delay(name: str, present: float) -> Parameter:

@@ -118,7 +118,7 @@ def _stated_of(injector: Injector, data: DataSet) -> list[_Stated]:
 def _behind_a_meter(data: DataSet, index: int) -> DataSet:
     """Data set that has a meter, a neutral one of its own where it has none and a meter's quantity is uncertain."""
     has = data.meter is not None or not set(OF_METER) & set(data.noise.uncertain)
-    return data if has else data.with_meter(Meter(f"unnamed_{index + 1}"))
+    return data if has else data.changed(meter=Meter(f"unnamed_{index + 1}"))
 
 
 def nuisances_of(objective: Objective, root_weights: Floats) -> tuple[Nuisance, ...]:
@@ -185,7 +185,7 @@ def _check(objective: Objective, data: DataSet, one: _Stated) -> None:
             f"{data.name}: the cutoff is uncertain, and no meter has one that it could deviate from; describe the "
             "meter in a table [meters.NAME]."
         )
-    if one.key in OF_METER and one.key not in data.seen:
+    if one.key in OF_METER and one.key not in data.meter_inputs:
         raise ConfigurationError(
             f"{data.name}: the {one.key} of a meter has no effect on data of this kind; remove it."
         )
@@ -227,7 +227,7 @@ def with_uncertain_free(study: Study, keys: Collection[str] | None = None) -> St
         }
         left = {key: value for key, value in data.noise.uncertain.items() if key not in own}
         seen = metered if set(OF_METER) & set(own) else data
-        fitted.append(seen.with_noise(replace(data.noise, uncertain=left)))
+        fitted.append(seen.changed(noise=replace(data.noise, uncertain=left)))
         added.update({parameter.name: parameter for parameter in own.values()})
     if not all(parameter.lower < parameter.upper for parameter in added.values()):
         return None

@@ -173,7 +173,8 @@ def read_points(
         {"kind": "quantities", "name": file.name, "role": "fit", "file": str(file.absolute()), **stated}
         | {"absolute": "0.05 mm3", "relative": 0.015, "source": f"reference quantities of {file.name}"}
     )
-    return QuantityData.read(model, Context(injector, 1e-6, Reach(file, True), Place(str(file))))
+    (read,) = QuantityData.read_all(model, Context(injector, 1e-6, Reach(file, True), Place(str(file))))
+    return read
 
 
 def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Injector:

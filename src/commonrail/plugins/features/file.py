@@ -14,8 +14,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import fits, to_text
 from commonrail.data.features.rate_trace import RATE_UNITS, RateTrace, bounds_around
 from commonrail.engine.operating_point import Energising
-from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, name_and_unit
-from commonrail.readers.csv import CsvFile
+from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, unit_of
 from commonrail.readers.operating_points import named_points
 from commonrail.readers.tables import open_sheet, take_columns
 
@@ -96,11 +95,7 @@ def _energised(path: Path, names: Sequence[str], given: tuple[Energising, ...]) 
 
 def _found(sheet: Sheet) -> tuple[str, ...]:
     """Columns that have a unit of a rate."""
-    if isinstance(sheet, CsvFile):
-        named = [name_and_unit(cell) for cell in sheet.header]
-    else:
-        named = [(name, str(sheet.unit(name))) for name in sheet.names if hasattr(sheet, "unit")]
-    found = tuple(name for name, unit in named if any(fits(unit or "", one) for one in RATE_UNITS))
+    found = tuple(name for name in sheet.names if any(fits(unit_of(sheet, name), one) for one in RATE_UNITS))
     if not found:
         raise InputError(
             f'{sheet.path}: no column has the unit of a rate in its header, as in "rate [mm3/ms]"; name the columns '

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import MISSING, field_unit, listed, quantity
-from commonrail.data.features.measures import FEATURES
 from commonrail.data.features.rate_trace import RATE_UNITS
-from commonrail.data.features.result import DECIMALS, Features, Injection, unit_of
+from commonrail.data.features.result import Features, Injection, decimals_of, unit_of
 from commonrail.data.features.shots import ShotStatistic
+from commonrail.data.features.table import features_of_traces
 from commonrail.runs.features import ComparedFeatures
 
 Row = tuple[str, int]  # feature and number of the injection
@@ -19,7 +19,12 @@ Row = tuple[str, int]  # feature and number of the injection
 def feature_table(name: str, found: Features) -> Table:
     """Features of one trace, a column for each injection."""
     numbers = _numbers([found])
-    standard = {(f, i): one.standard_errors.get(f, math.nan) for i in numbers if (one := found.of(i)) for f in FEATURES}
+    standard = {
+        (f, i): one.standard_errors.get(f, math.nan)
+        for i in numbers
+        if (one := found.of(i))
+        for f in features_of_traces()
+    }
 
     def cell(feature: str, injection: int) -> str:
         text = _text(found.value(feature, injection), unit_of(feature, found.unit))
@@ -30,7 +35,9 @@ def feature_table(name: str, found: Features) -> Table:
         _head(found.unit),
         Part([f"injection {i}" for i in numbers], lambda row: [cell(row[0], i) for i in numbers]),
     )
-    shown = [(feature, 0) for feature in FEATURES if any(math.isfinite(found.value(feature, i)) for i in numbers)]
+    shown = [
+        (feature, 0) for feature in features_of_traces() if any(math.isfinite(found.value(feature, i)) for i in numbers)
+    ]
     note = "± one standard error if the noise is independent from sample to sample." if found.noise > 0.0 else ""
     return table_of(f"Features of {name}", shown, parts, note, 2)
 
@@ -85,7 +92,12 @@ def shot_table(found: Sequence[ShotStatistic], shots: int) -> Table:
 def compared_table(one: ComparedFeatures) -> Table:
     """Features of a measured and of the simulated curve, and simulated − measured."""
     numbers = _numbers([one.measured, one.simulated])
-    rows = [(feature, i) for i in numbers for feature in FEATURES if math.isfinite(_values(one, (feature, i))[0])]
+    rows = [
+        (feature, i)
+        for i in numbers
+        for feature in features_of_traces()
+        if math.isfinite(_values(one, (feature, i))[0])
+    ]
     word = "synthetic" if one.synthetic else "measured"
 
     def cells(row: Row) -> Iterator[str]:
@@ -118,6 +130,6 @@ def _text(value: float, unit: str, more: int = 0, *, sign: bool = False) -> str:
     """Number in the unit that is shown, with `more` decimals than usual."""
     if not math.isfinite(value):
         return MISSING
-    text = f"{abs(value * field_unit(unit).factor):.{DECIMALS[unit] + more}f}"
+    text = f"{abs(value * field_unit(unit).factor):.{decimals_of(unit) + more}f}"
     negative = value < 0.0 and float(text) != 0.0
     return f"{'−' if negative else '+' if sign and float(text) else ''}{text}"

@@ -14,7 +14,7 @@ from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import Space
-from commonrail.data.base import DataSet
+from commonrail.data.base import DataSet, widths_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.simulator import Simulator
@@ -201,7 +201,7 @@ class Responder(NamedTuple):
         tangents = decorrelated(noise.whiten(np.where(sound[:, None, None], both, 0.0)), block_of(data, 0), noise)
         # the rows of R of a QR decomposition tell as much as all samples
         rows = np.array([np.linalg.qr(one.T, mode="r") for one in tangents])
-        value = float(np.sum(best * data.widths)) if isinstance(data, RateData) else float("nan")
+        value = float(np.sum(best * widths_of(data))) if isinstance(data, RateData) else float("nan")
         failed = int(np.count_nonzero(~sound))
         return Response(candidate, value, float("nan"), rows, np.zeros(self.unit.shape), failed)
 

@@ -35,9 +35,20 @@ from commonrail.plugins.paper.bench import (
     bench_curve,
 )
 from commonrail.readers.catalogue import Catalogue
-from commonrail.readers.fields import FileModel, Number, Quantities, Room, Sourced, Stated, Text, Values, choice, fault
+from commonrail.readers.fields import (
+    FileModel,
+    Number,
+    ParameterTable,
+    Quantities,
+    Sourced,
+    Stated,
+    Text,
+    Values,
+    choice,
+    fault,
+)
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.model import ROOMS, room_quantities
+from commonrail.readers.injector.model import COMPONENTS, component_quantities
 from commonrail.readers.limits import Reach, read_text
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import LARGEST_TOML, parse_toml, read_model
@@ -92,10 +103,14 @@ class _Head(FileModel):
 
 
 def _tables(quantities: Mapping[str, Mapping[str, Q]]) -> Any:
-    return {name: (Annotated[Room, Quantities(known)], Room()) for name, known in quantities.items()}
+    return {
+        name: (Annotated[ParameterTable, Quantities(known)], ParameterTable()) for name, known in quantities.items()
+    }
 
 
-_ValuesModel = create_model("_ValuesModel", __base__=FileModel, **_tables({r: room_quantities(r) for r in ROOMS}))
+_ValuesModel = create_model(
+    "_ValuesModel", __base__=FileModel, **_tables({r: component_quantities(r) for r in COMPONENTS})
+)
 _fields: Any = _tables(QUANTITIES) | {"values": (_ValuesModel, _ValuesModel())}
 _TruthModel = create_model("_TruthModel", __base__=_Head, **_fields)
 
@@ -146,19 +161,19 @@ def _truth(document: Mapping[str, Any], at: Place, text: str, folder: Path | Non
     if folder is not None and injector.endswith(".toml"):  # seen from where the truth's file is
         injector = str(Reach(Path(at.file), model.allow_outside).path(folder, injector, at / "injector"))
     tables = dict(model)
-    rooms = {
-        room: getattr(tables["values"], room).values() for room in document.get("values", {})
+    components = {
+        component: getattr(tables["values"], component).values() for component in document.get("values", {})
     }  # in the file's order
     chains = {table: tables[table].values() for table in QUANTITIES}
     friction = model.friction
     forces = {name: [n.value for n in numbers] for name in FRICTION if (numbers := getattr(friction, name)) is not None}
-    sources = _sources(rooms) | {f"friction.{name}": friction.origin() for name in forces} | _sources(chains)
+    sources = _sources(components) | {f"friction.{name}": friction.origin() for name in forces} | _sources(chains)
     own = {table: {key: given.value for key, given in values.items()} for table, values in chains.items()}
     truth = Truth(
         name,
         name if model.title is None else model.title,
         injector,
-        {f"{room}.{key}": given.value for room, values in rooms.items() for key, given in values.items()},
+        {f"{part}.{key}": given.value for part, values in components.items() for key, given in values.items()},
         model.rail_boundary,
         Friction(**{name: tuple(values) for name, values in forces.items()}),
         _RESOLUTION._replace(

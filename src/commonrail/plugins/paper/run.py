@@ -141,7 +141,7 @@ def _with_meters(
     free = flexible._replace(space=paper.space_with_delay(bench.injector))
     known = bench.truth.rate_meter.as_meter(paper.METER)
     for label, model, meter in (("known", flexible, known), ("delay", free, cr.Meter(paper.METER))):
-        seen = [d.with_meter(meter) for d in data]
+        seen = [d.changed(meter=meter) for d in data]
         found = model.search(seen[0], paper.BEST.settings, seed, after)
         yield label, (found, model.costs(seen, found.x[None, :])[:, 0])
 

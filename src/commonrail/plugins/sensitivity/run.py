@@ -17,7 +17,6 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
-from commonrail.data.feature_targets.injection import DEFAULT, Codes, read_features, reason
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
@@ -30,6 +29,8 @@ from commonrail.plugins.sensitivity.estimates import (
 )
 from commonrail.plugins.sensitivity.file import Failed, OutputSensitivity, Sensitivity, Tornado
 from commonrail.plugins.sensitivity.study import (
+    DEFAULT_FEATURES,
+    Codes,
     Computing,
     Design,
     Evaluated,
@@ -40,6 +41,8 @@ from commonrail.plugins.sensitivity.study import (
     SensitivitySettings,
     joined,
     misfit_model,
+    read_features,
+    reason,
 )
 
 AT_A_TIME = 16_384  # candidates that are evaluated together
@@ -64,7 +67,7 @@ def sensitivity(
     of: Injector | Study,
     parameters: Sequence[Parameter] | None = None,
     points: Sequence[OperatingPoint] = (),
-    features: Sequence[str] = DEFAULT,
+    features: Sequence[str] = DEFAULT_FEATURES,
     *,
     settings: SensitivitySettings | None = None,
     threads: int | None = None,
@@ -82,8 +85,7 @@ def sensitivity(
     points : sequence of OperatingPoint
         Operating points of the features; at least one for an injector.
     features : sequence of str
-        "quantity", "return_quantity", "opening", "opening_delay", "closing", "closing_delay", "duration", "lift",
-        "mean_rate" and "steady_rate".
+        Names, such as "quantity" and "opening_delay"; `commonrail catalogue features` lists them.
     settings : SensitivitySettings, optional
     threads : int, optional
         All usable processors by default; the result does not depend on it.

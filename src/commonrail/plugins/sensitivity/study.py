@@ -8,6 +8,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonrail.base.arguments import (
     Limits,
@@ -21,21 +22,43 @@ from commonrail.base.arguments import (
     settle,
     whole,
 )
-from commonrail.base.arrays import Floats
+from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.parameter import Parameter
-from commonrail.data.feature_targets.injection import STEADY, Codes, Feature, codes_of, steady_rates
+from commonrail.data.features.table import Feature, features_of_simulations
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import prepare
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
-from commonrail.engine.status import OK
+from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.physics.parameters import Domain
+
+Codes = NDArray[np.int8]
+NO_EVENT = -1  # code of a feature that does not exist: the needle never opens, or never closes
+DEFAULT_FEATURES = ("quantity", "opening_delay", "closing_delay", "duration", "steady_rate")
+
+
+def read_features(names: Sequence[str]) -> tuple[Feature, ...]:
+    """Features by name; `ConfigurationError` for one that is unknown or repeated."""
+    known = features_of_simulations()
+    return tuple(known[name] for name in known_names(names, known, "features", "quantity"))
+
+
+def codes_of(feature: Feature, values: Floats, statuses: Ints) -> Codes:
+    """Code of each value (candidates,): OK where it can be used, else the status of its simulation or `NO_EVENT`."""
+    usable = (statuses == OK) | ((statuses == STILL_INJECTING) & (not feature.final))
+    return np.where(usable, np.where(np.isfinite(values), OK, NO_EVENT), statuses).astype(np.int8)
+
+
+def reason(code: int) -> str:
+    """Reason in one sentence for which a value is missing."""
+    return "The needle does not open, or does not close." if code == NO_EVENT else Status(code).sentence
+
 
 # Outputs of a sensitivity study as functions of the parameters: features of an injector, and J of a study.
 
@@ -107,16 +130,18 @@ class Features:
         self._columns = [i for i, name in enumerate(names) if name in injector.values]
         self._names = tuple(names[i] for i in self._columns)
         dt = computing.time_step
-        self._ordinary = any(feature.name != STEADY for feature in features)
+        self._ordinary = any(feature.own_simulation is None for feature in features)
         self._prepared = prepare(injector, self.points, dt)
-        self._steady = [steady_rates(p, dt) for p in points] if any(f.name == STEADY for f in features) else []
-        self._steady_prepared = [prepare(injector, [short], dt) for short, _ in self._steady]
+        self._own = {
+            (f.name, k): f.own_simulation(p, dt) for f in features if f.own_simulation for k, p in enumerate(points)
+        }
+        self._own_prepared = {key: prepare(injector, [own], dt) for key, (own, _) in self._own.items()}
 
     @property
     def model(self) -> Model:
         """Features of the first point, then those of the next; a simulation that ends with energising counts too."""
         outputs = (Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
-        return Model(tuple(outputs), len(self.points) * self._ordinary + len(self._steady), self.evaluate)
+        return Model(tuple(outputs), len(self.points) * self._ordinary + len(self._own), self.evaluate)
 
     def evaluate(self, values: Floats) -> Evaluated:
         """Features of candidates (n, parameters) [SI]."""
@@ -124,19 +149,21 @@ class Features:
         whole = self._batch(self.points, own, self._prepared) if self._ordinary else None
         found, codes = [], []
         for k, point in enumerate(self.points):
-            short = self._at_steady(k, own) if self._steady else None
             for feature in self.features:
-                batch = short if feature.name == STEADY else whole and whole.at_points(slice(k, k + 1))
+                key = feature.name, k
+                batch = self._of_its_own(key, own) if key in self._own else whole and whole.at_points(slice(k, k + 1))
                 assert batch is not None
-                figures = feature.of(batch, point)
+                assert feature.of_simulation is not None
+                figures = feature.of_simulation(batch, point)
                 code = codes_of(feature, figures, batch.status[:, 0])
                 found.append(np.where(code == OK, figures, np.nan))
                 codes.append(code)
         return Evaluated(np.stack(found, axis=1), np.stack(codes, axis=1))
 
-    def _at_steady(self, k: int, values: Floats) -> Batch:
-        short, misfit = self._steady[k]
-        return self._batch([short], values, self._steady_prepared[k], misfit)
+    def _of_its_own(self, key: tuple[str, int], values: Floats) -> Batch:
+        """Batch of the simulation that a feature needs for itself, by its name and the number of the point."""
+        point, misfit = self._own[key]
+        return self._batch([point], values, self._own_prepared[key], misfit)
 
     def _batch(
         self, points: Sequence[OperatingPoint], values: Floats, prepared: object, misfit: object = None

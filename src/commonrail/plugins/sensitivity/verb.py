@@ -52,9 +52,8 @@ def sensitivity(
     feature: Annotated[
         tuple[str, ...],
         Option(
-            help="Feature at the operating points: quantity, return_quantity, opening, opening_delay, closing, "
-            "closing_delay, duration, lift, mean_rate, steady_rate; repeatable. [default: quantity, both delays, "
-            "duration, steady_rate]"
+            help="Feature at the operating points, of those that `commonrail catalogue features` lists; repeatable. "
+            "[default: quantity, both delays, duration, steady_rate]"
         ),
     ] = (),
     design: Annotated[
@@ -91,10 +90,9 @@ def sensitivity(
           --within 3% --rail-pressure 80MPa --rail-pressure 160MPa --energising-time 700us --out runs/sensitivity
       commonrail sensitivity cases/paper/study.toml --samples 256
     """
-    from commonrail.data.feature_targets.injection import DEFAULT
     from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
     from commonrail.plugins.sensitivity.run import sensitivity as run
-    from commonrail.plugins.sensitivity.study import SensitivitySettings
+    from commonrail.plugins.sensitivity.study import DEFAULT_FEATURES, SensitivitySettings
     from commonrail.report.analysis import run_into, synthetic_lines
 
     settings = SensitivitySettings(
@@ -120,7 +118,7 @@ def sensitivity(
                 subject,
                 chosen,
                 points,
-                tuple(feature or DEFAULT),
+                tuple(feature or DEFAULT_FEATURES),
                 settings=settings,
                 threads=threads,
                 progress=lambda p: bar.show(Stage("simulating", p.done, p.total, f"{p.total} candidates")),

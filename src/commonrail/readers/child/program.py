@@ -41,16 +41,8 @@ def main(reader: str, options: str, memory: str, seconds: str) -> None:
 def write(stream: IO[bytes], read: Callable[..., dict[str, Any]], data: bytes, options: Any, most: int) -> None:
     """Write the content of a file, array by array.
 
-    Parameters
-    ----------
-    stream : file
-    read : callable
-        Of a name for messages, the data, a function that saves an array under a name, and options; returns the
-        description.
-    data : bytes
-    options : dict
-    most : int
-        Bytes of all arrays.
+    The function `read` takes a name for messages, the data, a function that saves an array under a name, and the
+    options; it returns the description. All arrays together have at most `most` bytes.
     """
     left = most
     with ZipFile(stream, "w") as archive:

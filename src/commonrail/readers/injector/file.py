@@ -68,13 +68,13 @@ def injector_text(injector: Injector, notes: Mapping[str, str], header: str, met
     lines += [f"{key} = {value_text(value)}" for key, value in _identity(injector).items()]
     sources = dict(injector.sources) | {name: Source("F", note) for name, note in notes.items()}
     fuel = FUEL_TEMPERATURE.partition(".")[0]
-    rooms: dict[str, list[str]] = {}
+    tables: dict[str, list[str]] = {}
     for name, q in injector.quantities.items():
-        room, key = name.split(".")
+        table, key = name.split(".")
         entry = _entry(injector.values[name], q, sources.get(name, _UNSTATED))
-        rooms.setdefault(room, ["", f"[{room}]"]).append(f"{key} = {entry}")
-    rooms[fuel] += _fuel_lines(injector.fuel, fuel)
-    for own in rooms.values():
+        tables.setdefault(table, ["", f"[{table}]"]).append(f"{key} = {entry}")
+    tables[fuel] += _fuel_lines(injector.fuel, fuel)
+    for own in tables.values():
         lines += own
     for meter in meters:  # of the bench, not of the injector
         lines += _meter_lines(meter)
@@ -161,6 +161,11 @@ _CATALOGUE = Catalogue(
 def injector_catalogue() -> list[str]:
     """Names that `load_injector` knows, those of installed packages behind those that ship."""
     return _CATALOGUE.names()
+
+
+def shipped_injectors() -> list[str]:
+    """Names of the injectors that ship, sorted."""
+    return _CATALOGUE.shipped()
 
 
 def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:

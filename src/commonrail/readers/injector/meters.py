@@ -120,10 +120,7 @@ class _MeterFile(FileModel):
 def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dict[str, MeterHead]:
     """Tables of the meters of installed packages among `names`, but for those that are described already, `known`.
 
-    Raises
-    ------
-    PluginError, InputError
-        If the file of one cannot be read, or has no meter of that name.
+    Raises `PluginError` and `InputError` if the file of one cannot be read, or has no meter of that name.
     """
     found: dict[str, MeterHead] = {}
     for name in sorted({name for name in names if name and name not in known}):
@@ -136,6 +133,11 @@ def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dic
     return found
 
 
+def installed_meter(name: str) -> Meter:
+    """Meter of an installed package, with its start values; `PluginError` or `InputError` as `installed_meters`."""
+    return meters_of_tables(installed_meters([name], ()), Place(f"{name}.toml"))[name]
+
+
 def free_names(tables: Mapping[str, MeterHead]) -> list[str]:
     """Names of the parameters of a search that the tables give bounds, such as meter.bench.delay."""
     return [
@@ -146,16 +148,7 @@ def free_names(tables: Mapping[str, MeterHead]) -> list[str]:
 def meters_of_tables(tables: Mapping[str, MeterHead], at: Place) -> dict[str, Meter]:
     """Meters of a file by name, with their start values.
 
-    Parameters
-    ----------
-    tables : mapping of str to MeterModel
-    at : Place
-        Of the table "meters".
-
-    Raises
-    ------
-    ConfigurationError
-        If a name or the quantities together make no meter.
+    Raises `ConfigurationError` if a name or the quantities together make no meter.
     """
     found = {}
     for name, table in tables.items():

@@ -18,7 +18,18 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
 from commonrail.physics.variants import MODELS, Variant, reader_of, unread_parameters
-from commonrail.readers.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice, fault
+from commonrail.readers.fields import (
+    FileModel,
+    Given,
+    Number,
+    ParameterTable,
+    Quantities,
+    Sourced,
+    Stated,
+    Values,
+    choice,
+    fault,
+)
 from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
 from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
 from commonrail.readers.limits import Reach
@@ -71,8 +82,8 @@ class Drawing(Sourced):
         return found
 
 
-class DrawnRoom(Room):
-    """Room of plunger and needle: a number of its own goes before that of the drawing."""
+class DrawnTable(ParameterTable):
+    """Table of plunger and needle: a number of its own goes before that of the drawing."""
 
     drawing: Drawing | None = None
 
@@ -81,14 +92,16 @@ class DrawnRoom(Room):
         return (self.drawing.values() if self.drawing else {}) | super().values()
 
 
-ROOMS = tuple(dict.fromkeys(room for model in MODELS.values() for room in get_type_hints(model.Parameters)))
+COMPONENTS = tuple(
+    dict.fromkeys(component for model in MODELS.values() for component in get_type_hints(model.Parameters))
+)
 
 _DEFAULT = Source("E", "default of commonrail")
 
 
-def room_quantities(room: str) -> dict[str, Q]:
+def component_quantities(component: str) -> dict[str, Q]:
     """Unit, meaning and domain of the parameters of a component, by the last part of their names."""
-    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{room}.")}
+    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{component}.")}
 
 
 class _Definition(FuelModel):
@@ -121,25 +134,18 @@ class _Head(FileModel):
     meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
 
 
-_kinds = dict.fromkeys(ROOMS, Room) | {"plunger_needle": DrawnRoom}
-_rooms: Any = {room: (Annotated[kind, Quantities(room_quantities(room))], kind()) for room, kind in _kinds.items()}
-_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_rooms)
+_kinds = dict.fromkeys(COMPONENTS, ParameterTable) | {"plunger_needle": DrawnTable}
+_components: Any = {
+    component: (Annotated[kind, Quantities(component_quantities(component))], kind())
+    for component, kind in _kinds.items()
+}
+_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_components)
 
 
 def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
     """Meters of a parsed file.
 
-    Parameters
-    ----------
-    document : mapping
-        Its tables.
-    at : Place
-        The file.
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        As `load_meters`.
+    Raises `InputError` and `ConfigurationError` as `load_meters`.
     """
     tables: Mapping[str, MeterHead] = read_model(_InjectorModel, document, at).meters
     for name, table in tables.items():
@@ -152,30 +158,17 @@ def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
 def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
     """Injector of a parsed file.
 
-    Parameters
-    ----------
-    document : mapping
-        Its tables.
-    at : Place
-        The file.
-    stem : str
-        Name of an injector whose file gives none.
-    reach : Reach or None
-        Where the file of its fuel may lie.
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        As `load_injector`.
+    `stem`: name of an injector whose file gives none. `reach`: where the file of its fuel may lie. Raises `InputError`
+    and `ConfigurationError` as `load_injector`.
     """
     model = read_model(_InjectorModel, document, at)
     given: dict[str, Given] = {}
     own = tuple(get_type_hints(MODELS[model.actuation].Parameters))
-    for room in ROOMS:
-        if room in own:
-            given |= _room(room, getattr(model, room).values(), at / room)
-        elif room in model.model_fields_set:
-            raise (at / room).error(
+    for component in COMPONENTS:
+        if component in own:
+            given |= _values_of(component, getattr(model, component).values(), at / component)
+        elif component in model.model_fields_set:
+            raise (at / component).error(
                 f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
                 f"{', '.join(own)}"
             )
@@ -202,18 +195,18 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
 _DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
 
 
-def _refuse_unread(model: Any, rooms: tuple[str, ...], at: Place) -> None:
+def _refuse_unread(model: Any, components: tuple[str, ...], at: Place) -> None:
     """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
     stated = model.model_fields_set
     if model.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
         raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key")
     unread = unread_parameters(_variant(model, at))
-    for room, key in _DECIDING.items():
-        if room in rooms and key not in stated:
-            for name in getattr(model, room).values():
-                if f"{room}.{name}" in unread:
-                    reader = reader_of(f"{room}.{name}")
-                    raise (at / room / name).error(
+    for component, key in _DECIDING.items():
+        if component in components and key not in stated:
+            for name in getattr(model, component).values():
+                if f"{component}.{name}" in unread:
+                    reader = reader_of(f"{component}.{name}")
+                    raise (at / component / name).error(
                         f"this is read with {reader} only, and the file does not state {key}; add it"
                     )
 
@@ -224,29 +217,22 @@ def _variant(model: Any, at: Place) -> Variant:
         return Variant(*variant[:-1], nozzle_law=model.nozzle_law)
 
 
-def _room(room: str, values: Values, at: Place) -> Values:
+def _values_of(component: str, values: Values, at: Place) -> Values:
     """Values of a component by dotted name: as given, else the default."""
-    quantities = room_quantities(room)
+    quantities = component_quantities(component)
     missing = [name for name, q in quantities.items() if name not in values and q.default is None]
     if missing:
         first, *others = missing
         more = f", nor for {', '.join(others)}" if others else ""
         raise at.error(f"there is no value for {first}, the {quantities[first].meaning}{more}; add it")
     defaults = {name: Given(q.default, _DEFAULT) for name, q in quantities.items() if q.default is not None}
-    return {f"{room}.{name}": values.get(name) or defaults[name] for name in quantities}
+    return {f"{component}.{name}": values.get(name) or defaults[name] for name in quantities}
 
 
 def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
     """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
 
-    Parameters
-    ----------
-    given : mapping of str to Given
-        All values by dotted name.
-    stated : mapping of str to Any
-        Those that the file states for the nozzle, by key.
-    at : Place
-        Of the table of the nozzle.
+    All values are `given` by dotted name; an error names the key of one that the file has `stated` for the nozzle.
     """
     names = [f"knot_{i}" for i in range(1, 9)]
     lifts = {name: given[f"nozzle.{name}"].value for name in names}

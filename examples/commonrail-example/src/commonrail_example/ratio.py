@@ -1,0 +1,23 @@
+"""Feature of an injection: its quantity over the energising time, of a rate of injection and of a simulation."""
+
+import math
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.data.features.measures import TracedInjection
+from commonrail.data.features.table import Estimate, Feature
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.solution import Batch
+
+
+def _of_trace(one: TracedInjection) -> Estimate:
+    quantity = one.trace.quantity(*one.window)
+    return Estimate(math.nan if one.pulse is None else quantity / one.pulse.duration)
+
+
+def _of_simulation(batch: Batch, point: OperatingPoint) -> Floats:
+    return np.asarray(batch.injected_volume[:, 0] / sum(pulse.duration for pulse in point.pulses))
+
+
+FEATURE = Feature("energised_rate", "m3/s", "quantity over the energising time", _of_trace, _of_simulation)

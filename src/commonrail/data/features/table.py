@@ -1,0 +1,298 @@
+"""The features of an injection: name, unit, meaning, and how each follows from a trace and from a simulation.
+
+A feature is added here, in a function and an entry of `FEATURES`, or by an installed package with an entry point of the
+group "features" whose object is a `Feature` of the entry point's name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base import registry
+from commonrail.base.arguments import shown
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, PluginError, nearest
+from commonrail.base.hooks import note
+from commonrail.data.features.measures import TracedInjection, second_difference
+from commonrail.engine.lanes import Misfit
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.solution import Batch
+
+STEADY_PART = 0.2  # last part of the longest energising whose mean rate is the steady rate of a simulation
+SHIFT = 1e-3  # flow added to a rate to make a sum of absolute errors linear [m³/s]; some ten times any injector's
+
+
+class Estimate(NamedTuple):
+    """Value of a feature, NaN where there is none, and its standard error by the noise; None where none is known."""
+
+    value: float
+    error: float | None = None
+
+
+class Feature(NamedTuple):
+    """Feature of an injection.
+
+    Attributes
+    ----------
+    name, meaning : str
+    unit : str
+        SI unit, by volume: in a trace by mass "m3" stands for "kg".
+    of_trace : function of TracedInjection, optional
+        `Estimate` in a measured or simulated rate of injection; None for what no rate shows.
+    of_simulation : function of Batch and OperatingPoint, optional
+        Values (candidates,) of the motion of the needle and of the flows at the only point of the batch; NaN where the
+        feature does not exist. None for what is found in traces alone.
+    final : bool
+        Known only when the simulated injection has ended; the opening is known before.
+    own_simulation : function of OperatingPoint and time step [s], optional
+        Point and samples of a simulation that `of_simulation` needs for itself.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    of_trace: Callable[[TracedInjection], Estimate] | None = None
+    of_simulation: Callable[[Batch, OperatingPoint], Floats] | None = None
+    final: bool = True
+    own_simulation: Callable[[OperatingPoint, float], tuple[OperatingPoint, Misfit]] | None = None
+
+
+def known_features() -> dict[str, Feature]:
+    """All features by name, those that ship first; one of a package that cannot be used is told in a note."""
+    found = dict(FEATURES)
+    for name in registry.installed("features"):
+        try:
+            found[name] = find_feature(name)
+        except PluginError as error:
+            note(str(error))
+    return found
+
+
+def find_feature(name: str) -> Feature:
+    """Feature of a name; `ConfigurationError` if there is none, `PluginError` if that of a package cannot be used."""
+    entry = None if name in FEATURES else registry.find("features", name)
+    if entry is None:
+        return FEATURES[known_name(name, FEATURES)]
+    feature = entry.part(Feature, "a Feature")
+    if feature.name != name:
+        raise entry.refused(f'is to be a Feature of this name, and that of {entry.target} is called "{feature.name}"')
+
+    def blamed(function: Callable[..., Any] | None) -> Any:
+        return function and partial(_blamed, entry, function)
+
+    return feature._replace(of_trace=blamed(feature.of_trace), of_simulation=blamed(feature.of_simulation))
+
+
+def _blamed(entry: registry.Entry, function: Callable[..., Any], *args: Any) -> Any:
+    with entry.blamed("fails"):
+        return function(*args)
+
+
+def features_of_traces() -> dict[str, Feature]:
+    """Features by name that a rate of injection shows."""
+    return {name: feature for name, feature in known_features().items() if feature.of_trace}
+
+
+def features_of_simulations() -> dict[str, Feature]:
+    """Features by name that a simulation has without its trace."""
+    return {name: feature for name, feature in known_features().items() if feature.of_simulation}
+
+
+def known_name(name: object, known: Collection[str]) -> str:
+    """Name of a feature among those known; `ConfigurationError` with the nearest if it is none."""
+    if not isinstance(name, str) or name not in known:
+        meant = nearest(name, known) if isinstance(name, str) else ""
+        raise ConfigurationError(f"There is no feature {shown(name)}{meant}; the features are {', '.join(known)}.")
+    return name
+
+
+# In a trace, where the rate passes the threshold.
+
+
+def _opening(one: TracedInjection) -> Estimate:
+    return Estimate(*one.at.opening)
+
+
+def _closing(one: TracedInjection) -> Estimate:
+    return Estimate(*one.at.closing)
+
+
+def _opening_delay(one: TracedInjection) -> Estimate:
+    if one.pulse is None:
+        return Estimate(math.nan)
+    return Estimate(one.at.opening.time - one.pulse.start, one.at.opening.error)
+
+
+def _closing_delay(one: TracedInjection) -> Estimate:
+    if one.pulse is None:
+        return Estimate(math.nan)
+    return Estimate(one.at.closing.time - (one.pulse.start + one.pulse.duration), one.at.closing.error)
+
+
+def _duration(one: TracedInjection) -> Estimate:
+    opening, closing = one.at.opening, one.at.closing
+    return Estimate(closing.time - opening.time, math.hypot(opening.error, closing.error))
+
+
+def _separation(one: TracedInjection) -> Estimate:
+    opening = one.at.opening
+    return Estimate(opening.time - one.before.time, math.hypot(opening.error, one.before.error))
+
+
+# In a trace, ramps and rates.
+
+
+def _rise_time(one: TracedInjection) -> Estimate:
+    rise, begin = one.ramps.rise, one.ramps.begin
+    return Estimate(rise, _ramp_error(one, begin - rise, begin))
+
+
+def _fall_time(one: TracedInjection) -> Estimate:
+    fall, end = one.ramps.fall, one.ramps.end
+    return Estimate(fall, _ramp_error(one, end, end + fall))
+
+
+def _ramp_error(one: TracedInjection, begin: float, end: float) -> float:
+    """Standard error of the time [s] of a ramp between two instants [s]; both are shares of the largest rate."""
+    time = end - begin
+    if not time > 0.0:
+        return math.nan
+    low, high = one.settings.ramp
+    apart, width = (high - low) * one.peak, max(one.levels.width, one.trace.interval)
+    bends = (second_difference(one.trace, at, width) / apart for at in (begin, end))
+    return time * math.hypot(math.sqrt(2.0) * one.levels.noise / apart, *bends, _peak_error(one) / one.peak)
+
+
+def _peak_error(one: TracedInjection) -> float:
+    """Standard error of the largest mean over the peak averaging.
+
+    The largest of n means with the standard deviation σ exceeds the rate by up to σ √(2 ln n), the bound of the
+    expected largest of n normal values; that counts beside σ.
+    """
+    width = max(float(one.settings.peak_averaging), one.trace.interval)
+    count = max((one.ramps.end - one.ramps.begin) / width, 1.0)
+    return one.levels.noise * math.sqrt(one.levels.width / width * (1.0 + 2.0 * math.log(count)))
+
+
+def _steady_rate(one: TracedInjection) -> Estimate:
+    return Estimate(one.steady)
+
+
+def _peak_rate(one: TracedInjection) -> Estimate:
+    return Estimate(one.peak)
+
+
+# In a trace, quantities; their errors are those of sums of white noise.
+
+
+def _quantity(one: TracedInjection) -> Estimate:
+    trace, (begin, end) = one.trace, one.window
+    length, grown = end - begin, 1.0
+    if one.settings.zero_at_rest:  # the zero, a mean of the few samples at rest, counts over the whole window
+        rest = trace.interval * len(trace.at_rest)
+        shared = max(0.0, float(trace.bounds[len(trace.at_rest)]) - begin)  # at rest and within the window
+        grown = max(1.0 + (length - 2.0 * shared) / rest, 0.0)
+    return Estimate(trace.quantity(begin, end), trace.noise * math.sqrt(trace.interval * length * grown))
+
+
+def _total_quantity(one: TracedInjection) -> Estimate:
+    return Estimate(sum(one.trace.quantity(*window) for window in one.windows) if one.windows else math.nan)
+
+
+def _dribble(one: TracedInjection) -> Estimate:
+    closing = one.at.closing.time
+    return Estimate(one.trace.quantity(closing, one.window[1]) if math.isfinite(closing) else math.nan)
+
+
+# In a simulation.
+
+
+def _first(point: OperatingPoint) -> float:
+    return point.pulses[0].start if point.pulses else point.start
+
+
+def _mean_rate(batch: Batch, point: OperatingPoint) -> Floats:
+    return np.asarray(batch.injected_volume[:, 0] / (batch.closing[:, 0] - batch.opening[:, 0]))
+
+
+def steady_samples(point: OperatingPoint, dt: float) -> tuple[OperatingPoint, Misfit]:
+    """Point that ends with the window of the steady rate, and the sample from which it is read.
+
+    The engine sums |flow − target| over weighted samples. With the single target −`SHIFT` below any flow the sum is
+    flow + `SHIFT`. The time step `dt` is in [s].
+    """
+    longest = max(point.pulses, key=lambda pulse: pulse.duration, default=None)
+    end = longest.start + longest.duration if longest and longest.duration > 0.0 else point.start + 10.0 * dt
+    begin = end - STEADY_PART * longest.duration if longest and longest.duration > 0.0 else point.start
+    bounds = np.array([[begin - point.start, end - point.start]]) / dt
+    target, weight = np.array([[0.0, -SHIFT]]), np.array([[0.0, 1.0]])
+    misfit = Misfit(np.array([2], np.int64), bounds, target, weight, np.full((1, 1), np.nan))
+    return replace(point, horizon=end - point.start + dt), misfit
+
+
+FEATURES: Mapping[str, Feature] = {
+    feature.name: feature
+    for feature in (
+        Feature(
+            "opening",
+            "s",
+            "instant of opening; in a trace, when the rate rises above the threshold",
+            _opening,
+            lambda b, p: b.opening[:, 0],
+            final=False,
+        ),
+        Feature(
+            "closing",
+            "s",
+            "instant of closing; in a trace, when the rate falls below the threshold",
+            _closing,
+            lambda b, p: b.closing[:, 0],
+        ),
+        Feature(
+            "opening_delay",
+            "s",
+            "hydraulic delay: from the start of energising to opening",
+            _opening_delay,
+            lambda b, p: b.opening[:, 0] - _first(p),
+            final=False,
+        ),
+        Feature(
+            "closing_delay",
+            "s",
+            "closing delay: from the end of energising to closing",
+            _closing_delay,
+            lambda b, p: b.closing[:, 0] - p.end_of_energising,
+        ),
+        Feature("duration", "s", "from opening to closing", _duration, lambda b, p: b.closing[:, 0] - b.opening[:, 0]),
+        Feature("separation", "s", "from the closing of the previous injection to opening", _separation),
+        Feature("rise_time", "s", "opening ramp, between two shares of the largest rate", _rise_time),
+        Feature("fall_time", "s", "closing ramp, between the same shares", _fall_time),
+        Feature(
+            "steady_rate",
+            "m3/s",
+            "mean of the middle half of the plateau; in a simulation, of the last fifth of the longest energising",
+            _steady_rate,
+            lambda b, p: b.absolute_error[:, 0] - SHIFT,
+            final=False,
+            own_simulation=steady_samples,
+        ),
+        Feature("peak_rate", "m3/s", "largest mean over the peak averaging", _peak_rate),
+        Feature("mean_rate", "m3/s", "mean rate from opening to closing", None, _mean_rate),
+        Feature("quantity", "m3", "injected quantity", _quantity, lambda b, p: b.injected_volume[:, 0]),
+        Feature(
+            "total_quantity",
+            "m3",
+            "quantity with what reopenings after the same energising add",
+            _total_quantity,
+        ),
+        Feature("dribble", "m3", "quantity after closing", _dribble),
+        Feature("return_quantity", "m3", "return quantity", None, lambda b, p: b.returned_volume[:, 0]),
+        Feature("lift", "m", "largest needle lift", None, lambda b, p: b.greatest_lift[:, 0]),
+    )
+}
