@@ -15,7 +15,7 @@ from commonrail.base.errors import PluginError
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.influence import Influence, around, influence_of
 from commonrail.calibration.members import equal_ends, fitted_values
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import FitObjective, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
@@ -131,7 +131,7 @@ def _others(calibration: Calibration) -> list[Floats]:
     return [end.x for end in equal_ends(calibration.ends, fitted_values(calibration.study.data))[1:]]
 
 
-def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
+def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identified:
     """Effect, standard error and verdict of each free parameter on the data of an objective, at a point.
 
     From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
@@ -155,7 +155,6 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
         noise.
     """
     instance(space, Space, "space")
-    instance(objective, Objective, "objective")
     place = around(space, best)
     values = objective.linearised(place.values)
     many = values.shape[1] - len(objective.goal.priors)  # the data's residuals stand before those of the priors

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,21 +24,53 @@ from commonrail.physics.meters import given_values
 
 
 class Scores(NamedTuple):
-    """Outcome of candidates.
+    """Outcome of candidates: costs (n,), +inf where a simulation failed, and the single injections that it took.
 
-    Attributes
-    ----------
-    costs : (n,)
-        Objective, +inf where a simulation failed.
-    statuses : (n,) int8
-        Value of `Status`: of the first operating point that failed, OK if none did.
-    simulations : int
-        Single injections that it took.
+    A status is the value of `Status` of the first operating point that failed, OK if none did.
     """
 
     costs: Floats
     statuses: NDArray[np.int8]
     simulations: int
+
+
+class FitObjective(Protocol):
+    """What a fit makes small: for candidates (n, names), SI, their costs and residuals."""
+
+    @property
+    def statuses(self) -> type[IntEnum]:
+        """Statuses that `costs` returns."""
+
+    @property
+    def goal(self) -> Goal:
+        """Loss and priors."""
+
+    @property
+    def data(self) -> Sequence[Any]:
+        """Fitted data sets."""
+
+    @property
+    def injections(self) -> int:
+        """Simulations that a candidate takes."""
+
+    @property
+    def least_cost(self) -> float:
+        """Objective below which a difference is one of rounding, not of the fit."""
+
+    def costs(self, values: Floats) -> Scores:
+        """Costs of candidates."""
+
+    def residuals(self, values: Floats) -> Floats:
+        """Residuals for least squares (n, those of the data, then of the priors), NaN where a simulation failed."""
+
+    def screened(self, values: Floats) -> Floats:
+        """Residuals as `residuals` returns them, of a coarser and quicker simulation where there is one."""
+
+    def linearised(self, values: Floats) -> Floats:
+        """Residuals for derivatives at the first candidate and for standard errors."""
+
+    def why_failed(self, status: Any) -> str:
+        """Sentence on a status of failed candidates, with its cure."""
 
 
 class Objective:
@@ -120,13 +152,17 @@ class Objective:
 
     @property
     def least_cost(self) -> float:
-        """Objective below which a difference is one of rounding, not of the fit."""
+        """Objective below which a difference is one of rounding, not of the fit: none."""
         return 0.0
 
     @property
     def injections(self) -> int:
         """Single injections that a candidate takes."""
         return sum(data.injections for data in self.data) + len(self.goal.conditions)
+
+    def why_failed(self, status: Status) -> str:
+        """Sentence on a status of failed candidates, with its cure."""
+        return f"{status.sentence} Check the start values with `commonrail simulate`."
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonrail.base.arguments import function, instance, thread_count
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import SimulationError
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
 from commonrail.calibration.members import mean_of, members_of
-from commonrail.calibration.optimisers.base import Counts
 from commonrail.calibration.scoring import score_all
-from commonrail.calibration.search import Checkpoint, Generation, Listeners, Progress, Recorder, Search
+from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
@@ -124,9 +122,9 @@ class FittedPart:
     mean: tuple[Score, ...] = ()
 
 
-@dataclass(frozen=True)
-class FamilyFit:
-    """Result of a joint fit.
+@dataclass(frozen=True, kw_only=True)
+class FamilyFit(SearchResult):
+    """Result of a joint fit: of its search (`best` are the joint parameters), and what it makes of the parts.
 
     Attributes
     ----------
@@ -134,22 +132,6 @@ class FamilyFit:
     parts : mapping of str to FittedPart
     injector_type : InjectorType
         What the parts have taught.
-    joint : mapping of str to float
-        Joint parameters.
-    cost : float
-        Objective of all parts together.
-    simulations : int
-        Single injections simulated, those of equal candidates of a part counted for each.
-    status, reason : str
-        "finished" or "interrupted", and why it stopped.
-    start_cost : float
-        Objective of the start values.
-    history : tuple of Generation
-    counts : Counts
-    failures : mapping of str to int
-        Failed candidates by the name of their status.
-    seconds : float
-        Time of the search.
     members : tuple of float
         Objectives of the optima whose predictions are averaged, the best first.
     """
@@ -157,28 +139,11 @@ class FamilyFit:
     family: Family
     parts: Mapping[str, FittedPart]
     injector_type: InjectorType
-    joint: Mapping[str, float]
-    cost: float
-    simulations: int
-    status: str = "finished"
-    reason: str = ""
-    start_cost: float = float("inf")
-    history: tuple[Generation, ...] = ()
-    counts: Counts = field(default_factory=Counts)
-    failures: Mapping[str, int] = field(default_factory=dict)
-    seconds: float = 0.0
-    members: tuple[float, ...] = ()
+    members: tuple[float, ...]
 
 
 def objective_of_parts(family: Family, threads: int | None = None) -> FamilyObjective:
-    """Objective of a joint fit, on threads of this process.
-
-    Parameters
-    ----------
-    family : Family
-    threads : int, optional
-        All usable processors by default.
-    """
+    """Objective of a joint fit, on threads of this process."""
     return FamilyObjective(list(family.parts.values()), family.sharing, family.space, threads)
 
 
@@ -225,33 +190,17 @@ def fit_family(
     threads = thread_count(threads)
     objective = objective_of_parts(family, threads)
     with held_interrupts() as wish:
-        search = Search(family, objective, workers, Listeners(progress, recorder, wish), checkpoint)
-        status, reason = search.until_stopped()
-        x, cost = search.best
-        if not np.isfinite(cost):
-            if status == "interrupted":
-                raise KeyboardInterrupt
-            raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
+        found = Search(family, objective, workers, Listeners(progress, recorder, wish), checkpoint).to_end()
         objective.threads = threads  # workers' copies share the simulators
-        ends = members_of(search.ends)
-        found = identify_at(family.space, objective, x)
-        errors = {name: found[name]["standard_error"] for name in family.space.names}
-        joint = dict(zip(family.space.names, x.tolist(), strict=True))
+        ends = members_of(found.ends)
+        identified = identify_at(family.space, objective, np.array(list(found.best.values())))
+        errors = {name: identified[name]["standard_error"] for name in family.space.names}
         return FamilyFit(
-            family,
-            {name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
-            learnt_type(family, joint, errors),
-            joint,
-            cost,
-            search.simulations,
-            status,
-            reason,
-            float(objective.costs(family.space.reference[None, :]).costs[0]),
-            tuple(search.history),
-            search.counts,
-            dict(search.failures),
-            search.seconds,
-            tuple(end.cost for end in ends),
+            family=family,
+            parts={name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
+            injector_type=learnt_type(family, found.best, errors),
+            members=tuple(end.cost for end in ends),
+            **vars(found),
         )
 
 

@@ -269,7 +269,7 @@ def _record_of(outcome: FamilyOutcome) -> dict[str, Any]:
         "status": fit.status,
         "cost": fit.cost,
         "injections": fit.simulations,
-        "joint": dict(fit.joint),
+        "joint": fit.best,
         "fits": {name: {"best": dict(part.best), "data": data[name]} for name, part in fit.parts.items()},
     }
 

@@ -70,7 +70,7 @@ def fmu_lines(record: Record) -> list[str]:
         )
         if start is None:
             lines.append(f"{data['name']}: the FMU failed with the start values.")
-    verdict, counts = record["convergence"], record["evaluations"]
+    verdict, counts = record.get("convergence"), record["evaluations"]
     if verdict is not None:
         lines.append(f"The search: {verdict['sentence']}.")
     if counts["failed"]:

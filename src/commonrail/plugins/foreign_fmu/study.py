@@ -18,7 +18,7 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.input import noting_files
 from commonrail.base.units import parse, parse_difference, to_text
 from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.objective import Objective, Scores
+from commonrail.calibration.objective import Scores
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.parameter import Parameter, Priors
 from commonrail.calibration.space import Space
@@ -299,47 +299,34 @@ def _own(variable: FmuVariable) -> float | None:
 EXACT = 1e-6  # relative error of a simulation, which solvers of FMUs do not fall below
 
 
-class FmuObjective(Objective):
+class FmuObjective:
     """Σ weight · loss of the residuals in tolerances, over the data with role fit.
 
-    Parameters
-    ----------
-    study : FmuStudy
-    simulator : FmuSimulator
+    A `FitObjective` whose simulations run in processes of their own; numbers are in the units of the FMU.
     """
 
     statuses = FmuStatus
 
     def __init__(self, study: FmuStudy, simulator: FmuSimulator) -> None:
-        self.names, self._reference = study.space.names, study.space.reference
         self.goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
-        self._fitted = tuple(one for one in study.data if one.role is Role.FIT)
-        self.data: tuple[Any, ...] = self._fitted
+        self.data = tuple(data for data in study.data if data.role is Role.FIT)
         self._fmu = simulator
 
     @property
     def least_cost(self) -> float:
         """Objective that errors of the simulations alone leave: data without noise let costs differ by them alone."""
-        sizes = ((d.weight, EXACT * d.measured / d.tolerances) for d in self._fitted)
+        sizes = ((d.weight, EXACT * d.measured / d.tolerances) for d in self.data)
         return float(sum(weight * np.sum(size**2) for weight, size in sizes))
-
-    @property
-    def threads(self) -> int | None:
-        """Return None: an FMU is simulated in processes."""
-        return None
-
-    @threads.setter
-    def threads(self, threads: int | None) -> None:
-        """Ignore threads."""
-
-    def own_values(self) -> list[float]:
-        """Reference values of the free parameters."""
-        return [float(value) for value in self._reference]
 
     @property
     def injections(self) -> int:
         """Simulations that a candidate takes."""
-        return sum(len(one.runs) for one in self._fitted)
+        return sum(len(data.runs) for data in self.data)
+
+    def why_failed(self, status: FmuStatus) -> str:
+        """Sentence on a status, with the first message of the FMU that came with it."""
+        told = self._fmu.told.get(status)
+        return f"{status.sentence} It said: {told}" if told else status.sentence
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names); +inf with a status where one of its simulations failed."""
@@ -361,21 +348,21 @@ class FmuObjective(Objective):
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
-        found = self._plain(self._fmu.simulate(self._fitted, values).values)
+        found = self._plain(self._fmu.simulate(self.data, values).values)
         weights = [self.goal.roots_of_weights(own[0]) if self.goal.bent(own) is not own else 1.0 for own in found]
-        parts = [np.sqrt(d.weight) * w * r for d, w, r in zip(self._fitted, weights, found, strict=True)]
+        parts = [np.sqrt(d.weight) * w * r for d, w, r in zip(self.data, weights, found, strict=True)]
         return np.concatenate([*parts, self.goal.priors.residuals(values)], axis=1)
 
     def _found(self, values: Floats) -> tuple[Floats, NDArray[np.int8]]:
         """Residuals (n, all values) whose squares sum to the loss, and statuses (n,)."""
-        simulated = self._fmu.simulate(self._fitted, values)
-        found = zip(self._fitted, self._plain(simulated.values), strict=True)
+        simulated = self._fmu.simulate(self.data, values)
+        found = zip(self.data, self._plain(simulated.values), strict=True)
         return np.concatenate([np.sqrt(d.weight) * self.goal.bent(r) for d, r in found], axis=1), simulated.statuses
 
     def _plain(self, values: Floats) -> list[Floats]:
         """Residuals in tolerances of each data set."""
-        edges = np.cumsum([len(one.measured) for one in self._fitted])[:-1]
-        return [d.residuals(own) for d, own in zip(self._fitted, np.split(values, edges, axis=1), strict=True)]
+        edges = np.cumsum([len(one.measured) for one in self.data])[:-1]
+        return [d.residuals(own) for d, own in zip(self.data, np.split(values, edges, axis=1), strict=True)]
 
 
 # Studies of foreign FMUs from TOML: model, measured data, free parameters and optimiser.
