@@ -14,7 +14,7 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.search import Searched
 from commonrail.calibration.study import Study
-from commonrail.compiler.target import describe, differences, package_versions
+from commonrail.compiler.target import differences, package_versions
 from commonrail.readers.injector.file import injector_text
 from commonrail.runs.journal import Journal
 
@@ -76,16 +76,10 @@ TRIED = 8  # candidates that are simulated again: one block of the vectorised lo
 def other_targets(journal: Journal, study: Searched, objective: Objective) -> tuple[Finding, ...]:
     """Warning that a run need not end as one that was never stopped; none where this target finds the same bits.
 
-    The best candidate so far, and some beside it, are simulated again and compared bit for bit.
-
-    Parameters
-    ----------
-    journal : Journal
-    study : Searched
-    objective : Objective
-        That of the search, on threads of this process.
+    The best candidate so far, and some beside it, are simulated again by the objective of the search, on threads of
+    this process, and compared bit for bit. The journal's last session is that of this process.
     """
-    records = [*journal.targets, describe().record]
+    records = journal.targets
     if study.same_bits and study.method.is_evolution:  # which rounds alike on all processors
         records = [{name: text for name, text in record.items() if name in package_versions()} for record in records]
     text = other_bits(

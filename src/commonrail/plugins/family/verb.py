@@ -207,13 +207,16 @@ def run_family(
 def _resume(folder: Path, options: RunOptions) -> None:
     from commonrail.plugins.family.run import TYPE, resume_family
 
-    if options.generations:
-        raise InputError(f"--generations: {folder} is the run of a family; state them in a new family file.")
     with open_workers(options.workers, options.cluster) as workers:
 
         def resumed(listener: Listener) -> FamilyFit:
             return resume_family(
-                folder, as_begun=options.as_begun, threads=options.threads, workers=workers, listener=listener
+                folder,
+                generations=options.generations,
+                as_begun=options.as_begun,
+                threads=options.threads,
+                workers=workers,
+                listener=listener,
             )
 
         outcome = _told(f"resuming {folder}", folder, resumed)

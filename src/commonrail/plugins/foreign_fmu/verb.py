@@ -46,11 +46,15 @@ def _resume(folder: Path, options: RunOptions) -> None:
     from commonrail.plugins.foreign_fmu.run import resume_fmu
 
     _refuse_workers(options)
-    if options.generations:
-        raise InputError(f"--generations: {folder} is the run of an FMU; state them in a new study file.")
 
     def resumed(listener: Listener) -> FmuFit:
-        return resume_fmu(folder, as_begun=options.as_begun, processes=options.threads, listener=listener)
+        return resume_fmu(
+            folder,
+            generations=options.generations,
+            as_begun=options.as_begun,
+            processes=options.threads,
+            listener=listener,
+        )
 
     _run(f"resuming {folder}", folder, resumed, options.json)
 
