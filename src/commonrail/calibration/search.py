@@ -97,12 +97,7 @@ class Stage(NamedTuple):
 class Checkpoint:
     """A search between two steps: all it needs to go on to the same bits.
 
-    Attributes
-    ----------
-    stages : tuple of Stage
-        One for each optimiser that has begun, in the order in which they run.
-    history : tuple of Generation
-        Of the first one.
+    One stage for each optimiser that has begun, in the order in which they run; the history is that of the first one.
     """
 
     stages: tuple[Stage, ...]
@@ -260,13 +255,7 @@ def goal_of(study: Study) -> Goal:
 
 
 def objective_of(study: Study, threads: int | None) -> Objective:
-    """Objective of a study's fit data.
-
-    Raises
-    ------
-    StudyError
-        If the study has none.
-    """
+    """Objective of a study's fit data; `StudyError` if the study has none."""
     fit = of_role(study.data, Role.FIT)
     if not fit:
         raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
@@ -354,12 +343,7 @@ class Search:
     def to_end(self) -> SearchResult:
         """Run each optimiser to its end, the next one from what it has found, or until the user stops it.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            If it was stopped before a candidate could be simulated.
-        SimulationError
-            If no candidate could be simulated.
+        `KeyboardInterrupt` if it was stopped before a candidate could be simulated, `SimulationError` if none could be.
         """
         status = "finished"
         try:

@@ -43,20 +43,8 @@ def refits_of(
 ) -> dict[str, Any]:
     """Searches that the study's `judgement` asks for, as a JSON-able record; empty where it asks for none.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Of the study; nothing is searched if it was interrupted.
-    threads : int, optional
-        All usable processors by default.
-    workers : Workers, optional
-    note : function of str
-        Called before each search.
-
-    Returns
-    -------
-    dict
-        "seeds" and "left_out"; "interrupted" is true if the user stopped before the last search.
+    "seeds" and "left_out"; "interrupted" is true if the user stopped before the last search. Nothing is searched if the
+    calibration was interrupted. `note` is called before each search.
     """
     wanted: Judgement = calibration.study.judgement
     if not wanted.wanted or calibration.status != "finished":

@@ -69,18 +69,9 @@ class Evaluation:
 
 
 class SpreadObjective(Objective):
-    """An `Objective` whose costs and residuals come from workers, to the same bits.
+    """An `Objective` whose costs and residuals come from workers, to the same bits; its kernel is compiled here first.
 
-    Parameters
-    ----------
-    objective : Objective
-        Its kernel is compiled here first.
-    workers : Workers
-
-    Raises
-    ------
-    StudyError
-        From `costs` and `residuals`: if a piece was lost as often as the limits allow.
+    `costs` and `residuals` raise a `StudyError` if a piece was lost as often as the limits allow.
     """
 
     def __init__(self, objective: Objective, workers: Workers) -> None:
@@ -148,22 +139,10 @@ def _piece(task: Task) -> Piece:
 
 
 def cut(candidates: int, workers: int, seconds: float) -> list[Piece]:
-    """Pieces of a population.
+    """Pieces of a population, each of whole SIMD blocks but the last, which may end with a part of one.
 
-    Parameters
-    ----------
-    candidates : int
-    workers : int
-        As many pieces as are evaluated at the same time.
-    seconds : float
-        Time of one SIMD block [s].
-
-    Returns
-    -------
-    list of Piece
-        Each of whole blocks but the last, which may end with a part of one. As many as last `SHORTEST` or longer, a
-        multiple of `workers` if there are more than that, `SHARES` for each worker, more only if one would take longer
-        than `LONGEST`.
+    As many as last `SHORTEST` or longer by the time of one block [s], a multiple of `workers` if there are more than
+    that, `SHARES` for each worker, more only if one would take longer than `LONGEST`.
     """
     blocks = -(-candidates // BLOCK)
     most = max(int(blocks * seconds / SHORTEST), 1)

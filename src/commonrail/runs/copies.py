@@ -29,10 +29,7 @@ MOST = 3  # keys that a sentence names
 def check_files(journal: Journal, as_begun: bool) -> None:
     """Refuse to go on with other files than those of the beginning, with `as_begun` with other copies alone.
 
-    Raises
-    ------
-    StudyError
-        If a file has changed; the sentence says which, and of the study which keys.
+    The sentence of the `StudyError` says which file has changed, and of the study which keys.
     """
     about, inputs = journal.about, journal.inputs
     if inputs and about.get("before") and fingerprint(journal.folder / inputs[0].name) == about["before"]:
@@ -117,12 +114,7 @@ def _is_result(place: Path, results: Sequence[str]) -> bool:
 def copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path]) -> list[Input]:
     """Copy files of known SHA-256 to their places; where one names another that has a new path, the copy names that.
 
-    Raises
-    ------
-    StudyError
-        If a file has changed since it was read.
-    OutputError
-        If a copy cannot be written.
+    `StudyError` if a file has changed since it was read, `OutputError` if a copy cannot be written.
     """
     copied = []
     for source, digest in sources.items():
@@ -192,18 +184,9 @@ DEEPEST = 4  # folders above a file in which a run is looked for: copies of data
 
 
 def refuse_file_of_run(path: Path, option: str) -> None:
-    """Refuse to replace a result, the journal or a copied input of a run; other files in its folder may be replaced.
+    """Refuse (`InputError`) to replace a result, the journal or a copied input of a run.
 
-    Parameters
-    ----------
-    path : Path
-    option : str
-        Option of the command line that named it.
-
-    Raises
-    ------
-    InputError
-        If there is such a file at this path.
+    Other files in its folder may be replaced. `option` of the command line named the file.
     """
     if not path.exists():
         return

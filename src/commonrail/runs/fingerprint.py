@@ -101,16 +101,9 @@ def differing(targets: Sequence[Mapping[str, str]]) -> str:
 
 
 def other_bits(differing: str, candidates: str, kept: float, here: float) -> str:
-    """Description of what is not as it was, by objectives of the same candidates then and here; "" if nothing.
+    """Description of what is not as it was, "" if nothing: what `differing` says, and the bits of a candidate.
 
-    Parameters
-    ----------
-    differing : str
-        As `differing` returns it.
-    candidates : str
-        Those that were simulated again.
-    kept, here : float
-        Objective of one of them, of the first that differs if one does.
+    `kept` and `here` are the objectives then and here of one of the candidates, of the first that differs if one does.
     """
     if kept != here:
         found = f"{candidates}, simulated again, have other bits here, {here!r} in place of {kept!r}"

@@ -99,12 +99,7 @@ class FitKind(Generic[_Study, _Fit]):
     def begin(self, folder: Path, study: _Study, work: Work[_Study, _Fit]) -> _Fit:
         """Fit into a new or empty folder; nothing stays in it if nothing was simulated.
 
-        Raises
-        ------
-        InputError
-            If the folder is not empty.
-        OutputError
-            If it cannot be written; what was done before is kept.
+        `InputError` if the folder is not empty, `OutputError` if it cannot be written; what was done before is kept.
         """
         existed = folder.is_dir()
         _check_free(folder)
@@ -137,15 +132,8 @@ class FitKind(Generic[_Study, _Fit]):
         """Go on with a run, with `generations` more than its settings ask for.
 
         Settings that were made in Python are given again. With `as_begun` the copies in the folder count although the
-        files that they were made from have changed.
-
-        Raises
-        ------
-        StudyError
-            If there is no journal, another process is at work in the folder, or the settings or their files have
-            changed.
-        OutputError
-            If the folder cannot be written; what was done before is kept.
+        files that they were made from have changed. `StudyError` if there is no journal, another process is at work in
+        the folder, or the settings or their files have changed; `OutputError` if the folder cannot be written.
         """
         if not (folder / JOURNAL).is_file():
             raise StudyError(self._nothing_to_resume(folder))
@@ -166,14 +154,7 @@ class FitKind(Generic[_Study, _Fit]):
         """Copy the files of settings into a run folder and read them from there; with the fingerprint.
 
         There are no copies, and the settings are those given, if they were made or changed in Python beyond what
-        options may change and the number of generations.
-
-        Raises
-        ------
-        StudyError
-            If a file has changed since it was read.
-        OutputError
-            If a copy cannot be written.
+        options may change and the number of generations. `StudyError` if a file has changed since it was read.
         """
         content = self.content(study)
         if not study.files:
@@ -313,15 +294,7 @@ def _extended(journal: Journal, study: _Study, more: int) -> _Study:
 
 @dataclass(frozen=True)
 class Listener:
-    """Listeners to the progress of a run.
-
-    Attributes
-    ----------
-    progress : function of Progress
-        Called after every generation and refinement.
-    note : function of str
-        Called with sentences for the user.
-    """
+    """Functions called after every generation and refinement, and with sentences for the user."""
 
     progress: Callable[[Progress], None] = lambda _: None
     note: Callable[[str], None] = lambda _: None

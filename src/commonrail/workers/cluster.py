@@ -32,20 +32,9 @@ class Late(Exception):
 
 
 def within(seconds: float, call: Callable[[], T]) -> T:
-    """Return the result of a call, made on a thread of its own.
+    """Return the result of a call, made on a thread of its own; `Late` if it has not returned by the deadline [s].
 
     A call that is late is left to itself: its thread ends with the process at the latest, and its result is dropped.
-
-    Parameters
-    ----------
-    seconds : float
-        Deadline [s].
-    call : function
-
-    Raises
-    ------
-    Late
-        If the call has not returned by then; else any error of the call.
     """
     ended: queue.SimpleQueue[tuple[T | None, BaseException | None]] = queue.SimpleQueue()
 
@@ -76,17 +65,8 @@ _HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one c
 
 
 def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Lost | Refused | Missing:
-    """Answer of a task, on its worker, by the work that is given, or that was given before.
+    """Answer of a task, on its worker, by the work that is given, or that was given before under its package's key.
 
-    Parameters
-    ----------
-    key : str
-        Of the package.
-    package : Package or None
-    argument : picklable
-
-    Notes
-    -----
     Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs. An error
     is returned: of those that Dask passes on, some do not arrive.
     """
@@ -120,21 +100,10 @@ _MISSING = (
 
 
 class Link:
-    """Link to a scheduler.
+    """Link to a scheduler at "tcp://host:port" or "tls://host:port", or of a "local" cluster of `count` processes here.
 
-    Parameters
-    ----------
-    address : str
-        "tcp://host:port", "tls://host:port", or "local" for a cluster of `count` processes on this machine.
-    count : int
-        Workers of a "local" cluster.
-
-    Raises
-    ------
-    ConfigurationError
-        If `count` is not between 1 and eight for each processor.
-    InputError
-        If distributed is not installed, or there is no cluster at the address.
+    `ConfigurationError` for a count not between 1 and eight for each processor; `InputError` if distributed is not
+    installed, or there is no cluster at the address.
     """
 
     def __init__(self, address: str, count: int) -> None:
@@ -145,18 +114,9 @@ class Link:
             self._opened = opened.pop_all()
 
     def ask(self, call: Callable[[Client], T], seconds: float | None = None) -> T:
-        """Return what a call to the scheduler gives.
+        """Return what a call to the scheduler gives within a deadline [s], `ANSWER` by default.
 
-        Parameters
-        ----------
-        call : function of Client
-        seconds : float, optional
-            Deadline [s]; `ANSWER` by default.
-
-        Raises
-        ------
-        StudyError
-            If the scheduler has gone, or gives no answer.
+        `StudyError` if the scheduler has gone, or gives no answer.
         """
         seconds = ANSWER if seconds is None else seconds
         if self.client.status != "running":
@@ -310,15 +270,9 @@ AHEAD = 2  # tasks submitted for each thread, so that none waits for the next on
 
 
 class Sent(NamedTuple):
-    """A task that is out.
+    """A task that is out; `complete`: the work went with it.
 
-    Attributes
-    ----------
-    task : Task
-    complete : bool
-        True if the work went with it.
-    bound : frozenset of str
-        Workers that alone may do it; empty if all may.
+    `bound` are the addresses of the workers that alone may do it, empty if all may.
     """
 
     task: Task
@@ -379,13 +333,7 @@ class Cluster:
         return dict(self._link.ask(lambda client: client.run(call)))
 
     def submit(self, task: Task) -> bool:
-        """Hand a task to the cluster; false if it has enough.
-
-        Raises
-        ------
-        StudyError
-            If the scheduler has gone.
-        """
+        """Hand a task to the cluster; false if it has enough. `StudyError` if the scheduler has gone."""
         if len(self._open) + len(self._unsent) >= AHEAD * max(sum(self._lately().values()), 1):
             return False
         self._send(task)

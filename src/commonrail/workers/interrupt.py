@@ -17,16 +17,9 @@ STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SI
 
 
 class Wish:
-    """Wish to stop.
+    """Request to stop: whether the user has asked for it, and whether by Ctrl-C.
 
-    Attributes
-    ----------
-    asked : bool
-        Whether the user has asked to stop.
-    pressed : bool
-        Whether that was by Ctrl-C.
-    tell : function of str or None
-        Called at the first Ctrl-C where a second one ends the process.
+    `tell` is called at the first Ctrl-C where a second one ends the process.
     """
 
     def __init__(self) -> None:
@@ -45,10 +38,7 @@ _WISH = Wish()
 def end_at_second(tell: Told) -> None:
     """Let a second Ctrl-C end this process at once, as commands do; in a library it raises `KeyboardInterrupt`.
 
-    Parameters
-    ----------
-    tell : function of str
-        Called with a sentence at the first one.
+    `tell` is called with a sentence at the first one.
     """
     _WISH.tell = tell
 

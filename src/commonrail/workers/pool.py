@@ -59,13 +59,7 @@ USUAL = Limits()
 
 
 def check_count(count: int) -> None:
-    """Refuse a number of workers that makes no sense.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not between 1 and eight for each processor.
-    """
+    """Refuse (`ConfigurationError`) a number of workers that is not between 1 and eight for each processor."""
     processors = usable_threads()
     count = whole(count, "number of workers", -LARGEST_WHOLE)
     if not 1 <= count <= CROWD * processors:
@@ -220,17 +214,7 @@ def how_it_ended(code: int) -> str:
 class ProcessPool:
     """Worker processes, started at once and ended with `close`, or with this process.
 
-    Parameters
-    ----------
-    count : int
-    limits : Limits
-
-    Raises
-    ------
-    ConfigurationError
-        If `count` is not between 1 and eight for each processor.
-    StudyError
-        If processes cannot be started.
+    `ConfigurationError` for a count not between 1 and eight for each processor, `StudyError` if they cannot be started.
     """
 
     shares_files = True

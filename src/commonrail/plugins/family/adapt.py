@@ -151,18 +151,8 @@ def read_points(
 ) -> QuantityData:
     """Read reference quantities from a CSV file with columns rail_pressure, energising_time and quantity.
 
-    Parameters
-    ----------
-    path : str or Path
-    injector : Injector
-        Gives the fuel, for quantities by mass.
-    cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with their units.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or something in it is missing or of the wrong kind.
+    The injector gives the fuel, for quantities by mass; pressures are in Pa, or texts with their units. `InputError` if
+    the file cannot be read, or something in it is missing or of the wrong kind.
     """
     file = file_path(path, "path of the reference quantities")
     pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
@@ -179,10 +169,7 @@ def read_points(
 def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Injector:
     """The part's injector before it is fitted: its own measured values and nozzle, the type's other values.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or there is no injector.
+    `InputError` if a file cannot be read, or there is no injector.
     """
     if injector is None:
         if known.injector is None:
@@ -361,13 +348,7 @@ def advise(
 
 
 def grid(cylinder_pressure: float | str = 5e6, return_pressure: float | str = 5e5) -> tuple[OperatingPoint, ...]:
-    """Candidates at 40 to 160 MPa and 300 to 1400 µs.
-
-    Parameters
-    ----------
-    cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with their units.
-    """
+    """Candidates at 40 to 160 MPa and 300 to 1400 µs; pressures behind them in Pa, or texts with their units."""
     behind = cylinder_pressure, return_pressure
     return tuple(_point(p, t, *behind) for p in RAIL_PRESSURES for t in ENERGISING_TIMES)
 
@@ -377,16 +358,8 @@ def read_candidates(
 ) -> tuple[OperatingPoint, ...]:
     """Read candidates from a CSV file with columns rail_pressure and energising_time; other columns are ignored.
 
-    Parameters
-    ----------
-    path : str or Path
-    cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with their units.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a column is missing or of the wrong kind.
+    Pressures behind them are in Pa, or texts with their units. `InputError` if the file cannot be read, or a column is
+    missing or of the wrong kind.
     """
     wanted = [Column("rail_pressure", ("Pa",)), Column("energising_time", ("s",), domain=Domain.POSITIVE)]
     table = read_columns(file_path(path, "path of the candidates"), wanted, least=2).columns
@@ -446,13 +419,7 @@ def _factors() -> Floats:
 def _advice(points: tuple[OperatingPoint, ...], own: Floats, scaled: Floats) -> Advice:
     """Errors of the adapted type for each candidate.
 
-    Parameters
-    ----------
-    points : tuple of OperatingPoint
-    own : (draws, points)
-        Quantities of the drawn parts [m³].
-    scaled : (factors, points)
-        Those of the type with flow factors.
+    From the quantities [m³] of the drawn parts (draws, points), and of the type with flow factors (factors, points).
     """
     count = len(points)
     expected, upper, usable = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count)

@@ -29,15 +29,9 @@ from commonrail.workers.workers import Workers
 
 
 def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]) -> InjectorType:
-    """Type of the joint values: an effective hole diameter is a part's own, and no property of the type.
+    """Type of the joint values [SI]: an effective hole diameter is a part's own, and no property of the type.
 
-    Parameters
-    ----------
-    family : Family
-    joint : mapping of str to float
-        Joint parameters, SI.
-    errors : mapping of str to float or None
-        Their standard errors, SI; None where the data do not hold them.
+    `errors` are the standard errors of the joint parameters [SI], None where the data do not hold them.
     """
     names = dict.fromkeys(name for study in family.parts.values() for name in study.space.names if name != FLOW)
     parameters = []
@@ -99,19 +93,11 @@ def _provenance(family: Family, name: str) -> TypePart:
 
 @dataclass(frozen=True)
 class FittedPart:
-    """Result of one part.
+    """Injector of one part, the best values of its free parameters [SI], and the scores of its data sets with these.
 
-    Attributes
-    ----------
-    injector : Injector
-    best : mapping of str to float
-        Values of its free parameters, SI.
-    scores, start : tuple of Score
-        Of each of its data sets, with these values and with the start values.
-    members : tuple of Injector
-        Its injectors by each member of the joint fit, the best first.
-    mean : tuple of Score
-        Of the mean of what the members predict; empty unless all data are maps and there are several members.
+    `start` are the scores with the start values, `members` its injectors by each member of the joint fit, the best
+    first, and `mean` the scores of the mean of what these predict; empty unless all data are maps and there are several
+    members.
     """
 
     injector: Injector

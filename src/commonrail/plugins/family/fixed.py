@@ -17,16 +17,9 @@ OF_PART = ("nozzle.hole_diameter", "nozzle.holes")  # the nozzle is a part's own
 
 
 class PartValues(NamedTuple):
-    """Values with which a part was fitted.
+    """Values [SI] with which a part was fitted, the fitted ones being the best, and their sources.
 
-    Attributes
-    ----------
-    name : str
-    values : mapping of str to float
-        SI; fitted ones are the best.
-    sources : mapping of str to Source
-    stated : collection of str
-        Names of the values that are not the injector file's.
+    `stated` names the values that are not the injector file's.
     """
 
     name: str
@@ -36,15 +29,9 @@ class PartValues(NamedTuple):
 
 
 def fixed_values(parts: Sequence[PartValues], taken: Collection[str]) -> tuple[FixedValue, ...]:
-    """Values of a type that are none of its parameters, and that a part had in place of its injector's.
+    """Values of a type that are none of its parameters (`taken`), and that a part had in place of its injector's.
 
     Where the parts differ, the type takes the mean, and a note says so; nozzles that differ are the parts' own.
-
-    Parameters
-    ----------
-    parts : sequence of PartValues
-    taken : collection of str
-        Parameters of the type.
     """
     names = dict.fromkeys(name for part in parts for name in part.stated if name not in taken)
     found = []

@@ -36,15 +36,7 @@ RESULT = ResultKind(RECORD, KIND, "family", _page, KEYS)
 
 
 def family_html(record: Record, traces: Traces, run: str) -> str:
-    """Page of a joint fit.
-
-    Parameters
-    ----------
-    record, traces : mapping
-        Record, and curves by data set.
-    run : str
-        The folder's name, for the command lines in the page.
-    """
+    """Page of a joint fit; `run` is the folder's name, for the command lines in it."""
     data = _all_data(record)
     figures = figures_of({"data": data, "labels": TEXTS}, traces)
     generations = record["generations"]

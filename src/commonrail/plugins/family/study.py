@@ -66,16 +66,9 @@ class Shared(NamedTuple):
 
 @dataclass(frozen=True)
 class Sharing:
-    """Map from points of the joint space to points of the parts' spaces.
+    """Map from points of the joint space (D,) to points of the parts' spaces.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the joint parameters (D,).
-    matrices : tuple of (d, D) array
-        One for each part: its point is the joint one times the matrix, within its own bounds.
-    bounds : tuple of (lower (d,), upper (d,))
-        Of the parts' spaces, SI.
+    A part's point is the joint one times its matrix (d, D), within its own bounds: lower (d,) and upper (d,) [SI].
     """
 
     names: tuple[str, ...]
@@ -89,13 +82,7 @@ class Sharing:
 
 
 class _PartsConstraints(Products):
-    """Constraints of all parts, at joint points.
-
-    Parameters
-    ----------
-    spaces : sequence of Space
-    sharing : Sharing
-    """
+    """Constraints of all parts, at joint points."""
 
     def __init__(self, spaces: Sequence[Space], sharing: Sharing) -> None:
         super().__init__()
@@ -118,25 +105,11 @@ class _PartsConstraints(Products):
 def joint_space(
     parts: Mapping[str, Space], shared: Mapping[str, Shared], rest: Share = Share.COMMON
 ) -> tuple[Space, Sharing]:
-    """Space of the joint parameters, and the map from it to the parts.
+    """Space of the joint parameters, and the map from it to the parts, whose relations are `shared` or else `rest`.
 
     A common parameter has the bounds, start and prior that the first part with it states; one of a part has its part's
     own. A parameter that scatters is a common value and, for each part, its distance from it in standard deviations,
-    whose prior is the standard normal distribution.
-
-    Parameters
-    ----------
-    parts : mapping of str to Space
-        Spaces of the parts by name.
-    shared : mapping of str to Shared
-        Relations by parameter.
-    rest : Share
-        Relation of the parameters that are not in `shared`.
-
-    Raises
-    ------
-    ConfigurationError
-        If `shared` names what no part has free.
+    whose prior is the standard normal distribution. `ConfigurationError` if `shared` names what no part has free.
     """
     known = dict.fromkeys(name for space in parts.values() for name in space.names)
     for name in shared:
@@ -185,19 +158,10 @@ def _of_part(parameter: Parameter, part: str, share: Share) -> Parameter:
 
 
 class FamilyObjective(Objective):
-    """Sum of the parts' objectives, and the squared pulls of the priors of the joint parameters.
+    """Sum of the parts' objectives, and the squared residuals of the priors of the joint parameters.
 
     Each part simulates its own candidates in its own batches; candidates that are the same for a part, as most are that
-    differ in another part's own parameters alone, are simulated once.
-
-    Parameters
-    ----------
-    studies : sequence of Study
-        One for each part.
-    sharing : Sharing
-    space : Space
-        Of the joint parameters, with their priors.
-    threads : int or None
+    differ in another part's own parameters alone, are simulated once. `space` is that of the joint parameters.
     """
 
     def __init__(self, studies: Sequence[Study], sharing: Sharing, space: Space, threads: int | None = None) -> None:
@@ -467,17 +431,9 @@ def _shared(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dic
 def _spreads(
     items: Sequence[_SpreadModel], known: Mapping[str, None], at: Place, taken: Container[str] = ()
 ) -> dict[str, float]:
-    """Spread [SI] of each parameter that is named.
+    """Spread [SI] of each free parameter that is named by items at a location.
 
-    Parameters
-    ----------
-    items : sequence of _SpreadModel
-    known : mapping
-        Free parameters by name.
-    at : Place
-        Of the items.
-    taken : container of str
-        Parameters whose relation is given elsewhere.
+    A name among those `taken`, whose relation is given elsewhere, is refused.
     """
     found: dict[str, float] = {}
     for i, item in enumerate(items):

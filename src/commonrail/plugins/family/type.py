@@ -34,16 +34,10 @@ _HALVINGS = 200  # of the interval that holds the variance between parts: to the
 
 
 class Estimate(NamedTuple):
-    """Mean over parts, and the standard deviation of the next part's value about it.
+    """Mean over parts, each weighed by its own error, and the standard deviation of the next part's value about it.
 
-    Attributes
-    ----------
-    value : float
-        Mean over the parts, each weighed by its own error.
-    spread : float
-        sqrt(between² + error of the mean²): that of the next part's value about `value`.
-    between : float
-        Standard deviation between parts beyond what their errors explain; 0 if they explain it all.
+    `between` is the standard deviation between parts beyond what their errors explain, 0 if they explain it all;
+    `spread` is sqrt(between² + error of the mean²).
     """
 
     value: float
@@ -52,22 +46,12 @@ class Estimate(NamedTuple):
 
 
 def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
-    """Two-step estimate of the distribution of a parameter over parts.
+    """Two-step estimate of the distribution of a parameter over parts, at least two of them with a known error.
 
-    Each part's value x_i has been fitted by itself, with the standard error e_i. The variance between parts, τ², is
-    that for which Σ (x_i − μ)²/(e_i² + τ²) equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by
-    1/(e_i² + τ²). A part whose error is not known is left out: its data do not hold the parameter.
-
-    Parameters
-    ----------
-    values : (n,)
-        At least two of them with a known error.
-    errors : (n,)
-        Standard errors by the data alone (see `without_prior`) in the unit of the values, ≥ 0; NaN where not known.
-
-    Returns
-    -------
-    Estimate
+    Each part's value x_i has been fitted by itself, with the standard error e_i by the data alone (see
+    `without_prior`), NaN where not known. The variance between parts, τ², is that for which Σ (x_i − μ)²/(e_i² + τ²)
+    equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by 1/(e_i² + τ²). A part whose error is not known is
+    left out: its data do not hold the parameter.
     """
     known = np.isfinite(np.asarray(errors, float))
     x, variance = np.asarray(values, float)[known], np.asarray(errors, float)[known] ** 2
@@ -83,21 +67,11 @@ def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
 
 
 def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:
-    """Values and errors that the data alone give, of a fit with a prior.
+    """Values and errors (n,) that the data alone give, of fits with a prior (value, sigma).
 
     Every part had the same prior: counted once a part, it would draw the parts together and to its value. With the
-    posterior's x and e and the prior's μ and σ, the data's weight is 1/e² − 1/σ².
-
-    Parameters
-    ----------
-    values, errors : (n,)
-        Of fits; NaN for an error that is not known.
-    prior : (value, sigma) or None
-
-    Returns
-    -------
-    values, errors : (n,)
-        Both NaN where the data tell less than a tenth of what the prior tells.
+    posterior's x and e and the prior's μ and σ, the data's weight is 1/e² − 1/σ². Both are NaN where the data tell less
+    than a tenth of what the prior tells, or where the error is.
     """
     x, e = np.asarray(values, float), np.asarray(errors, float)
     if prior is None:
@@ -259,17 +233,10 @@ def _widest(p: Mapping[str, Any]) -> float:
 def _estimated(
     name: str, found: Floats, bounds: tuple[float, float], source: str, otherwise: tuple[float, float]
 ) -> TypeParameter:
-    """A parameter over parts.
+    """A parameter over parts, from their values and errors (2, parts) by the data alone.
 
-    Parameters
-    ----------
-    name : str
-    found : (2, parts)
-        Values and errors by the data alone.
-    bounds : (lower, upper)
-    source : str
-    otherwise : (value, sigma)
-        Taken where the data of fewer than two parts hold the parameter; `sigma` is that of a prior, or infinite.
+    Where the data of fewer than two parts hold it, value and sigma are those of `otherwise`; sigma is that of a prior,
+    or infinite.
     """
     known, between = int(np.isfinite(found).all(axis=0).sum()), None
     widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)

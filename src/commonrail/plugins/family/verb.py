@@ -128,13 +128,7 @@ def _from_results(sources: Sequence[Path], name: str, share: float | None) -> In
 
 
 def _refuse_twice(sources: Sequence[Path]) -> None:
-    """Refuse a run that is named twice, or beside its copy: a part that equals another has no spread.
-
-    Raises
-    ------
-    InputError
-        If there is one.
-    """
+    """Refuse a run that is named twice, or beside its copy: a part that equals another has no spread."""
     from commonrail.base.input import fingerprint
     from commonrail.runs.folder import RESULT
 
@@ -164,25 +158,8 @@ def run_family(
 ) -> FamilyOutcome:
     """Fit the parts of a family file together in a new run folder, with progress on stderr.
 
-    Parameters
-    ----------
-    source : Path
-        Family file.
-    folder : Path
-        New or empty.
-    changes : mapping
-        Name of the type and seed, in place of those of the file.
-    models : Path or None
-        New folder for the injectors of the parts.
-    threads : int or None
-        None: all processors.
-    workers : Workers or None
-        Simulate in place of this process.
-
-    Raises
-    ------
-    InputError, OutputError, StudyError
-        As `commonrail.plugins.family.run.fit_into`.
+    `changes` are name of the type and seed, in place of those of the file; `models` is a new folder for the injectors
+    of the parts. Without `workers` this process simulates.
     """
     from commonrail.plugins.family.run import fit_into
     from commonrail.plugins.family.study import load_family
@@ -231,16 +208,7 @@ def _told(title: str, folder: Path, work: Callable[[Listener], FamilyFit]) -> Fa
 
 
 def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
-    """Print the figures of a joint fit; exit status 130 if it was stopped.
-
-    Parameters
-    ----------
-    outcome : FamilyOutcome
-    json : bool
-        Print one record instead of tables.
-    out : Path
-        The type file.
-    """
+    """Print the figures of a joint fit, or one record; exit status 130 if it was stopped. `out` is the type file."""
     from commonrail.calibration.study_file.type import names_injector
     from commonrail.plugins.family.file import TEXTS, parts_data
     from commonrail.report.fit.tables import tables_of
@@ -278,14 +246,7 @@ def _record_of(outcome: FamilyOutcome) -> dict[str, Any]:
 
 
 def type_record(found: InjectorType, out: Path) -> dict[str, Any]:
-    """Record of a type for ``--json``.
-
-    Parameters
-    ----------
-    found : InjectorType
-    out : Path
-        Its file.
-    """
+    """Record of a type for ``--json``; `out` is its file."""
     parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in found.parts]
     values = [
         {"name": p.name, "value": p.value, "spread": p.spread, "lower": p.lower, "upper": p.upper, "source": p.source}

@@ -31,11 +31,7 @@ Inputs = Mapping[str, str]
 class Booking:
     """Comparison of what the workers of a fleet read with what they were given.
 
-    Parameters
-    ----------
-    supply : Supply
-    shared : mapping of Path to str
-        SHA-256 of the files that are the same for all injectors, as they were when the fleet began.
+    `shared` are the SHA-256 of the files that are the same for all injectors, as they were when the fleet began.
     """
 
     def __init__(self, supply: Supply, shared: Mapping[Path, str]) -> None:
@@ -50,17 +46,10 @@ class Booking:
         return study
 
     def book(self, name: str, attempt: Attempt, before: Inputs) -> tuple[Attempt, Inputs]:
-        """Attempt and fingerprints of the data to be kept.
+        """Attempt and fingerprints of the data to be kept; `before` are those from when the fleet began.
 
         Data that were changed while the fleet ran are booked as what they were when they were read. Where another file
         was changed, the attempt has failed, and has no fingerprints: the next run repeats it.
-
-        Parameters
-        ----------
-        name : str
-        attempt : Attempt
-        before : mapping of str to str
-            Fingerprints of the injector's data from when the fleet began.
         """
         written = self._written.pop(name, {})
         if not attempt.files:
@@ -100,19 +89,9 @@ CREATE TABLE injector (
 
 @dataclass(frozen=True)
 class Entry:
-    """Outcome of an injector.
+    """Outcome of an injector: "finished" or "failed" for a reason, attempts, fingerprint of each of its data files.
 
-    Attributes
-    ----------
-    name, status, reason : str
-        `status` is "finished" or "failed".
-    attempts : int
-    inputs : mapping of str to str
-        Fingerprint of each of its data files.
-    record : mapping
-        What `task.calibrate_file` returned; empty if it failed.
-    seconds : float
-        Processor time [s].
+    `record` is what `calibrate_study` returned, empty if it failed; the processor time is in s.
     """
 
     name: str
@@ -244,20 +223,7 @@ class _Record(_Part):
 
 
 def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> None:
-    """Refuse what no worker has told, or has told of another template.
-
-    Parameters
-    ----------
-    fleet : Fleet
-    entries : mapping of str to Entry
-    folder : Path
-        Of the journal that holds them.
-
-    Raises
-    ------
-    StudyError
-        If there is such a record.
-    """
+    """Refuse (`StudyError`) what no worker has told, or has told of another template, in the journal of a folder."""
     model = fleet.template.model
     data, parameters = {d.name for d in model.data}, {p.name for p in model.parameter} | {*free_names(model.meters)}
     with trusted(folder / JOURNAL):
@@ -273,19 +239,8 @@ def entries_of(
 ) -> dict[str, Entry]:
     """Injectors of a fleet that are done; to a journal without any, the fleet is made known.
 
-    Parameters
-    ----------
-    fleet : Fleet
-    inputs : mapping
-        Fingerprints of the data files of each injector.
-    journal : Journal
-    shared : mapping of Path to str
-        As `read_shared` returns it.
-
-    Raises
-    ------
-    StudyError
-        If another fleet was begun there, or an injector was calibrated to other data; some may have been added.
+    `inputs` are the fingerprints of the data files of each injector. `StudyError` if another fleet was begun there, or
+    an injector was calibrated to other data; some may have been added.
     """
     folder, entries = journal.path.parent, journal.entries()
     now, before = _common(fleet, shared), journal.inputs()

@@ -40,20 +40,7 @@ RESULT = ResultKind(RECORD, "fleet", "fleet", _page)
 
 
 def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
-    """Write ``report.html`` of a fleet.
-
-    Parameters
-    ----------
-    folder : Path
-    record : mapping
-    command : str
-        Line that continues or repeats the fleet.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write ``report.html`` of a fleet; `command` is the line that continues or repeats it."""
     path = folder / "report.html"
     write_text(path, fleet_html(record, command))
     return path

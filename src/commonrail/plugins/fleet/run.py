@@ -38,16 +38,8 @@ Warnings = list[dict[str, Any]]
 def target_warnings(journal: Journal, entries: Sequence[Entry], study_of: Callable[[str], Study] | None) -> Warnings:
     """Warning, in the form of those of a fleet's record, that injectors were calibrated on different targets.
 
-    The first finished injector is simulated again and compared bit for bit.
-
-    Parameters
-    ----------
-    journal : Journal
-        Its last target is the one of this process, if this process calibrates.
-    entries : sequence of Entry
-        Injectors that were done before.
-    study_of : function of str, optional
-        Study of an injector by its name; None if this process calibrates nothing, so that its bits do not matter.
+    The first finished injector is simulated again and compared bit for bit. `study_of` gives the study of an injector
+    by its name; None if this process calibrates nothing, so that its bits do not matter.
     """
     finished = [entry for entry in entries if entry.status == FINISHED]
     if not finished:
@@ -92,16 +84,7 @@ class FleetProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class FleetRun:
-    """A run of a fleet.
-
-    Attributes
-    ----------
-    folder : Path
-    record : dict
-        What ``fleet.json`` holds.
-    entries : tuple of Entry
-        Injectors that are done, in the table's order.
-    """
+    """A run of a fleet: its folder, what ``fleet.json`` holds, and the injectors that are done, in table order."""
 
     folder: Path
     record: dict[str, Any]

@@ -27,19 +27,9 @@ class FmuInputs(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One simulation.
+    """One simulation to the time `stop` [s]; `start` are values of variables that are set before the initialization.
 
-    Attributes
-    ----------
-    start : mapping of str to number, Boolean or text
-        Values of variables that are set before the initialization.
-    inputs : FmuInputs or None
-    stop : float
-        End of the simulation [s].
-    outputs : tuple of str
-        Variables that are compared.
-    times : (n,)
-        Times [s] at which they are.
+    The variables `outputs` are compared at the times (n,) [s].
     """
 
     start: Mapping[str, Setting]

@@ -29,14 +29,7 @@ RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
 
 
 def fmu_html(record: Record, run: str) -> str:
-    """Page of a calibration of an FMU.
-
-    Parameters
-    ----------
-    record : mapping
-    run : str
-        The folder's name, for the command lines in the page.
-    """
+    """Page of a calibration of an FMU; `run` is the folder's name, for the command lines in it."""
     generations = record["generations"]
     convergence = convergence_figure(generations) if len(generations) > 1 else None
     return render(

@@ -114,13 +114,7 @@ def _content(study: FmuStudy) -> str:
 
 
 def read_fmu_run(folder: str | Path) -> dict[str, Any]:
-    """fmu-result.json of a run folder.
-
-    Raises
-    ------
-    InputError
-        If the folder is not that of a calibration of an FMU, or the file is broken or not the one that was written.
-    """
+    """fmu-result.json of a run folder; `InputError` if it cannot be read, or is not the one that was written."""
     return read_record(file_path(folder, "folder") / RECORD, "commonrail calibrate")
 
 

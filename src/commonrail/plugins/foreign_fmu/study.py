@@ -50,12 +50,7 @@ _NEAR = 1e-6  # share of a step by which rounding may bring samples closer toget
 def notes_on(fmu: Fmu, data: Sequence[FmuData], step: float) -> tuple[str, ...]:
     """Sentences on samples closer together than communication points, and on inputs that the FMU need not take.
 
-    Parameters
-    ----------
-    fmu : Fmu
-    data : sequence of FmuData
-    step : float
-        Communication step [s].
+    The communication step is in s.
     """
     return tuple(sentence for one in data for sentence in _on(fmu, one, step))
 
@@ -268,15 +263,9 @@ def _free(fmu: Fmu, name: str, bounds: Any) -> Parameter:
 
 
 def free_parameter(variable: FmuVariable, lower: float, upper: float, start: float | None = None) -> Parameter:
-    """Free parameter of a variable.
+    """Free parameter of a variable, with bounds in the unit of the FMU.
 
-    Parameters
-    ----------
-    variable : FmuVariable
-    lower, upper : float
-        Bounds in the unit of the FMU.
-    start : float, optional
-        By default the FMU's own value, or the middle of the bounds where it states none or one outside them.
+    It starts by default at the FMU's own value, or in the middle where that states none or one outside the bounds.
     """
     own = _own(variable)
     inside = own is not None and lower <= own <= upper
