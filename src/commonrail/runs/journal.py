@@ -48,9 +48,6 @@ class JournalFile:
     NAME: ClassVar[str]
     LOCK: ClassVar[str]
     SCHEMA: ClassVar[Schema]
-    HOLDER: ClassVar[str]  # {here}: process and host; {since}
-    HELD: ClassVar[str]  # sentence for who comes second: {folder}, {holder}
-    NEW: ClassVar[str]  # the holder, where the journal does not tell
     # Whether each step waits for the disk; if not, a power cut takes the last ones, which are then done again.
     DURABLE: ClassVar[bool]
 
@@ -59,8 +56,8 @@ class JournalFile:
         try:
             self._lock = Lock(folder / self.LOCK)
         except BlockingIOError:
-            holder = _holder(self.path) or self.NEW
-            raise StudyError(self.HELD.format(folder=folder, holder=holder)) from None
+            holder = _holder(self.path) or "another process has just begun to work here"
+            raise StudyError(f"{folder}: {holder}; wait for it, or end it first.") from None
         try:
             check_target(self.path)
             with explained(self.path), trusted(self.path):
@@ -78,8 +75,7 @@ class JournalFile:
             self._connection.execute("PRAGMA journal_mode=WAL")
             self._connection.execute("PRAGMA wal_autocheckpoint=0")
             self._wait_for_disk(self.DURABLE)
-            here = f"process {os.getpid()} on {socket.gethostname()}"
-            self._note(holder=self.HOLDER.format(here=here, since=now()))
+            self._note(holder=f"process {os.getpid()} on {socket.gethostname()} is at work here since {now()}")
             self._shorten_log()
         except BaseException:
             self._connection.close()
@@ -262,15 +258,13 @@ class Input(NamedTuple):
 class Journal(JournalFile):
     """The journal of a run folder, a `JournalFile`; it does not wait for the disk at every step of the search."""
 
-    NAME, LOCK, SCHEMA = JOURNAL, LOCK, RUN
-    HOLDER = "{here} is at work here since {since}"
-    HELD = "{folder}: {holder}; wait for it, or end it first."
-    NEW = "another process has just begun to work here"
-    DURABLE = False
+    NAME, LOCK, SCHEMA, DURABLE = JOURNAL, LOCK, RUN, False
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        _clear_parts(folder)
+        with suppress(OSError):  # what a process left of files that it was writing when it was killed
+            for path in folder.glob(f".*{PART}"):
+                path.unlink()
 
     @property
     def about(self) -> dict[str, str]:
@@ -395,10 +389,3 @@ def read_about(folder: Path) -> dict[str, Any]:
             "seconds": max((float(row[4]) for row in steps), default=0.0),
             "changed": max((ended or started for _, started, ended, *_ in sessions), default=None),
         }
-
-
-def _clear_parts(folder: Path) -> None:
-    """Remove what a process left of files that it was writing when it was killed."""
-    with suppress(OSError):
-        for path in folder.glob(f".*{PART}"):
-            path.unlink()

@@ -8,16 +8,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field
+from typing import Any
 
 from commonrail.base.errors import StudyError
 from commonrail.base.input import fingerprint, sha256
 from commonrail.compiler.target import package_versions
 from commonrail.plugins.fleet.member import Attempt, shared_files
 from commonrail.plugins.fleet.study import MISSING_FILE, Fleet, Supply
-from commonrail.readers.injector.meters import free_names
 from commonrail.runs.journal import JournalFile, facts, now
 from commonrail.runs.lock import trusted
 from commonrail.runs.seals import put
@@ -106,11 +103,7 @@ class Entry:
 class Journal(JournalFile):
     """The journal of a fleet, a `JournalFile`: what was written survives a killed process, and a power cut too."""
 
-    NAME, LOCK, SCHEMA = JOURNAL, LOCK, FLEET
-    HOLDER = "{here} since {since}"
-    HELD = "{folder}: another fleet is at work here ({holder}); wait for it, or end it."
-    NEW = "it has just begun"
-    DURABLE = True
+    NAME, LOCK, SCHEMA, DURABLE = JOURNAL, LOCK, FLEET, True
 
     def inputs(self) -> dict[str, str]:
         """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
@@ -159,80 +152,6 @@ def _entry(row: tuple[Any, ...]) -> Entry:
 
 _CURE = "bring it back as it was, or take another folder."
 
-Count = Annotated[int, Field(ge=0)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
-
-
-class _Costs(_Part):
-    start: float | None
-    best: float
-
-
-class _Data(_Part):
-    name: str
-    role: str
-    measure: str
-    unit: str
-    start: float | None
-    best: float | None
-
-
-class _Prior(_Part):
-    value: float
-    sigma: float
-
-
-class _Parameter(_Part):
-    best: float
-    standard_error: float | None
-    verdict: str
-    position: float
-    at_bound: bool
-    lower: float
-    upper: float
-    prior: _Prior | None = None
-
-
-class _Fixed(_Part):
-    name: str
-    value: float
-    mark: str
-    source: str
-
-
-class _Warning(_Part):
-    code: str
-    subject: str
-    sentence: str
-
-
-class _Record(_Part):
-    seed: Count
-    synthetic: str
-    J: _Costs
-    slots: Count
-    simulated: Count
-    failed: Count
-    data: list[_Data]
-    fixed: list[_Fixed]
-    parameters: dict[str, _Parameter]
-    warnings: list[_Warning]
-
-
-def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> None:
-    """Refuse (`StudyError`) what no worker has told, or has told of another template, in the journal of a folder."""
-    model = fleet.template.model
-    data, parameters = {d.name for d in model.data}, {p.name for p in model.parameter} | {*free_names(model.meters)}
-    with trusted(folder / JOURNAL):
-        for entry in entries.values():
-            if entry.status == FINISHED:
-                found = _Record.model_validate(entry.record)
-                if not {part.name for part in found.data} <= data or set(found.parameters) != parameters:
-                    raise ValueError("other data sets or parameters than the template's")
-
 
 def entries_of(
     fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: Journal, shared: Mapping[Path, str]
@@ -261,9 +180,7 @@ def entries_of(
             raise StudyError(
                 f'{folder} has injector "{name}" calibrated to other data: its file of "{changed}" {what}; {_CURE}'
             )
-    found = {name: entry for name, entry in entries.items() if name in inputs}
-    check_entries(fleet, found, folder)
-    return found
+    return {name: entry for name, entry in entries.items() if name in inputs}
 
 
 def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
