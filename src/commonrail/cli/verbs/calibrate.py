@@ -95,8 +95,9 @@ def resume(
     Example:
       commonrail resume runs/paper-1 --generations 30
     """
-    from commonrail.cli.fit import print_outcome, resume_study
+    from commonrail.cli.fit import print_outcome, reported
     from commonrail.cli.study_kind import RunOptions, kind_of_run
+    from commonrail.runs.fit import resume as go_on
 
     if kind := kind_of_run(run):
         options = RunOptions(
@@ -105,5 +106,11 @@ def resume(
         kind.resume(run, options)
         return
     with open_workers(workers, cluster) as crew:
-        outcome = resume_study(run, generations=generations, as_begun=as_begun, threads=threads, workers=crew)
+        outcome = reported(
+            f"resuming {run}",
+            run,
+            lambda listener: go_on(
+                run, generations=generations, as_begun=as_begun, threads=threads, workers=crew, listener=listener
+            ),
+        )
     print_outcome(outcome, json)

@@ -15,7 +15,7 @@ from commonrail.plugins.foreign_fmu.fit import FmuFit, calibrate_fmu
 from commonrail.plugins.foreign_fmu.study import FmuStudy, load_fmu_study
 from commonrail.runs.fingerprint import fingerprint_of
 from commonrail.runs.fit import FitKind, Listener, Work
-from commonrail.runs.folder import read_record, write_record
+from commonrail.runs.folder import write_record
 from commonrail.runs.journal import Journal
 
 STUDY, RECORD, VALUES = "fmu-study.toml", "fmu-result.json", "values.csv"
@@ -111,11 +111,6 @@ def _content(study: FmuStudy) -> str:
         replace(method, evolution=replace(method.evolution, generations=0)),
         *how,
     )
-
-
-def read_fmu_run(folder: str | Path) -> dict[str, Any]:
-    """fmu-result.json of a run folder; `InputError` if it cannot be read, or is not the one that was written."""
-    return read_record(file_path(folder, "folder") / RECORD, "commonrail calibrate")
 
 
 def _write(folder: Path, fit: FmuFit) -> None:
