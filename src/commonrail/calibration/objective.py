@@ -123,14 +123,13 @@ class Objective:
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
         self._points = tuple(condition.point for condition in goal.conditions)
-        self.data = tuple(self._without_neutral_meter(d) for d in in_order(data))
+        # without a meter that shows what it is given
+        self.data = tuple(
+            d if d.meter is None or d.is_metered(self.simulator) else d.with_meter(None) for d in in_order(data)
+        )
         kinds = kinds_of(d.kind for d in self.data)
         groups = ((kind, [d for d in self.data if d.kind == kind.kind]) for kind in kinds)
         self._terms = [term for kind, group in groups for term in kind.terms(group, time_step)]
-
-    def _without_neutral_meter(self, data: DataSet) -> DataSet:
-        """The data set itself, or without its meter if that shows what it is given."""
-        return data if data.meter is None or data.is_metered(self.simulator) else data.with_meter(None)
 
     @property
     def threads(self) -> int | None:

@@ -64,7 +64,7 @@ def fit_record(kind: str, study: Searched, fit: SearchResult) -> dict[str, Any]:
 
 def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Record of a calibration, with what `identify` says of each parameter."""
-    study = calibration.study
+    study, bands = calibration.study, getattr(identified, "bands", {})
     return {
         **fit_record("calibration", study, calibration),
         "note": study.note,
@@ -85,7 +85,10 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         **({"loss": study.loss.value} if study.loss is not Loss.KINDS else {}),
         **({"loss_scale": study.loss_scale} if study.loss is Loss.SOFT_L1 else {}),
         **getattr(identified, "sections", {}),
-        "data": _banded(data_records(study.data, calibration.scores), identified),
+        "data": [
+            {**one, "band": bands[one["name"]]} if one["name"] in bands else one
+            for one in data_records(study.data, calibration.scores)
+        ],
         **meter_records(calibration.meters),
         "warnings": warning_records(calibration.warnings),
     }
@@ -145,12 +148,6 @@ def _baselines(one: DataSet, data: Sequence[DataSet], score: Score | None) -> di
         return {}
     found = one.baselines(of_role(data, Role.FIT), score)
     return {"baselines": found} if found else {}
-
-
-def _banded(records: list[dict[str, Any]], identified: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Records of data sets with their bands, if `identified` has them."""
-    bands = getattr(identified, "bands", {})
-    return [{**one, "band": bands[one["name"]]} if one["name"] in bands else one for one in records]
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -202,12 +202,8 @@ def _is_own(folder: Path, name: str) -> bool:
     if not (has_sums or has_journal):
         return False
     own = set(listed(folder / SUMS)) if has_sums else set()
-    with suppress(CommonrailError, sqlite3.Error):  # a damaged journal is not this command's affair
-        own |= _copied(folder / JOURNAL) if has_journal else set()
+    if has_journal:
+        # a damaged journal is not this command's affair
+        with suppress(CommonrailError, sqlite3.Error), opened_to_read(folder / JOURNAL, RUN) as connection:
+            own |= {str(copied) for copied, *_ in rows_of(connection, "input")}
     return name in own or name.lower() in RESERVED
-
-
-def _copied(journal: Path) -> set[str]:
-    """Names of the copies of input files."""
-    with opened_to_read(journal, RUN) as connection:
-        return {str(name) for name, *_ in rows_of(connection, "input")}

@@ -51,7 +51,12 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
     elif isinstance(value, Enum):
         pieces.append(f"{type(value).__name__}.{value.name}".encode())
     elif is_dataclass(value) or isinstance(value, Mapping):
-        pairs = value.items() if isinstance(value, Mapping) else _given(value)
+        # of a dataclass the fields that follow from no others
+        pairs = (
+            value.items()
+            if isinstance(value, Mapping)
+            else ((f.name, getattr(value, f.name)) for f in fields(value) if f.init)
+        )
         pieces.append(type(value).__name__.encode())
         _add_pieces(tuple(pairs), pieces)
     elif isinstance(value, tuple | list):
@@ -62,11 +67,6 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
         pieces.append(repr(value).encode())
     else:
         raise TypeError(f"a study holds {type(value).__name__}, which has no place in its content")
-
-
-def _given(value: Any) -> list[tuple[str, Any]]:
-    """Fields of a dataclass that follow from no others."""
-    return [(f.name, getattr(value, f.name)) for f in fields(value) if f.init]
 
 
 TARGET = "target"  # code of the warning

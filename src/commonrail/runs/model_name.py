@@ -74,19 +74,15 @@ def read_model_name(text: str) -> NamedModel:
     if words is not None:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
-    folder = Path(source) if _is_run(source) else None
-    if folder is not None:
+    run = None
+    if source not in injector_catalogue() and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
 
-        note_stopped(folder)
-    run = folder if words is None else None
+        note_stopped(Path(source))
+        run = Path(source) if words is None else None
     if label is not None:
         return NamedModel(label.strip(), injector, text, True, meters, run)
     return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters, run)
-
-
-def _is_run(source: str) -> bool:
-    return source not in injector_catalogue() and Path(source).is_dir()
 
 
 def _split(text: str) -> tuple[str | None, str, str | None]:

@@ -66,11 +66,10 @@ def read_traces(path: Path) -> Traces:
     A label without any number for a data set is left out there. `InputError` with the line if a row is not one of such
     a file.
     """
-    return {name: _present(trace) for (name,), trace in read_curves(path, MEASURED).items()}
-
-
-def _present(trace: Trace) -> Trace:
-    return {label: values for label, values in trace.items() if label == TIME or np.isfinite(values).any()}
+    return {
+        name: {label: values for label, values in trace.items() if label == TIME or np.isfinite(values).any()}
+        for (name,), trace in read_curves(path, MEASURED).items()
+    }
 
 
 def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[tuple[str, ...], Trace]:

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 from commonrail.base.errors import InputError, StudyError
@@ -110,7 +109,7 @@ class Link:
         self.address = address
         with _uncollected(), ExitStack() as opened:
             self.client: Client = _local(count, opened) if address == LOCAL else _connect(address)
-            opened.callback(self._leave)
+            opened.callback(lambda: self.tell(lambda client: client.close()))
             self._opened = opened.pop_all()
 
     def ask(self, call: Callable[[Client], T], seconds: float | None = None) -> T:
@@ -151,9 +150,6 @@ class Link:
         """Leave the cluster; end it if it is "local"."""
         with quiet(), _uncollected():
             self._opened.close()
-
-    def _leave(self) -> None:
-        self.tell(lambda client: client.close())
 
 
 def _distributed() -> Any:
@@ -305,14 +301,11 @@ class Cluster:
         self._looked = -FRESH
         self._link = Link(address, count)
         try:
-            self._meet()
+            if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._known()):
+                raise self._without_workers(APPEAR)
         except BaseException:
             self.close()
             raise
-
-    def _meet(self) -> None:
-        if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._known()):
-            raise self._without_workers(APPEAR)
 
     @property
     def count(self) -> int:
@@ -421,7 +414,9 @@ class Cluster:
         out = self._open
         self.drop()
         for name in stuck:
-            if not self._link.tell(partial(_restart, name), 2.0 * CONNECT):
+            if not self._link.tell(
+                lambda client, name=name: client.restart_workers([name], timeout=CONNECT), 2.0 * CONNECT
+            ):
                 note(f"The worker {name} of the cluster {self.address} gives no answer: it is used no more.")
                 self._left_out.add(name)  # not started by a nanny, or too stuck
         self._known()
@@ -456,10 +451,6 @@ def _has_workers(client: Client) -> bool:
         client.wait_for_workers(1, timeout=APPEAR)
         return True
     return False
-
-
-def _restart(name: str, client: Client) -> None:
-    client.restart_workers([name], timeout=CONNECT)
 
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:

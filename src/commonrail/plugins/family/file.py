@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from commonrail.base.text import number
@@ -41,23 +40,24 @@ def parts_data(fit: FamilyFit) -> dict[str, list[dict[str, Any]]]:
 
 
 def _parts(fit: FamilyFit) -> list[dict[str, Any]]:
-    data = parts_data(fit)
+    data, studies = parts_data(fit), fit.family.parts
+    # effective area of the holes relative to the drawing, where it was fitted
+    factors = {
+        name: (part.best[FLOW] / studies[name].injector.values[FLOW]) ** 2
+        for name, part in fit.parts.items()
+        if FLOW in part.best
+    }
     return [
         {
             "name": name,
-            "title": fit.family.parts[name].title,
+            "title": studies[name].title,
             "injector": part.injector.name,
-            "flow_factor": _flow_factor(part.best, fit.family.parts[name].injector.values),
+            "flow_factor": factors.get(name),
             "best": dict(part.best),
             "data": data[name],
         }
         for name, part in fit.parts.items()
     ]
-
-
-def _flow_factor(best: Mapping[str, float], drawn: Mapping[str, float]) -> float | None:
-    """Effective area of the holes relative to the drawing, where it was fitted."""
-    return (best[FLOW] / drawn[FLOW]) ** 2 if FLOW in best else None
 
 
 def _parameters(fit: FamilyFit) -> list[dict[str, Any]]:

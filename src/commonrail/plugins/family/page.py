@@ -35,7 +35,7 @@ RESULT = ResultKind(RECORD, KIND, "family", _page, KEYS)
 
 def family_html(record: Record, traces: Traces, run: str) -> str:
     """Page of a joint fit; `run` is the folder's name, for the command lines in it."""
-    data = _all_data(record)
+    data = [{**d, "name": f"{part['name']}: {d['name']}"} for part in record["parts"] for d in part["data"]]
     figures = figures_of({"data": data, "labels": TEXTS}, traces)
     return render(
         "family.html",
@@ -52,11 +52,6 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
         commands=_commands(record, run),
         facts=search_facts(record),
     )
-
-
-def _all_data(record: Record) -> list[Record]:
-    """Data sets of all parts, each with its part in its name."""
-    return [{**data, "name": f"{part['name']}: {data['name']}"} for part in record["parts"] for data in part["data"]]
 
 
 def family_lines(record: Record) -> list[str]:

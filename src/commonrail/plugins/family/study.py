@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from fnmatch import fnmatchcase
@@ -197,19 +197,21 @@ class FamilyObjective(Objective):
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals (n, those of all parts, then priors)."""
-        found = [p.residuals(own)[which] for p, (own, which) in zip(self.parts, self._distinct(values), strict=True)]
-        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        return self._together(values, [part.residuals for part in self.parts])
 
     def screened(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them, in f32 and at the time step of the screening."""
-        found = [p.screened(own)[which] for p, (own, which) in zip(self.parts, self._distinct(values), strict=True)]
-        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        return self._together(values, [part.screened for part in self.parts])
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
         if self.goal.loss is not Loss.SOFT_L1:
             return self.residuals(values)
         found = [part.linearised(self.sharing.of_part(k, values)) for k, part in enumerate(self.parts)]
+        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+
+    def _together(self, values: Floats, of_parts: Sequence[Callable[[Floats], Floats]]) -> Floats:
+        found = [of(own)[which] for of, (own, which) in zip(of_parts, self._distinct(values), strict=True)]
         return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
 
     def _distinct(self, values: Floats) -> list[tuple[Floats, IndexArray]]:
@@ -366,7 +368,12 @@ def _known(study: Study, known: InjectorType | None) -> Study:
     if known is None:
         return study
     free = [
-        replace(p, reference=min(max(of.value, p.lower), p.upper), prior=_within(of.prior, p), source=of.source)
+        replace(
+            p,
+            reference=min(max(of.value, p.lower), p.upper),
+            prior=replace(of.prior, value=min(max(of.prior.value, p.lower), p.upper)),
+            source=of.source,
+        )
         if (of := known.by_name.get(p.name))
         else p
         for p in study.space.parameters
@@ -391,11 +398,6 @@ def _with_spreads(study: Study, spreads: Mapping[str, float]) -> Study:
         for p in study.space.parameters
     ]
     return replace(study, space=Space(free, study.space.constraints, study.space.products))
-
-
-def _within(prior: Prior, p: Parameter) -> Prior:
-    """The prior with its value within the bounds."""
-    return replace(prior, value=min(max(prior.value, p.lower), p.upper))
 
 
 def _with_flow(study: Study, spread: float | None) -> Study:

@@ -68,7 +68,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
         "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
         **({"population": population_record(finished, list(units_of(fleet)))} if finished else {}),
         "estimator": ESTIMATOR,
-        "worst": [_worst(entry) for entry in _by_cost(finished)[:WORST]],
+        "worst": [_worst(entry) for entry in sorted(finished, key=lambda entry: -entry.record["J"]["best"])[:WORST]],
         "warnings": _warnings(finished),
         "failures": [{"injector": entry.name, "reason": entry.reason} for entry in failed],
         "clock": _clock(clock, finished),
@@ -116,11 +116,6 @@ def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
         "verdicts": dict(sorted(Counter(p["verdict"] for p in own).items())),
         **{key: own[0][key] for key in ("lower", "upper", "prior")},
     }
-
-
-def _by_cost(finished: Sequence[Entry]) -> list[Entry]:
-    """The worst first; among equals, in the table's order."""
-    return sorted(finished, key=lambda entry: -entry.record["J"]["best"])
 
 
 def _worst(entry: Entry) -> Record:

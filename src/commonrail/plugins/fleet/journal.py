@@ -165,8 +165,14 @@ def entries_of(
     now, before = _common(fleet, shared), journal.inputs()
     if entries and not before:
         raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
-    if entries and (changed := _changed(before, now)):
-        raise StudyError(f"{folder} {_difference(changed, before, now)}; {_CURE}")
+    changed = next((name for name in {**before, **now} if before.get(name) != now.get(name)), "")
+    if entries and changed.startswith("file "):
+        raise StudyError(f"{folder} was begun with another {changed.removeprefix('file ')}; {_CURE}")
+    if entries and changed:
+        raise StudyError(
+            f'{folder} was begun with {changed} "{before.get(changed, "")}", and it is "{now.get(changed, "")}" now; '
+            f"{_CURE}"
+        )
     journal.write_inputs(now)  # while nothing is calibrated, a fault of the template may be mended
     for name, entry in entries.items():
         if entry.status == FAILED:
@@ -183,11 +189,6 @@ def entries_of(
     return {name: entry for name, entry in entries.items() if name in inputs}
 
 
-def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Name of an input that is another now, "" if there is none."""
-    return next((name for name in {**before, **now} if before.get(name) != now.get(name)), "")
-
-
 def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
     """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
     template = fleet.template
@@ -196,9 +197,3 @@ def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
     found[f"file {template.path.name}"] = sha256(template.text.encode())
     names = {Path(os.path.abspath(path)): name for name, path in shared_files(template).items()}
     return found | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}
-
-
-def _difference(name: str, before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    if name.startswith("file "):
-        return f"was begun with another {name.removeprefix('file ')}"
-    return f'was begun with {name} "{before.get(name, "")}", and it is "{now.get(name, "")}" now'

@@ -76,13 +76,13 @@ def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
     tables["data"] = [_data(data, files, base) for data in template.document["data"] if data["name"] in files]
     if "meters" in tables:
         seen = {data.get("meter") for data in tables["data"]}
-        tables["meters"] = {n: m for n, m in tables["meters"].items() if n in seen or _is_fitted(m)}
+        fitted = {
+            name
+            for name, meter in tables["meters"].items()
+            if any(isinstance(value, Mapping) and "lower" in value for value in meter.values())
+        }
+        tables["meters"] = {name: meter for name, meter in tables["meters"].items() if name in seen | fitted}
     return f"# Made by commonrail fleet from {template.path.name}.\n{tomlkit.dumps(tables)}"
-
-
-def _is_fitted(meter: Mapping[str, Any]) -> bool:
-    """True if any quantity of a meter's table has bounds."""
-    return any(isinstance(value, Mapping) and "lower" in value for value in meter.values())
 
 
 def _data(data: Mapping[str, Any], files: Mapping[str, Path], base: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from commonrail.base.chart import Boxes, Figure, HeatMap, Panel, Series
+from commonrail.base.chart import Boxes, Figure, Panel, Series
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.table import Column, Table, tabulated
@@ -48,6 +48,7 @@ def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
 
 def fleet_html(record: Record, command: str) -> str:
     """The page of a fleet."""
+    heat = correlation_map(record, _names(record))
     return render(
         "fleet.html",
         package=__package__,
@@ -58,7 +59,7 @@ def fleet_html(record: Record, command: str) -> str:
         warnings=fleet_warnings(record),
         tables=fleet_tables(record),
         figures=drawings(fleet_figures(record), 380),
-        heat=_correlations(record),
+        heat=heat and (heat, figure_html(heat, "correlations")),
         classes=[
             (figure, small_html(figure, f"class-{i}")) for i, figure in enumerate(histograms(record, _names(record)))
         ],
@@ -109,11 +110,6 @@ def fleet_tables(record: Record) -> list[Table]:
 def _names(record: Record) -> dict[str, str]:
     names = [p["name"] for p in record["parameters"]]
     return dict(zip(names, short_names(names), strict=True))
-
-
-def _correlations(record: Record) -> tuple[HeatMap, str] | None:
-    heat = correlation_map(record, _names(record))
-    return None if heat is None else (heat, figure_html(heat, "correlations"))
 
 
 def _data_table(record: Record) -> Table:

@@ -142,8 +142,9 @@ def run_fleet(
         check_count(workers)
     flag(retry, "retry")
     function(progress, "progress")
-    if not (folder / JOURNAL).is_file() and not _is_left_over(folder):
-        create_run_folder(folder)
+    held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if not (folder / JOURNAL).is_file() and held not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
+        create_run_folder(folder)  # but not over the lock of a fleet that was killed before its journal was there
     with Journal(folder) as journal, held_interrupts() as wish:
         run = _Run(fleet, folder, journal, retry, progress)
         warnings = run.check_target()
@@ -164,11 +165,6 @@ def run_fleet(
         if fault is not None:
             raise fault
         return FleetRun(folder, record, entries)
-
-
-def _is_left_over(folder: Path) -> bool:
-    """Return whether a folder holds only the lock of a fleet that was killed before its journal was there."""
-    return folder.is_dir() and {path.name for path in folder.iterdir()} in ({LOCK}, {LOCK, f"{LOCK}-journal"})
 
 
 class _Run:
