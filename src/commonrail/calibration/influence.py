@@ -15,23 +15,12 @@ NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a dire
 
 
 class Influence(NamedTuple):
-    """Influence of the data on the parameters.
+    """Influence of the data on d parameters: effective number of them, trace of J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the priors P.
 
-    Attributes
-    ----------
-    effective : float
-        Effective number of parameters: trace of the influence matrix J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the priors P.
-    scatter : float
-        s = sqrt(|r|²/(n − effective)) of the data's residuals; 1 where the tolerances are the standard errors.
-    errors : (d,)
-        Standard errors in positions between the bounds, with the priors: roots of the diagonal of
-        max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter.
-    singular : (k,)
-        Singular values of J, of residuals per width of the bounds, in falling order.
-    directions : (k, d)
-        Unit vectors in positions between the bounds that belong to them.
-    residuals : int
-        Number of the data's residuals n.
+    `scatter` is s = sqrt(|r|²/(n − effective)) of the data's n residuals, 1 where the tolerances are the standard
+    errors. `errors` (d,) are standard errors in positions between the bounds, with the priors: roots of the diagonal of
+    max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter. `singular` (k,) are the singular values of J, of
+    residuals per width of the bounds, in falling order, and `directions` (k, d) the unit vectors that belong to them.
     """
 
     effective: float

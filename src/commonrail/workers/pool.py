@@ -34,19 +34,11 @@ def waited(start: float) -> float:
 
 
 class Limits(NamedTuple):
-    """Limits of workers.
+    """Limits of workers: times that a task may be lost, or that workers may fail to start in a row.
 
-    Attributes
-    ----------
-    failures : int
-        Times that a task may be lost, or that workers may fail to start in a row.
-    patience : float
-        A worker hangs if a task of known length takes this many times as long …
-    least : float
-        … and longer than this [s].
-    start : float
-        Time that a worker may take to start, or to load the work [s]; where no kernel can be kept on disk, each
-        worker compiles its own in this time.
+    A worker hangs if a task of known length takes `patience` times as long and longer than `least` [s]. `start` is the
+    time that it may take to start, or to load the work [s]; where no kernel can be kept on disk, each worker compiles
+    its own in this time.
     """
 
     failures: int = 3

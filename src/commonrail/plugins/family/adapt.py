@@ -252,23 +252,12 @@ ENERGISING_TIMES = (300e-6, 400e-6, 500e-6, 700e-6, 1000e-6, 1400e-6)  # [s]
 
 @dataclass(frozen=True)
 class Advice:
-    """Expected errors of the adapted type, for each candidate as the only reference point.
+    """Expected errors of the adapted type at all other points, for each candidate (points,) as only reference point.
 
-    Attributes
-    ----------
-    points : tuple of OperatingPoint
-        Candidates, and the points whose quantities are predicted.
-    expected : (points,)
-        Root mean square error of the quantities at the other points, over points and drawn parts [m³]; NaN where the
-        candidate serves no part.
-    upper : (points,)
-        Root mean square error over the points that 90 % of the drawn parts stay below [m³].
-    usable : (points,)
-        Share of the drawn parts that inject there, and whose quantity a flow factor from 0.6 to 1.6 meets.
-    without : float
-        Root mean square error of the type itself, without any reference [m³].
-    draws : int
-        Drawn parts that could be simulated.
+    `expected` is the root mean square error over points and drawn parts [m³], NaN where the candidate serves no part;
+    90 % of the drawn parts stay below `upper`. `usable` is the share of the drawn parts that inject there, and whose
+    quantity a flow factor from 0.6 to 1.6 meets. `without` is the error of the type itself, without any reference [m³];
+    `draws` counts the drawn parts that could be simulated.
     """
 
     points: tuple[OperatingPoint, ...]
@@ -297,10 +286,14 @@ def advise(
 ) -> Advice:
     """Rank reference points before anything was measured on the part.
 
+    `points` are at least two candidates; the quantities at all of them are what the model is to predict. Injector and
+    threads are as in `adapt`; `flow_spread` is the standard deviation of the effective hole area about the drawing, as
+    a share.
+
     Parts are drawn from the type: each parameter from the normal distribution of its scatter between parts (`between`),
     within the bounds, and the flow of the nozzle. Where the type states no scatter between parts for any parameter, its
-    whole spreads are drawn from. For each candidate, the type is given the flow factor at which it injects what
-    the drawn part injects there, as `adapt` does it with one quantity, and is compared with the drawn part at all other
+    whole spreads are drawn from. For each candidate, the type is given the flow factor at which it injects what the
+    drawn part injects there, as `adapt` does it with one quantity, and is compared with the drawn part at all other
     points. No measured quantity of the part is used.
 
     The errors of the type's own values are left out: data hold combinations of the parameters more closely than each
@@ -308,33 +301,8 @@ def advise(
     that misses the measured parts by more will miss the next one too. Of a type without `between` it is too large for
     the same reason; the order of the points is then what the ranking is for.
 
-    Parameters
-    ----------
-    injector_type : InjectorType or path
-    points : sequence of OperatingPoint
-        Candidates, at least two; the quantities at all of them are what the model is to predict.
-    injector : Injector, name or path, optional
-        The part as `adapt` takes it; by default the type's injector.
-    flow_spread : float or str
-        Standard deviation of the effective hole area about the drawing, as a share.
-    draws : int
-        Number of parts that are drawn.
-    seed : int
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Returns
-    -------
-    Advice
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, there is no injector, or there are fewer than two points.
-    ConfigurationError
-        If an argument is of another kind.
-    SimulationError
-        If no drawn part could be simulated.
+    `InputError` if a file cannot be read, there is no injector, or there are fewer than two points; `SimulationError`
+    if no drawn part could be simulated.
     """
     known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
     part = part_of(known, injector)

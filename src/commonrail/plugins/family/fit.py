@@ -112,14 +112,8 @@ class FittedPart:
 class FamilyFit(SearchResult):
     """Result of a joint fit: of its search (`best` are the joint parameters), and what it makes of the parts.
 
-    Attributes
-    ----------
-    family : Family
-    parts : mapping of str to FittedPart
-    injector_type : InjectorType
-        What the parts have taught.
-    members : tuple of float
-        Objectives of the optima whose predictions are averaged, the best first.
+    `injector_type` is what the parts have taught; `members` are the objectives of the optima whose predictions are
+    averaged, the best first.
     """
 
     family: Family
@@ -144,32 +138,9 @@ def fit_family(
 ) -> FamilyFit:
     """Fit the parts of a family together, to the end or until Ctrl-C, which ends it in order with the best so far.
 
-    The search is that of a calibration; its objective is the sum of the parts' squares and of the squared pulls of the
-    joint priors. Validation data of the parts are scored and not fitted. `family.run.fit_into` does the same
-    and keeps every step in a run folder.
-
-    Parameters
-    ----------
-    family : Family
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-    progress : function of Progress, optional
-        Called after every step.
-    workers : Workers, optional
-        Processes or a cluster that simulate in place of threads; the result is the same.
-    recorder : Recorder, optional
-        Told of every step before `progress` is.
-    checkpoint : Checkpoint, optional
-        State to resume from, of the same family.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind.
-    StudyError
-        If the workers failed, or the checkpoint belongs to another family.
-    SimulationError
-        If no candidate could be simulated.
+    The search is that of a calibration; its objective is the sum of the parts' squares and of the squared residuals of
+    the joint priors. Validation data of the parts are scored and not fitted. `family.run.fit_into` does the same and
+    keeps every step in a run folder. Arguments and errors are those of `commonrail.calibrate`.
     """
     instance(family, Family, "family")
     function(progress, "progress")

@@ -36,28 +36,9 @@ def fit_into(
 ) -> FamilyFit:
     """Fit the parts of a family together, in a new run folder that keeps every step.
 
-    Parameters
-    ----------
-    folder : str or Path
-        New or empty. In the end it holds family.toml with all files that it reads, type.toml, family.json, SHA256SUMS,
-        journal.sqlite, and the injector of each part in the folder models.
-    family : Family
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-    workers : Workers, optional
-        Processes or a cluster that simulate in place of threads; the result is the same.
-    listener : Listener, optional
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind.
-    InputError
-        If the folder is not empty.
-    OutputError
-        If it cannot be written; what was done before is kept.
-    StudyError
-        If the family cannot be fitted; what was done before is kept.
+    In the end it holds family.toml with all files that it reads, type.toml, family.json, traces.csv, SHA256SUMS,
+    journal.sqlite, and the injector of each part in the folder models. Arguments and errors are those of
+    `commonrail.calibrate_into`.
     """
     path = file_path(folder, "folder")
     instance(family, Family, "family")
@@ -76,25 +57,8 @@ def resume_family(
 ) -> FamilyFit:
     """Resume a joint fit that was stopped; the result is that of one never stopped, bit by bit.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Run folder; it may have been moved or copied.
-    generations : int
-        More generations than the family asks for.
-    family : Family, optional
-        The family, if it was made in Python and not read from a file.
-    as_begun : bool
-        Use the copies in the run folder although the files that they were made from have changed.
-    threads, workers, listener
-        As in `fit_into`; they may differ from those of the beginning.
-
-    Raises
-    ------
-    StudyError
-        If there is no journal, another process is at work in the folder, or the family or its data have changed.
-    OutputError
-        If the folder cannot be written; what was done before is kept.
+    `family` is given if it was made in Python and not read from a file; other arguments and errors are those of
+    `commonrail.resume`.
     """
     path, generations = file_path(folder, "folder"), whole(generations, "generations")
     work = _work(listener, threads, workers)

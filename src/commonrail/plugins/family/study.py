@@ -267,25 +267,11 @@ class _FamilyModel(FileModel):
 
 @dataclass(frozen=True)
 class Family:
-    """Several parts of one type, to be fitted together.
+    """Several parts of one type, to be fitted together: the study of each part by its name.
 
-    Attributes
-    ----------
-    name, title : str
-    parts : mapping of str to Study
-        Study of each part by its name.
-    space : Space
-        Of the joint parameters.
-    sharing : Sharing
-        Map from joint points to the parts'.
-    shared : mapping of str to Shared
-        Relation of each parameter that is not common.
-    method : Method
-    seed : int
-    files : mapping of Path to str
-        SHA-256 of each file that the family was read from, its own first; empty if it was made in Python.
-    text : str
-        The family file as given.
+    The joint parameters lie in `space`, and `sharing` maps from it to the parts; `shared` has the relation of each
+    parameter that is not common. `files` has the SHA-256 of each file that the family was read from, its own first,
+    empty if it was made in Python; `text` is the family file as given.
     """
 
     name: str
@@ -311,19 +297,10 @@ class Family:
 
 
 def load_family(path: str | Path) -> Family:
-    """Read a family with the studies of its parts.
+    """Read a family with the studies of its parts from a TOML file; the paths in it are relative to its folder.
 
-    Parameters
-    ----------
-    path : str or Path
-        TOML file; the paths in it are relative to its folder.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
-    ConfigurationError
-        If values contradict one another.
+    `InputError` if a file cannot be read, or something in it is unknown, missing or of the wrong kind;
+    `ConfigurationError` if values contradict one another.
     """
     file = file_path(path, "path of a family")
     with noting_files() as own:

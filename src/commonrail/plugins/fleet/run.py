@@ -107,34 +107,17 @@ def run_fleet(
 ) -> FleetRun:
     """Calibrate the injectors of a fleet into a folder, or go on where an earlier run in that folder stopped.
 
-    The result does not depend on the number of workers, on the order of the table, or on how often the run was stopped.
-    In a script, call it below ``if __name__ == "__main__":``.
+    The result does not depend on the number of workers, on the order of the table, or on how often the run was stopped;
+    injectors may have been added to the table. In a script, call it below ``if __name__ == "__main__":``.
 
-    Parameters
-    ----------
-    fleet : Fleet
-    folder : Path
-        New, empty, or left by an earlier run of the same fleet; injectors may have been added to its table.
-    workers : int, optional
-        Processes, or workers of a "local" cluster; all usable processors by default.
-    cluster : str, optional
-        Address of the scheduler of a Dask cluster, "tcp://host:port", or "local" for one on this machine.
-    retry : bool
-        Try failed injectors again; without it only those whose data have changed.
-    progress : function of FleetProgress, optional
-        Called after every injector.
+    Processes, or workers of a "local" cluster, are all usable processors by default; `cluster` is the address of the
+    scheduler of a Dask cluster, "tcp://host:port", or "local" for one on this machine. With `retry` failed injectors
+    are tried again, else only those whose data have changed. `progress` is called after every injector.
 
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, or there are too many workers; nothing is written then.
-    InputError
-        If the folder holds something else or cannot be written.
-    StudyError
-        If another process is at work in the folder, what was begun there differs from this fleet, or not one of the
-        first injectors can be read; or if workers do not start or a cluster has gone: the tables are written then.
-    OutputError
-        If the disk is full; finished injectors are kept.
+    `ConfigurationError` for a wrong argument or too many workers, and `InputError` for a folder that holds something
+    else, before anything is written. `StudyError` if another process is at work in the folder, what was begun there
+    differs from this fleet, or not one of the first injectors can be read; also if workers do not start or a cluster
+    has gone: the tables are written then. `OutputError` if the disk is full; finished injectors are kept.
     """
     instance(fleet, Fleet, "fleet")
     folder = file_path(folder, "folder")

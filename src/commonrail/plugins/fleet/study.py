@@ -390,16 +390,9 @@ class Fleet:
 def load_fleet(path: str | Path) -> Fleet:
     """Read a fleet with its template and its table; the injectors' own files are read later, one by one.
 
-    Parameters
-    ----------
-    path : str or Path
-        TOML file; the paths in it are relative to its folder, those in its table to the table's.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, a key or column is unknown, missing or of the wrong kind, an injector stands twice in
-        the table, or a data set of the template has no source.
+    Paths in the TOML file are relative to its folder, those in its table to the table's. `InputError` if a file cannot
+    be read, a key or column is unknown, missing or of the wrong kind, an injector stands twice in the table, or a data
+    set of the template has no source.
     """
     file = Path(path)
     at = Place(str(file))

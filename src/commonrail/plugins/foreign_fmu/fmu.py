@@ -65,19 +65,7 @@ class FmuVariable(NamedTuple):
 
 @dataclass(frozen=True)
 class Fmu:
-    """An FMU for co-simulation, version 2.0 or 3.0 of the standard.
-
-    Attributes
-    ----------
-    path : Path
-    digest : str
-        SHA-256 of the file.
-    name, version : str
-        Of the model; version of the standard.
-    variables : mapping of str to FmuVariable
-    content : bytes
-        The file.
-    """
+    """An FMU for co-simulation, version 2.0 or 3.0 of the standard: its file with SHA-256, model and variables."""
 
     path: Path
     digest: str
