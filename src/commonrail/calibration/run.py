@@ -126,8 +126,8 @@ def calibrate(
         instance(workers, Workers, "workers")
     if checkpoint is not None:
         instance(checkpoint, Checkpoint, "checkpoint")
-    with held_interrupts() as wish:
-        search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, wish), checkpoint)
+    with held_interrupts() as stop:
+        search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, stop), checkpoint)
         start, before = _start(study, threads, warn, strict)
         found = search.to_end()
         injector, finished = injector_of(study, found.best), found.status == "finished"

@@ -40,7 +40,7 @@ from commonrail.calibration.time_step import longest_for_all
 from commonrail.data.base import Role
 from commonrail.data.kinds import of_role
 from commonrail.engine.time_step import nice_step
-from commonrail.workers.interrupt import Wish
+from commonrail.workers.interrupt import StopRequest
 from commonrail.workers.workers import Workers
 
 # Steps of a search as they are told, so that they can be kept, and the state from which it goes on.
@@ -185,7 +185,7 @@ class Listeners(NamedTuple):
 
     progress: Callable[[Progress], None] | None
     recorder: Recorder | None
-    wish: Wish
+    stop: StopRequest
 
 
 class Searched(Protocol):
@@ -307,8 +307,8 @@ class SearchResult:
 class Search:
     """Search of a fit on its way; with `workers`, they simulate in place of the objective's threads.
 
-    `CheckpointError` if the checkpoint belongs to another search. `heed` raises `KeyboardInterrupt` while the search
-    runs, if a stop was asked for.
+    `CheckpointError` if the checkpoint belongs to another search. `check_stop` raises `KeyboardInterrupt` while the
+    search runs, if a stop was asked for.
     """
 
     def __init__(
@@ -323,7 +323,7 @@ class Search:
         if workers is not None:
             assert isinstance(objective, Objective)
             self.objective = SpreadObjective(objective, workers)
-        self.heed = listeners.wish.heed
+        self.check_stop = listeners.stop.check
         self.history: list[Generation] = []
         self.simulations = 0
         self.failures: Counter[str] = Counter()
@@ -347,11 +347,11 @@ class Search:
         """
         status = "finished"
         try:
-            self.heed()
+            self.check_stop()
             self._run()
         except KeyboardInterrupt:
             status = "interrupted"
-        self.heed = lambda: None  # what follows is short
+        self.check_stop = lambda: None  # what follows is short
         seconds, last = self._seconds(), self._begun[-1]
         x, cost = last.best
         if not np.isfinite(cost):
@@ -438,7 +438,7 @@ class Search:
             told = (optimiser.phase, optimiser.steps, optimiser.total, *reached[1:], self.simulations, self._seconds())
             with suppress(OSError, ValueError):  # a terminal that went away must not end the search
                 self.listeners.progress(Progress(*told))
-        self.heed()
+        self.check_stop()
 
     def _checkpoint(self) -> Checkpoint:
         now = Stage(self._begun[-1].state(), self.simulations, dict(self.failures), self._seconds())

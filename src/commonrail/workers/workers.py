@@ -107,18 +107,18 @@ class Workers:
         self,
         tasks: Iterable[Task],
         again: Callable[[Task], Sequence[Task]] = lambda task: [task],
-        heed: Callable[[], None] = lambda: None,
+        check_stop: Callable[[], None] = lambda: None,
     ) -> Generator[tuple[Task, Outcome]]:
         """Each task and what became of it, as they come; a lost one is repeated as often as the limits allow.
 
-        Tasks are taken one by one, as workers get free; `again` says what to do in place of a lost task. `heed` is
-        called now and then and may raise to end it all. Raises the `CommonrailError` of the work; `StudyError` if
+        Tasks are taken one by one, as workers get free; `again` says what to do in place of a lost task. `check_stop`
+        is called now and then and may raise to end it all. Raises the `CommonrailError` of the work; `StudyError` if
         workers do not start or the cluster has gone.
         """
         coming, waiting = iter(tasks), deque[Task]()
         try:
             while True:
-                heed()
+                check_stop()
                 self._hand_out(waiting, coming)
                 if not (waiting or self.backend.busy):
                     return

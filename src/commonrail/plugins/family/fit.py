@@ -146,8 +146,8 @@ def fit_family(
     function(progress, "progress")
     threads = thread_count(threads)
     objective = objective_of_parts(family, threads)
-    with held_interrupts() as wish:
-        found = Search(family, objective, workers, Listeners(progress, recorder, wish), checkpoint).to_end()
+    with held_interrupts() as stop:
+        found = Search(family, objective, workers, Listeners(progress, recorder, stop), checkpoint).to_end()
         objective.threads = threads  # workers' copies share the simulators
         ends = members_of(found.ends)
         identified = identify_at(family.space, objective, np.array(list(found.best.values())))

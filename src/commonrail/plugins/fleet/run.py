@@ -128,12 +128,12 @@ def run_fleet(
     held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     if not (folder / JOURNAL).is_file() and held not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
         create_run_folder(folder)  # but not over the lock of a fleet that was killed before its journal was there
-    with Journal(folder) as journal, held_interrupts() as wish:
+    with Journal(folder) as journal, held_interrupts() as stop:
         run = _Run(fleet, folder, journal, retry, progress)
         warnings = run.check_target()
         status, fault = FINISHED, None
         try:
-            run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
+            run.calibrate(usable_threads() if workers is None else workers, cluster, stop.check)
         except KeyboardInterrupt:
             status = "interrupted"
         except StudyError as error:  # workers that do not start, a cluster that has gone
@@ -184,7 +184,7 @@ class _Run:
         """Injectors that are done, in the table's order."""
         return tuple(self.entries[name] for name in self.fleet.supply.names if name in self.entries)
 
-    def calibrate(self, count: int, cluster: str | None, heed: Callable[[], None]) -> None:
+    def calibrate(self, count: int, cluster: str | None, check_stop: Callable[[], None]) -> None:
         """Calibrate what is pending."""
         if not self.pending:
             return
@@ -195,7 +195,7 @@ class _Run:
         with opened as workers:
             self.workers = workers.backend.count
             tasks = self._tasks(self.pending, package, workers.backend.shares_files)
-            for task, outcome in workers.run(tasks, heed=heed):
+            for task, outcome in workers.run(tasks, check_stop=check_stop):
                 self._keep(str(task.name), *_attempt(task, outcome))
 
     def _tasks(self, names: Sequence[str], package: Package, shared: bool) -> Iterator[Task]:

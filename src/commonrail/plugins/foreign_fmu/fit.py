@@ -90,10 +90,10 @@ def calibrate_fmu(
     for sentence in study.notes:
         note(sentence)
     how = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes
-    with opened(*how) as simulator, held_interrupts() as wish:
+    with opened(*how) as simulator, held_interrupts() as stop:
         objective = FmuObjective(study, simulator)
-        search = Search(study, objective, None, Listeners(progress, recorder, wish), checkpoint)
-        simulator.heed = lambda: search.heed()
+        search = Search(study, objective, None, Listeners(progress, recorder, stop), checkpoint)
+        simulator.check_stop = lambda: search.check_stop()
         result = search.to_end()
         start, best = study.space.reference, np.array(list(result.best.values()))
         simulated = {label: _simulated(study, simulator, x) for label, x in (("start", start), ("best", best))}

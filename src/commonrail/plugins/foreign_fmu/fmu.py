@@ -459,7 +459,7 @@ class FmuSimulator:
         self._first: dict[str, int] = {}
         for one in data:
             self._first[one.name] = sum(len(before.runs) for before in data[: len(self._first)])
-        self.heed: Callable[[], None] = lambda: None
+        self.check_stop: Callable[[], None] = lambda: None
         self.told: dict[FmuStatus, str] = {}  # the first message with each status
 
     def simulate(self, data: Sequence[FmuData], values: Floats, finer: int = 1) -> Simulated:
@@ -473,7 +473,7 @@ class FmuSimulator:
         statuses = np.zeros((len(values), len(numbers)), np.int8)
         rows = enumerate(tuple(row) for row in values.tolist())
         tasks = (self._task((i, k), Asked(n, row, finer)) for i, row in rows for k, n in enumerate(numbers))
-        for task, outcome in self._workers.run(tasks, heed=self.heed):
+        for task, outcome in self._workers.run(tasks, check_stop=self.check_stop):
             assert isinstance(task.name, tuple)
             i, k = task.name
             answered = self._answered(outcome, edges[k + 1] - edges[k])
