@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 from commonrail.base.errors import InputError, StudyError
@@ -414,9 +415,7 @@ class Cluster:
         out = self._open
         self.drop()
         for name in stuck:
-            if not self._link.tell(
-                lambda client, name=name: client.restart_workers([name], timeout=CONNECT), 2.0 * CONNECT
-            ):
+            if not self._link.tell(partial(_restart, name), 2.0 * CONNECT):
                 note(f"The worker {name} of the cluster {self.address} gives no answer: it is used no more.")
                 self._left_out.add(name)  # not started by a nanny, or too stuck
         self._known()
@@ -451,6 +450,10 @@ def _has_workers(client: Client) -> bool:
         client.wait_for_workers(1, timeout=APPEAR)
         return True
     return False
+
+
+def _restart(name: str, client: Client) -> None:
+    client.restart_workers([name], timeout=CONNECT)
 
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:

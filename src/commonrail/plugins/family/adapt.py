@@ -31,7 +31,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.parameters import Domain
-from commonrail.plugins.family.fixed import OF_PART
+from commonrail.plugins.family.type import OF_PART
 from commonrail.readers.columns import Column
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.limits import Reach

@@ -19,9 +19,8 @@ from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
 from commonrail.plugins.family.adapt import FLOW
-from commonrail.plugins.family.fixed import PartValues, fixed_values
 from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
-from commonrail.plugins.family.type import FEWEST, over_parts, without_prior
+from commonrail.plugins.family.type import FEWEST, PartValues, fixed_values, over_parts, without_prior
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,16 +13,64 @@ from numpy.typing import ArrayLike
 from commonrail.base.arguments import file_path, number, plain_text, sequence
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
+from commonrail.base.hooks import note
 from commonrail.base.input import fingerprint
 from commonrail.base.output import check_sum
+from commonrail.base.units import to_text
 from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.calibration.study_file.file import load_study
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.meters import is_of_meter
-from commonrail.plugins.family.fixed import PartValues, fixed_values
 from commonrail.readers.columns import name_and_unit
 from commonrail.readers.csv import CsvFile
+from commonrail.readers.fields import UNSTATED
 from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record
+
+# Values that the studies of a type's parts fixed, as values of the type.
+
+OF_PART = ("nozzle.hole_diameter", "nozzle.holes")  # the nozzle is a part's own
+
+
+class PartValues(NamedTuple):
+    """Values [SI] with which a part was fitted, the fitted ones being the best, and their sources.
+
+    `stated` names the values that are not the injector file's.
+    """
+
+    name: str
+    values: Mapping[str, float]
+    sources: Mapping[str, Source]
+    stated: Collection[str]
+
+
+def fixed_values(parts: Sequence[PartValues], taken: Collection[str]) -> tuple[FixedValue, ...]:
+    """Values of a type that are none of its parameters (`taken`), and that a part had in place of its injector's.
+
+    Where the parts differ, the type takes the mean, and a note says so; nozzles that differ are the parts' own.
+    """
+    names = dict.fromkeys(name for part in parts for name in part.stated if name not in taken)
+    found = []
+    for name in names:
+        having = [part for part in parts if name in part.values]
+        values = [part.values[name] for part in having]
+        if min(values) == max(values):
+            mark, text = next(part for part in having if name in part.stated).sources.get(name, UNSTATED)
+            found.append(FixedValue(name, values[0], mark, text))  # type: ignore[arg-type]
+        elif name not in OF_PART:
+            found.append(_mean_of_parts(name, values, [part.name for part in having]))
+    return tuple(found)
+
+
+def _mean_of_parts(name: str, values: Sequence[float], parts: Sequence[str]) -> FixedValue:
+    unit = parameter_quantities()[name].unit
+    mean = float(np.mean(values))
+    own = ", ".join(f"{to_text(v, unit)} ({part})" for v, part in zip(values, parts, strict=True))
+    note(
+        f"{name} is not the same in all parts: {own}; the type takes the mean, {to_text(mean, unit)}. Where it was "
+        'measured on the next part, give it the mark "M" in that injector\'s file.'
+    )
+    return FixedValue(name, mean, "F", f"mean of the parts: {own}")
+
 
 # Mean and spread of a parameter over parts whose own values are known with errors (random effects).
 
