@@ -15,12 +15,10 @@ from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.calibration.parameter import broken, distances_past
 from commonrail.data.base import DataSet, Term
 from commonrail.data.kinds import in_order, kinds_of
-from commonrail.data.metering import meters_of
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters import given_values
 
 
 class Scores(NamedTuple):
@@ -140,15 +138,6 @@ class Objective:
     def threads(self, threads: int | None) -> None:
         self.simulator.threads = threads
 
-    def own_values(self) -> list[float]:
-        """Values of the parameters that vary as injector and meters have them [SI]."""
-        meters = {
-            meter.parameter(key): float(value[0])
-            for meter in meters_of(self.data)
-            for key, value in given_values(meter, {}, 1).items()
-        }
-        return [self.injector.values[n] if n in self.injector.values else meters[n] for n in self.names]
-
     @property
     def least_cost(self) -> float:
         """Objective below which a difference is one of rounding, not of the fit: none."""
@@ -173,7 +162,7 @@ class Objective:
             total += np.sum(losses(batch, Candidates(self.simulator, values)) * term.weights, axis=1)
             _note_failures(statuses, batch.status, term.failed(batch.status))
         if self.goal.loss is Loss.SOFT_L1:
-            total += np.sum(self._of_data(self._costing, values) ** 2, axis=1)
+            total += np.sum(self._of_data(self._costing, values, self.goal.bent) ** 2, axis=1)
             self._note_reasons(statuses, values, ~np.isfinite(total))
         if self._points:
             batch, past = self._at_conditions(self.simulator, values, self.precision)
@@ -226,18 +215,14 @@ class Objective:
         return self._residuals(self._screening, values)
 
     def _residuals(self, simulator: Simulator, values: Floats) -> Floats:
-        found = self._of_data(simulator, values)
+        found = self._of_data(simulator, values, self.goal.bent)  # their squares sum to the loss
         residuals = np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
         if self._points:
             lost = broken(self.goal.conditions, *self._at_conditions(simulator, values))
             residuals[lost.any(axis=1)] = np.nan
         return residuals
 
-    def _of_data(self, simulator: Simulator, values: Floats) -> Floats:
-        """Residuals (n, all samples and points) whose squares sum to the loss."""
-        return self._scaled(simulator, values, self.goal.bent)
-
-    def _scaled(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
+    def _of_data(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
         """Residuals (n, all samples and points), those of each data set under a law that knows no weight of the set."""
         simulator.threads = self.threads
         found = []
@@ -254,7 +239,7 @@ class Objective:
         """
         if self.goal.loss is not Loss.SOFT_L1:
             return self.residuals(values)
-        found = self._scaled(self.simulator, values, lambda own: own * self.goal.roots_of_weights(own[0]))
+        found = self._of_data(self.simulator, values, lambda own: own * self.goal.roots_of_weights(own[0]))
         return np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
 
 

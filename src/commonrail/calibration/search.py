@@ -322,7 +322,7 @@ class Search:
         self.study, self.listeners, self.objective = study, listeners, objective
         if workers is not None:
             assert isinstance(objective, Objective)
-            self.objective = SpreadObjective(objective, workers)
+            self.objective = SpreadObjective(objective, workers, study.space.reference)
         self.check_stop = listeners.stop.check
         self.history: list[Generation] = []
         self.simulations = 0

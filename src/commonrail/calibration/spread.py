@@ -46,10 +46,13 @@ class Piece(NamedTuple):
 
 
 class Evaluation:
-    """Costs or residuals of candidates, on one thread: the work of a calibration's workers."""
+    """Costs or residuals of candidates, on one thread: the work of a calibration's workers.
 
-    def __init__(self, objective: Objective) -> None:
-        self.objective = copy.copy(objective)
+    They are tried with the start values (names,) [SI].
+    """
+
+    def __init__(self, objective: Objective, start: Floats) -> None:
+        self.objective, self.start = copy.copy(objective), start
         self.objective.threads = 1
 
     def __call__(self, argument: tuple[str, Floats]) -> Any:
@@ -63,9 +66,8 @@ class Evaluation:
         return self.objective.simulator.same_bits
 
     def probe(self) -> bytes:
-        """Bits of the objective of the injector's own values."""
-        own = np.array([self.objective.own_values()])
-        return self.objective.costs(own).costs.tobytes()
+        """Bits of the objective of the start values."""
+        return self.objective.costs(self.start[None, :]).costs.tobytes()
 
 
 class SpreadObjective(Objective):
@@ -74,10 +76,10 @@ class SpreadObjective(Objective):
     `costs` and `residuals` raise a `StudyError` if a piece was lost as often as the limits allow.
     """
 
-    def __init__(self, objective: Objective, workers: Workers) -> None:
+    def __init__(self, objective: Objective, workers: Workers, reference: Floats) -> None:
         vars(self).update(vars(objective))  # the same injector, data and settings
         self._workers = workers
-        work = Evaluation(objective)
+        work = Evaluation(objective, reference)
         self._package = pack(work)
         start = time.perf_counter()
         work.probe()

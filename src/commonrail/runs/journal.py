@@ -74,7 +74,7 @@ class JournalFile:
                 self.SCHEMA.create(self._connection)
             self._connection.execute("PRAGMA journal_mode=WAL")
             self._connection.execute("PRAGMA wal_autocheckpoint=0")
-            self._wait_for_disk(self.DURABLE)
+            self._connection.execute(_synchronous(self.DURABLE))
             self._note(holder=f"process {os.getpid()} on {socket.gethostname()} is at work here since {now()}")
             self._shorten_log()
         except BaseException:
@@ -121,14 +121,11 @@ class JournalFile:
             self._note(log=THERE)
             self._logged = 0
 
-    def _wait_for_disk(self, durable: bool) -> None:
-        self._connection.execute(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
-
     def _write(self, *statements: Statement, durable: bool = False) -> None:
         """Execute statements as one transaction; a `durable` one waits for the disk in any case."""
         self.check_place()
         with explained(self.path):
-            self._wait_for_disk(durable or self.DURABLE)
+            self._connection.execute(_synchronous(durable or self.DURABLE))
             self._connection.execute("BEGIN")
             try:
                 for text, values in statements:
@@ -152,6 +149,10 @@ class JournalFile:
         with explained(self.path), trusted(self.path):
             (last,) = self._connection.execute(f"SELECT COALESCE(MAX(number), 0) FROM {table}").fetchone()
             return int(last) + 1
+
+
+def _synchronous(durable: bool) -> str:
+    return f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}"  # whether a transaction waits for the disk
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:

@@ -303,7 +303,7 @@ class Cluster:
         self._link = Link(address, count)
         try:
             if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._known()):
-                raise self._without_workers(APPEAR)
+                raise _without_workers(address, len(self._left_out), APPEAR)
         except BaseException:
             self.close()
             raise
@@ -321,10 +321,6 @@ class Cluster:
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
         self._link.close()
-
-    def run_on_each(self, call: Callable[[], T]) -> dict[str, T]:
-        """Results of a call on each worker, by its address."""
-        return dict(self._link.ask(lambda client: client.run(call)))
 
     def submit(self, task: Task) -> bool:
         """Hand a task to the cluster; false if it has enough. `StudyError` if the scheduler has gone."""
@@ -359,23 +355,20 @@ class Cluster:
         self._silence += passed
         self._alone = 0.0 if known else self._alone + passed
         if self._alone > REAPPEAR:
-            raise self._without_workers(REAPPEAR)
+            raise _without_workers(self.address, len(self._left_out), REAPPEAR)
         if known and self._unsent:
             tasks, self._unsent = self._unsent, []
             for task in tasks:
                 self._send(task)
-        self._send_stranded(known)
-        limit = max((sent.task.limit for sent in self._open.values()), default=self._silence)
-        if self._silence > limit:
-            yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
-
-    def _send_stranded(self, known: Mapping[str, int]) -> None:
-        """Send anew the tasks whose workers have all gone."""
+        # those whose workers have all gone
         stranded = [future for future, sent in self._open.items() if sent.bound and sent.bound.isdisjoint(known)]
         if stranded:
             self._link.tell(lambda client: client.cancel(stranded))
         for future in stranded:
             self._send(self._open.pop(future).task)
+        limit = max((sent.task.limit for sent in self._open.values()), default=self._silence)
+        if self._silence > limit:
+            yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
 
     def drop(self) -> None:
         """Forget the tasks that are out."""
@@ -435,14 +428,16 @@ class Cluster:
         self._looked = time.monotonic()
         return self._threads
 
-    def _without_workers(self, seconds: float) -> StudyError:
-        cure = "see what they print" if self.address == LOCAL else f"start some with `dask worker {self.address}`"
-        if self._left_out:
-            return StudyError(
-                f"The cluster {self.address} has no worker left that can be used: {len(self._left_out)} have given no "
-                "answer; replace them, then resume the run."
-            )
-        return StudyError(f"The cluster {self.address} has had no worker for {seconds:.0f} s; {cure}.")
+
+def _without_workers(address: str, left_out: int, seconds: float) -> StudyError:
+    """Sentence on a cluster of which so many workers are used no more, and which has had no other for some time [s]."""
+    cure = "see what they print" if address == LOCAL else f"start some with `dask worker {address}`"
+    if left_out:
+        return StudyError(
+            f"The cluster {address} has no worker left that can be used: {left_out} have given no answer; replace "
+            "them, then resume the run."
+        )
+    return StudyError(f"The cluster {address} has had no worker for {seconds:.0f} s; {cure}.")
 
 
 def _has_workers(client: Client) -> bool:

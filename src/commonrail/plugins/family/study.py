@@ -165,7 +165,7 @@ class FamilyObjective(Objective):
     """
 
     def __init__(self, studies: Sequence[Study], sharing: Sharing, space: Space, threads: int | None = None) -> None:
-        self.sharing, self.names, self._reference = sharing, sharing.names, space.reference
+        self.sharing, self.names = sharing, sharing.names
         self.parts = [_objective(study, threads) for study in studies]
         conditions = tuple(condition for study in studies for condition in study.conditions)
         self.goal = Goal(studies[0].loss, Priors.of(space.parameters), conditions, scale=studies[0].loss_scale)
@@ -181,10 +181,6 @@ class FamilyObjective(Objective):
     def threads(self, threads: int | None) -> None:
         for part in self.parts:
             part.threads = threads
-
-    def own_values(self) -> list[float]:
-        """Reference values of the joint parameters [SI]."""
-        return [float(value) for value in self._reference]
 
     def costs(self, values: Floats) -> Scores:
         """Objective of joint candidates (n, names), SI; one that is simulated once for several counts for each."""

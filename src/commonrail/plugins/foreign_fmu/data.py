@@ -94,6 +94,11 @@ class FmuData:
         return self.tolerances
 
 
+def by_set(data: Sequence[FmuData], values: Floats) -> list[Floats]:
+    """Values (…, all) of data sets, one after the other, as those of each (…, m)."""
+    return np.split(values, np.cumsum([len(one.measured) for one in data])[:-1], axis=-1)
+
+
 def fmu_curve(
     name: str,
     times: ArrayLike,

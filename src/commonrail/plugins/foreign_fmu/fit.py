@@ -13,6 +13,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.hooks import note
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
+from commonrail.plugins.foreign_fmu.data import by_set
 from commonrail.plugins.foreign_fmu.fmu import FmuSimulator, opened
 from commonrail.plugins.foreign_fmu.study import FmuObjective, FmuStudy
 from commonrail.workers.interrupt import held_interrupts
@@ -113,6 +114,5 @@ def calibrate_fmu(
 
 def _simulated(study: FmuStudy, simulator: FmuSimulator, x: Floats, finer: int = 1) -> dict[str, Floats]:
     """Values of each data set with values of the free parameters (d,), at the communication step or a finer one."""
-    edges = np.cumsum([len(data.measured) for data in study.data])[:-1]
-    parts = np.split(simulator.simulate(study.data, x[None, :], finer).values[0], edges)
+    parts = by_set(study.data, simulator.simulate(study.data, x[None, :], finer).values[0])
     return {data.name: part for data, part in zip(study.data, parts, strict=True)}

@@ -33,7 +33,7 @@ from commonrail.calibration.study_file.keys import (
 )
 from commonrail.data.base import Role
 from commonrail.data.study_block import Name
-from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, Setting, fmu_curve, fmu_rows
+from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, Setting, by_set, fmu_curve, fmu_rows
 from commonrail.plugins.foreign_fmu.fmu import Fmu, FmuSimulator, FmuStatus, FmuVariable, read_fmu
 from commonrail.readers.columns import Column
 from commonrail.readers.fields import FileModel, Text, Unit
@@ -350,8 +350,7 @@ class FmuObjective:
 
     def _plain(self, values: Floats) -> list[Floats]:
         """Residuals in tolerances of each data set."""
-        edges = np.cumsum([len(one.measured) for one in self.data])[:-1]
-        return [d.residuals(own) for d, own in zip(self.data, np.split(values, edges, axis=1), strict=True)]
+        return [d.residuals(own) for d, own in zip(self.data, by_set(self.data, values), strict=True)]
 
 
 # Studies of foreign FMUs from TOML: model, measured data, free parameters and optimiser.
@@ -507,23 +506,22 @@ def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
         "source": model.source,
         "synthetic": model.synthetic,
     }
-    settings = {**reading.settings, **_settings(model.set, reading.fmu, at / "set")}
+    reading = reading._replace(settings={**reading.settings, **_settings(model.set, reading.fmu, at / "set")})
     path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
     if model.rows or model.stop is not None:
-        return _rows(model, reading.fmu, path, columns, settings, more, at)
+        return _rows(model, path, columns, reading, more, at)
     time = _time(model.time)
     table = read_columns(path, [time, *columns.values()], 1)
     measured = {name: table.columns[column.name] for name, column in columns.items()}
     with located(at):
-        return fmu_curve(model.name, table.columns[model.time], measured, start=settings, **more)
+        return fmu_curve(model.name, table.columns[model.time], measured, start=reading.settings, **more)
 
 
 def _rows(
     model: _DataModel,
-    fmu: Fmu,
     path: Path,
     columns: Mapping[str, Column],
-    settings: Mapping[str, Setting],
+    reading: _Reading,
     more: Mapping[str, Any],
     at: Place,
 ) -> FmuData:
@@ -533,12 +531,12 @@ def _rows(
     given = {}
     for name, column in model.rows.items():
         with located(at / "rows" / name):
-            fmu.adjustable(name)
-            given[name] = _column(column, fmu.number(name))
+            reading.fmu.adjustable(name)
+            given[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [*columns.values(), *given.values()], 1)
     count = len(table.rows)
     each: list[dict[str, Setting]] = [
-        {**settings, **{name: float(table.columns[column.name][i]) for name, column in given.items()}}
+        {**reading.settings, **{name: float(table.columns[column.name][i]) for name, column in given.items()}}
         for i in range(count)
     ]
     measured = {name: table.columns[column.name] for name, column in columns.items()}
