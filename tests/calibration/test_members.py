@@ -14,8 +14,7 @@ from commonrail.base.output import SUMS
 from commonrail.calibration import members
 from commonrail.calibration.members import equal_ends, members_of
 from commonrail.calibration.optimisers.base import Best
-from commonrail.runs.copies import copies_of
-from commonrail.runs.fit import calibrate_into
+from commonrail.runs.fit import STUDIES, calibrate_into
 from commonrail.runs.folder import write_results
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, study_of
 
@@ -88,5 +87,5 @@ def test_the_run_folder_holds_the_members(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_an_input_with_the_name_of_a_member_is_kept_apart(tmp_path: Path) -> None:
     files = {tmp_path / name: "0" for name in ("study.toml", "member-2.toml", "Member-3.TOML", "members.toml")}
-    kept = copies_of(replace(study(), files=files))
+    kept = STUDIES.copies(replace(study(), files=files))
     assert kept == ["study.toml", "inputs/member-2.toml", "inputs/Member-3.TOML", "members.toml"]

@@ -41,6 +41,11 @@ def objective() -> Objective:
     return Objective(study.injector, study.space.names, of_role(study.data, Role.FIT), study.time_step, threads=1)
 
 
+def spread_over(objective: Objective, workers: Workers) -> SpreadObjective:
+    own = np.array([objective.injector.values[name] for name in objective.names])
+    return SpreadObjective(objective, workers, own)
+
+
 @pytest.fixture(scope="module")
 def population(objective: Objective) -> Floats:
     own = np.array([objective.injector.values[name] for name in objective.names])
@@ -75,7 +80,7 @@ def bad(objective: Objective, population: Floats, tmp_path: Path) -> Bad:
 
 @pytest.mark.usefixtures("many_pieces")
 def test_a_population_in_pieces(two: Workers, objective: Objective, population: Floats, expected: bytes) -> None:
-    spread = SpreadObjective(objective, two)
+    spread = spread_over(objective, two)
     spread._seconds["costs"] = 1e-3  # for a block, in place of what was measured here
     assert len(cut(CANDIDATES, two.backend.count, 1e-3)) > 1
     scores = spread.costs(population)
@@ -85,7 +90,7 @@ def test_a_population_in_pieces(two: Workers, objective: Objective, population: 
 
 
 def test_a_population_in_one_piece(two: Workers, objective: Objective, population: Floats, expected: bytes) -> None:
-    assert SpreadObjective(objective, two).costs(population).costs.tobytes() == expected
+    assert spread_over(objective, two).costs(population).costs.tobytes() == expected
 
 
 @pytest.mark.usefixtures("many_pieces")
@@ -95,7 +100,7 @@ def test_a_failed_candidate_is_a_cost_and_no_failure_of_its_worker(
     some = population.copy()
     some[3] = np.nan
     some[11] *= -1.0
-    costs = SpreadObjective(objective, two).costs(some).costs
+    costs = spread_over(objective, two).costs(some).costs
     assert np.flatnonzero(np.isinf(costs)).tolist() == [3, 11]
     assert costs.tobytes() == objective.costs(some).costs.tobytes()
 
@@ -105,7 +110,7 @@ def test_a_failed_candidate_is_a_cost_and_no_failure_of_its_worker(
 def test_a_lost_piece_is_repeated_to_the_same_bits(
     two: Workers, bad: Bad, population: Floats, expected: bytes, what: str, tmp_path: Path
 ) -> None:
-    spread = SpreadObjective(bad(what, 1), two)
+    spread = spread_over(bad(what, 1), two)
     assert spread.costs(population).costs.tobytes() == expected
     tries = len(list(tmp_path.iterdir()))
     assert tries == 2
@@ -117,7 +122,7 @@ def test_a_piece_that_takes_much_longer_than_expected_is_repeated(
     bad: Bad, population: Floats, expected: bytes, tmp_path: Path
 ) -> None:
     with processes(2, HASTY) as workers:
-        assert SpreadObjective(bad("hang", 1), workers).costs(population).costs.tobytes() == expected
+        assert spread_over(bad("hang", 1), workers).costs(population).costs.tobytes() == expected
     assert len(list(tmp_path.iterdir())) >= 2
 
 
@@ -126,7 +131,7 @@ def test_a_piece_that_always_kills_its_worker_ends_the_run_and_names_few_candida
     bad: Bad, objective: Objective, population: Floats, expected: bytes
 ) -> None:
     with processes(2) as workers:
-        spread = SpreadObjective(bad("die", 99), workers)
+        spread = spread_over(bad("die", 99), workers)
         spread._seconds["costs"] = 1e-12  # one piece: halved twice, 45 candidates are 16
         with pytest.raises(StudyError) as caught:
             spread.costs(population)
@@ -134,7 +139,7 @@ def test_a_piece_that_always_kills_its_worker_ends_the_run_and_names_few_candida
         assert said.startswith("Candidates 17 to 24 of 45 were lost 3 times (the worker was ended by SIGKILL), the fir")
         assert f"plunger_needle.k1 = {population[16, 0]:.6g} N/m, " in said
         # the workers can go on
-        assert SpreadObjective(objective, workers).costs(population).costs.tobytes() == expected
+        assert spread_over(objective, workers).costs(population).costs.tobytes() == expected
 
 
 @pytest.mark.usefixtures("many_pieces")
@@ -142,13 +147,13 @@ def test_what_the_objective_refuses_is_refused_at_once_in_its_own_words(
     two: Workers, bad: Bad, population: Floats, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigurationError, match=r"^This cannot be simulated\.$"):
-        SpreadObjective(bad("refuse", 99), two).costs(population)
+        spread_over(bad("refuse", 99), two).costs(population)
     assert len(list(tmp_path.iterdir())) <= 1  # not repeated
 
 
 def test_two_objectives_can_take_turns(two: Workers, objective: Objective, population: Floats, expected: bytes) -> None:
     other = Objective(objective.injector, objective.names, objective.data, 2e-6, threads=1)
-    first, second = SpreadObjective(objective, two), SpreadObjective(other, two)
+    first, second = spread_over(objective, two), spread_over(other, two)
     for _ in range(2):
         assert first.costs(population).costs.tobytes() == expected
         assert second.costs(population).costs.tobytes() == other.costs(population).costs.tobytes()

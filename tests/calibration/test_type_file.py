@@ -11,7 +11,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.calibration.study_file.type import dump_type, load_type, type_text
-from commonrail.runs.copies import copies_of, copy_study
+from commonrail.runs.fit import STUDIES
 from tests.plugins.family.samples import MASS, PRELOAD, small_type
 
 Edit = Callable[..., Path]
@@ -135,7 +135,7 @@ def test_a_study_without_free_parameters_frees_those_of_its_type(study_file: Edi
 def test_the_type_is_among_the_files_of_the_study(study_file: Edit, type_file: Path) -> None:
     study = cr.load_study(study_file(WITH_TYPE))
     assert type_file in study.files
-    assert "types/lino.toml" in copies_of(study)
+    assert "types/lino.toml" in STUDIES.copies(study)
 
 
 def test_a_type_from_elsewhere_is_copied_and_the_copy_is_named(study_file: Edit, tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_type_from_elsewhere_is_copied_and_the_copy_is_named(study_file: Edit,
     named = f'{SEED}\nallow_outside = true\ntype = "../{elsewhere.name}/lino.toml"'
     study = cr.load_study(study_file((SEED, named)))
     (tmp_path / "run").mkdir()
-    copy_study(study, tmp_path / "run")
+    STUDIES.copy(study, tmp_path / "run")
     (elsewhere / "lino.toml").unlink()
     own = cr.load_study(tmp_path / "run" / "study.toml")
     assert own.injector.values == study.injector.values

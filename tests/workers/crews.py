@@ -116,7 +116,7 @@ def pids_of(workers: Workers) -> list[int]:
     from commonrail.workers.cluster import Cluster
 
     assert isinstance(workers.backend, Cluster)
-    return list(workers.backend.run_on_each(os.getpid).values())
+    return list(workers.backend._link.ask(lambda client: client.run(os.getpid)).values())
 
 
 def gone(pid: int) -> bool:

@@ -172,13 +172,13 @@ def test_other_software_and_other_bits_are_refused(two: Workers, package: Packag
 def test_an_interrupt_leaves_no_answers_behind(two: Workers, package: Package) -> None:
     heeded = iter(range(3))
 
-    def heed() -> None:
+    def check_stop() -> None:
         if next(heeded, None) is None:
             raise KeyboardInterrupt
 
     old = [Task("old", package, deed, LIMIT) for deed in MANY * 5]
     with pytest.raises(KeyboardInterrupt):
-        list(two.run(old, heed=heed))
+        list(two.run(old, check_stop=check_stop))
     assert not two.backend.busy
     assert sines(two.run(tasks(package, MANY))) == expected(MANY)
 

@@ -1,4 +1,4 @@
-"""Ctrl-C as a wish."""
+"""Ctrl-C as a request to stop."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tests.waiting import PATIENCE
 
 def test_a_signal_is_a_wish_that_is_heeded_when_asked() -> None:
     reached = False
-    with held_interrupts() as wish:
+    with held_interrupts() as stop:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGTERM)
         reached = True
-        assert wish.asked
+        assert stop.asked
         with pytest.raises(KeyboardInterrupt):
-            wish.heed()
+            stop.check()
     assert reached
 
 
@@ -48,9 +48,9 @@ import ctypes, os, signal, sys
 from commonrail.cli.console import say_of_ending
 from commonrail.workers.interrupt import end_at_second, held_interrupts
 end_at_second(say_of_ending)
-with held_interrupts() as wish:
+with held_interrupts() as stop:
     os.kill(os.getpid(), signal.SIGINT)
-    print(wish.asked, flush=True)
+    print(stop.asked, flush=True)
     mutex = ctypes.create_string_buffer(128)
     for _ in range(2):  # the second waits for ever, whatever signals Python has noted
         ctypes.CDLL(None).pthread_mutex_lock(mutex)
@@ -90,18 +90,18 @@ def test_an_inner_block_shares_the_outer_wish_and_leaves_its_handler() -> None:
 def test_a_new_block_begins_without_a_wish() -> None:
     with held_interrupts():
         os.kill(os.getpid(), signal.SIGINT)
-    with held_interrupts() as wish:
-        wish.heed()
+    with held_interrupts() as stop:
+        stop.check()
 
 
 def test_a_signal_that_was_ignored_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     try:
-        with held_interrupts() as wish:
+        with held_interrupts() as stop:
             signal.raise_signal(signal.SIGHUP)
-            assert not wish.asked
+            assert not stop.asked
             signal.raise_signal(signal.SIGTERM)
-            assert wish.asked
+            assert stop.asked
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)

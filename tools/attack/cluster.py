@@ -120,7 +120,7 @@ def other_software(folder: Path, times: int) -> str:
 def pids_of(workers: Workers) -> list[int]:
     """Process numbers of the workers of a cluster."""
     assert isinstance(workers.backend, Cluster)
-    return list(workers.backend.run_on_each(os.getpid).values())
+    return list(workers.backend._link.ask(lambda client: client.run(os.getpid)).values())
 
 
 def listening(pids: set[int]) -> list[tuple[str, int]]:

@@ -33,13 +33,7 @@ _RESERVED = frozenset(
 
 
 def check_labels(labels: Sequence[str]) -> None:
-    """Refuse no model, too many, and labels that tables and files cannot carry.
-
-    Raises
-    ------
-    ConfigurationError
-        With the label.
-    """
+    """Refuse (`ConfigurationError`) no model, too many, and labels that tables and files cannot carry."""
     if not 1 <= len(labels) <= MOST_MODELS:
         raise ConfigurationError(f"Between 1 and {MOST_MODELS} models can be compared at a time, not {len(labels)}.")
     for label in labels:
@@ -152,19 +146,9 @@ def _several(studies: Sequence[Study]) -> tuple[Study, ...]:
 
 
 def check_drive(injector: Injector, study: Study, label: str) -> None:
-    """Refuse an injector driven by a measured trace where the data hold no such trace.
+    """Refuse (`ConfigurationError`) an injector driven by a measured trace where the data hold no such trace.
 
-    Parameters
-    ----------
-    injector : Injector
-    study : Study
-    label : str
-        What messages call the injector.
-
-    Raises
-    ------
-    ConfigurationError
-        With the first such data set.
+    `label` is what messages call the injector.
     """
     drive = injector.variant.drive
     if drive not in _TRACES:
@@ -215,13 +199,7 @@ def comparison_record(
 ) -> dict[str, Any]:
     """The comparison as one record, SI units; what has no number is None.
 
-    Parameters
-    ----------
-    comparison : Comparison
-    arguments : mapping of str to str, optional
-        By label, the text that names the model on the command line.
-    files : sequence of str, optional
-        File of each study.
+    `arguments` are the texts that name the models on the command line, by label; `files` those of the studies.
     """
     models = comparison.models
     data = data_records(comparison.data, comparison.scores)

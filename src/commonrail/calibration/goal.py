@@ -25,19 +25,11 @@ class Loss(StrEnum):
 
 
 class Goal(NamedTuple):
-    """Rules of the objective besides the data.
+    """Rules of the objective besides the data: loss, and priors whose squared residuals are added to it.
 
-    Attributes
-    ----------
-    loss : Loss
-    priors : Priors
-        Their squared residuals are added to the loss.
-    conditions : tuple of Condition
-        A candidate that does not meet one of them loses, whatever its loss.
-    screening_step : float or None
-        Time step [s] of the simulations that screen candidates in f32; None for that of the search.
-    scale : float
-        s of the loss `Loss.SOFT_L1`, in units of the residuals.
+    A candidate that does not meet one of the conditions loses, whatever its loss. `screening_step` is the time step [s]
+    of the simulations that screen candidates in f32, None for that of the search; `scale` is s of the loss
+    `Loss.SOFT_L1`, in units of the residuals.
     """
 
     loss: Loss = Loss.KINDS

@@ -15,7 +15,7 @@ from commonrail.base.errors import PluginError
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.influence import Influence, around, influence_of
 from commonrail.calibration.members import equal_ends, fitted_values
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import FitObjective, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
@@ -40,14 +40,8 @@ class ParameterVerdict(StrEnum):
     def by_width(cls, half: float, alone: float, value: float, limit: float = LIMIT) -> ParameterVerdict:
         """Verdict by the half widths of an interval over the value, without bounds, constraints and assumptions.
 
-        Parameters
-        ----------
-        half, alone : float
-            Half widths [SI]: with all parameters free, and with the others known.
-        value : float
-            [SI].
-        limit : float
-            Half width over value, up to which a parameter is pinned.
+        Half widths [SI] with all parameters free, and `alone` with the others known; up to `limit` times the value a
+        parameter is pinned.
         """
         if half <= limit * abs(value):
             return cls.PINNED
@@ -55,16 +49,10 @@ class ParameterVerdict(StrEnum):
 
 
 class Identified(dict[str, dict[str, Any]]):
-    """Findings of each free parameter by name.
+    """Findings of each free parameter by name; `influence` is None where the best values could not be simulated.
 
-    Attributes
-    ----------
-    influence : Influence or None
-        None where the best values could not be simulated.
-    sections : dict
-        Sections of result.json on the fit as a whole, by their keys; "identifiability" is `Influence.record`.
-    bands : dict
-        Section "band" of a data set, by its name.
+    `sections` are those of result.json on the fit as a whole, by their keys, "identifiability" being
+    `Influence.record`; `bands` has the section "band" of a data set by its name.
     """
 
     def __init__(self, influence: Influence | None = None) -> None:
@@ -131,7 +119,7 @@ def _others(calibration: Calibration) -> list[Floats]:
     return [end.x for end in equal_ends(calibration.ends, fitted_values(calibration.study.data))[1:]]
 
 
-def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
+def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identified:
     """Effect, standard error and verdict of each free parameter on the data of an objective, at a point.
 
     From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
@@ -155,7 +143,6 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
         noise.
     """
     instance(space, Space, "space")
-    instance(objective, Objective, "objective")
     place = around(space, best)
     values = objective.linearised(place.values)
     many = values.shape[1] - len(objective.goal.priors)  # the data's residuals stand before those of the priors
@@ -198,14 +185,8 @@ def _leverage(jacobian: Floats, usable: Bools, i: int) -> tuple[float, float]:
 def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
     """Verdict by half the interval relative to the value, as `verdicts_of` has it, for residuals that are white noise.
 
-    Parameters
-    ----------
-    spread : float
-        Scatter of the residuals times the parameter's SI value per position.
-    alone, joint : float
-        Change of the residuals for the width of the bounds, and the part of it that the others cannot imitate.
-    value : float
-        Of the parameter [SI].
+    `spread` is the scatter of the residuals times the parameter's SI value per position; `alone` and `joint` are the
+    change of the residuals for the width of the bounds, and the part of it that the others cannot imitate.
     """
     half, single = (NORMAL * abs(spread) / change if change > 0.0 else np.inf for change in (joint, alone))
     return ParameterVerdict.by_width(half, single, value).value

@@ -15,23 +15,12 @@ NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a dire
 
 
 class Influence(NamedTuple):
-    """Influence of the data on the parameters.
+    """Influence of the data on d parameters: effective number of them, trace of J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the priors P.
 
-    Attributes
-    ----------
-    effective : float
-        Effective number of parameters: trace of the influence matrix J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the priors P.
-    scatter : float
-        s = sqrt(|r|²/(n − effective)) of the data's residuals; 1 where the tolerances are the standard errors.
-    errors : (d,)
-        Standard errors in positions between the bounds, with the priors: roots of the diagonal of
-        max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter.
-    singular : (k,)
-        Singular values of J, of residuals per width of the bounds, in falling order.
-    directions : (k, d)
-        Unit vectors in positions between the bounds that belong to them.
-    residuals : int
-        Number of the data's residuals n.
+    `scatter` is s = sqrt(|r|²/(n − effective)) of the data's n residuals, 1 where the tolerances are the standard
+    errors. `errors` (d,) are standard errors in positions between the bounds, with the priors: roots of the diagonal of
+    max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter. `singular` (k,) are the singular values of J, of
+    residuals per width of the bounds, in falling order, and `directions` (k, d) the unit vectors that belong to them.
     """
 
     effective: float
@@ -42,13 +31,7 @@ class Influence(NamedTuple):
     residuals: int
 
     def record(self, names: tuple[str, ...]) -> dict[str, Any]:
-        """JSON-able form; a combination names the parameters whose weight is `SHOWN` or more.
-
-        Parameters
-        ----------
-        names : tuple of str
-            Names of the parameters, in order.
-        """
+        """JSON-able form; a combination names the parameters whose weight is `SHOWN` or more."""
         combinations = []
         for value, vector in zip(self.singular.tolist(), self.directions, strict=True):
             order = [i for i in np.argsort(-np.abs(vector), kind="stable").tolist() if abs(vector[i]) >= SHOWN]
@@ -63,23 +46,11 @@ class Influence(NamedTuple):
 
 
 def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviations: bool = True) -> Influence:
-    """Influence of data on parameters.
+    """Influence on the parameters of data whose residuals (n,) have derivatives `jacobian` (n, d) at the best values.
 
-    Parameters
-    ----------
-    residuals : (n,)
-        Of the data, at the best values.
-    jacobian : (n, d)
-        Their derivatives with respect to the positions between the bounds; zero columns where they are unknown.
-    priors : (p, d)
-        Derivatives of the residuals of the priors.
-    in_deviations : bool
-        Whether residuals are multiples of a stated tolerance. Errors are then no smaller than that tolerance explains;
-        else the scatter alone scales them.
-
-    Returns
-    -------
-    Influence
+    Derivatives are with respect to the positions between the bounds, zero columns where they are unknown; those of the
+    residuals of the priors are `priors` (p, d). With `in_deviations` residuals are multiples of a stated tolerance, and
+    errors no smaller than that tolerance explains; else the scatter alone scales them.
     """
     all_values, all_directions = _singular(np.vstack([jacobian, priors]))
     held = all_values > NEGLIGIBLE * max(all_values.max(initial=0.0), 1e-300)
@@ -114,16 +85,10 @@ STEP = 5e-3  # of the range, to both sides: above the ripple of a PWM drive, bel
 
 
 class Neighbourhood(NamedTuple):
-    """A point with candidates below and above it in each parameter.
+    """A point with candidates below and above it in each parameter: values (1 + 2 d, d) [SI].
 
-    Attributes
-    ----------
-    values : (1 + 2 d, d)
-        The point, those below and those above it [SI].
-    width : (d,)
-        Distance between the two candidates of a parameter, in positions between the bounds; less at a bound.
-    scale : (d,)
-        SI value per unit of position, which on a logarithmic scale is not the width of the range.
+    `width` (d,) is the distance between the two candidates of a parameter, in positions between the bounds, less at a
+    bound; `scale` (d,) the SI value per unit of position, which on a logarithmic scale is not the width of the range.
     """
 
     values: Floats

@@ -31,27 +31,14 @@ CLOSE = 4.0
 
 
 def members_of(ends: Sequence[Best]) -> list[Best]:
-    """Optima whose objective is at most `WORST` times that of the best.
-
-    Parameters
-    ----------
-    ends : sequence of Best
-        The best first.
-    """
+    """Optima, the best first, whose objective is at most `WORST` times that of the best."""
     return [end for end in ends if end.cost <= WORST * ends[0].cost]
 
 
 def equal_ends(ends: Sequence[Best], values: int) -> list[Best]:
-    """Optima that explain the data as well as the best one does, for bands.
+    """Optima that explain the data as well as the first, the best one does, for bands.
 
-    The standard deviation of a value is its tolerance, or what the best optimum leaves where that is more.
-
-    Parameters
-    ----------
-    ends : sequence of Best
-        The best first.
-    values : int
-        Number of fitted values.
+    The standard deviation of each of the fitted `values` is its tolerance, or what the best leaves where that is more.
     """
     limit = ends[0].cost + CLOSE * max(1.0, ends[0].cost / values)
     return [end for end in ends if end.cost <= limit]
@@ -63,13 +50,9 @@ def fitted_values(data: Sequence[DataSet]) -> int:
 
 
 def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
-    """Scores of the mean of what several models predict; none unless all data are maps and there are several models.
+    """Scores of the mean of what several models predict, from those of each model.
 
-    Parameters
-    ----------
-    data : sequence of DataSet
-    scores : sequence of sequence of Score
-        Of each model.
+    None unless all data are maps and there are several models.
     """
     maps = [one for one in data if isinstance(one, QuantityData)]
     if len(maps) < len(data) or len(scores) < 2:
@@ -94,15 +77,7 @@ def mean_scores(
 ) -> tuple[tuple[Injector, ...], dict[str, Scores]]:
     """Injectors of the members, and the scores of the mean of what they predict; nothing where there is no mean.
 
-    Parameters
-    ----------
-    study : Study
-    calibrated : Injector
-        The first member.
-    best : tuple of Score
-        Its scores.
-    ends : sequence of Best
-    threads : int or None
+    `calibrated` with the scores `best` is the first member.
     """
     if study.meters or any(not isinstance(data, QuantityData) for data in study.data):
         return (), {}

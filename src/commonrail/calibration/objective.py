@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,30 +15,60 @@ from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.calibration.parameter import broken, distances_past
 from commonrail.data.base import DataSet, Term, is_metered
 from commonrail.data.kinds import in_order, kinds_of
-from commonrail.data.metering import meters_of
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters import given_values
 
 
 class Scores(NamedTuple):
-    """Outcome of candidates.
+    """Outcome of candidates: costs (n,), +inf where a simulation failed, and the single injections that it took.
 
-    Attributes
-    ----------
-    costs : (n,)
-        Objective, +inf where a simulation failed.
-    statuses : (n,) int8
-        Value of `Status`: of the first operating point that failed, OK if none did.
-    simulations : int
-        Single injections that it took.
+    A status is the value of `Status` of the first operating point that failed, OK if none did.
     """
 
     costs: Floats
     statuses: NDArray[np.int8]
     simulations: int
+
+
+class FitObjective(Protocol):
+    """What a fit makes small: for candidates (n, names), SI, their costs and residuals."""
+
+    @property
+    def statuses(self) -> type[IntEnum]:
+        """Statuses that `costs` returns."""
+
+    @property
+    def goal(self) -> Goal:
+        """Loss and priors."""
+
+    @property
+    def data(self) -> Sequence[Any]:
+        """Fitted data sets."""
+
+    @property
+    def injections(self) -> int:
+        """Simulations that a candidate takes."""
+
+    @property
+    def least_cost(self) -> float:
+        """Objective below which a difference is one of rounding, not of the fit."""
+
+    def costs(self, values: Floats) -> Scores:
+        """Costs of candidates."""
+
+    def residuals(self, values: Floats) -> Floats:
+        """Residuals for least squares (n, those of the data, then of the priors), NaN where a simulation failed."""
+
+    def screened(self, values: Floats) -> Floats:
+        """Residuals as `residuals` returns them, of a coarser and quicker simulation where there is one."""
+
+    def linearised(self, values: Floats) -> Floats:
+        """Residuals for derivatives at the first candidate and for standard errors."""
+
+    def why_failed(self, status: Any) -> str:
+        """Sentence on a status of failed candidates, with its cure."""
 
 
 class Objective:
@@ -91,14 +121,13 @@ class Objective:
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
         self._points = tuple(condition.point for condition in goal.conditions)
-        self.data = tuple(self._without_neutral_meter(d) for d in in_order(data))
+        # without a meter that shows what it is given
+        self.data = tuple(
+            d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in in_order(data)
+        )
         kinds = kinds_of(d.kind for d in self.data)
         groups = ((kind, [d for d in self.data if d.kind == kind.kind]) for kind in kinds)
         self._terms = [term for kind, group in groups for term in kind.terms(group, time_step)]
-
-    def _without_neutral_meter(self, data: DataSet) -> DataSet:
-        """The data set itself, or without its meter if that shows what it is given."""
-        return data if data.meter is None or is_metered(data, self.simulator) else data.changed(meter=None)
 
     @property
     def threads(self) -> int | None:
@@ -109,24 +138,19 @@ class Objective:
     def threads(self, threads: int | None) -> None:
         self.simulator.threads = threads
 
-    def own_values(self) -> list[float]:
-        """Values of the parameters that vary as injector and meters have them [SI]."""
-        meters = {
-            meter.parameter(key): float(value[0])
-            for meter in meters_of(self.data)
-            for key, value in given_values(meter, {}, 1).items()
-        }
-        return [self.injector.values[n] if n in self.injector.values else meters[n] for n in self.names]
-
     @property
     def least_cost(self) -> float:
-        """Objective below which a difference is one of rounding, not of the fit."""
+        """Objective below which a difference is one of rounding, not of the fit: none."""
         return 0.0
 
     @property
     def injections(self) -> int:
         """Single injections that a candidate takes."""
         return sum(len(data.simulated_points) for data in self.data) + len(self.goal.conditions)
+
+    def why_failed(self, status: Status) -> str:
+        """Sentence on a status of failed candidates, with its cure."""
+        return f"{status.sentence} Check the start values with `commonrail simulate`."
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
@@ -138,7 +162,7 @@ class Objective:
             total += np.sum(losses(batch, Candidates(self.simulator, values)) * term.weights, axis=1)
             _note_failures(statuses, batch.status, term.failed(batch.status))
         if self.goal.loss is Loss.SOFT_L1:
-            total += np.sum(self._of_data(self._costing, values) ** 2, axis=1)
+            total += np.sum(self._of_data(self._costing, values, self.goal.bent) ** 2, axis=1)
             self._note_reasons(statuses, values, ~np.isfinite(total))
         if self._points:
             batch, past = self._at_conditions(self.simulator, values, self.precision)
@@ -191,18 +215,14 @@ class Objective:
         return self._residuals(self._screening, values)
 
     def _residuals(self, simulator: Simulator, values: Floats) -> Floats:
-        found = self._of_data(simulator, values)
+        found = self._of_data(simulator, values, self.goal.bent)  # their squares sum to the loss
         residuals = np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
         if self._points:
             lost = broken(self.goal.conditions, *self._at_conditions(simulator, values))
             residuals[lost.any(axis=1)] = np.nan
         return residuals
 
-    def _of_data(self, simulator: Simulator, values: Floats) -> Floats:
-        """Residuals (n, all samples and points) whose squares sum to the loss."""
-        return self._scaled(simulator, values, self.goal.bent)
-
-    def _scaled(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
+    def _of_data(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
         """Residuals (n, all samples and points), those of each data set under a law that knows no weight of the set."""
         simulator.threads = self.threads
         found = []
@@ -219,7 +239,7 @@ class Objective:
         """
         if self.goal.loss is not Loss.SOFT_L1:
             return self.residuals(values)
-        found = self._scaled(self.simulator, values, lambda own: own * self.goal.roots_of_weights(own[0]))
+        found = self._of_data(self.simulator, values, lambda own: own * self.goal.roots_of_weights(own[0]))
         return np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
 
 

@@ -14,6 +14,7 @@ from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.plausibility.finding import Finding
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import score_all
+from commonrail.calibration.search import Searched, SearchResult
 from commonrail.calibration.study import Method, Study
 from commonrail.compiler.target import describe, package_versions
 from commonrail.data.base import DataSet, Role, Score
@@ -28,34 +29,51 @@ CERTAINTY = "certainty"  # likelihood, intervals, profiles and verdicts; written
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
 
 
-def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Record of a calibration.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    identified : mapping
-        Per parameter what the data say of it ("effect", "pinned", "standard_error", "verdict"), from
-        `commonrail.calibration.identifiability`.
-    """
-    study = calibration.study
+def fit_record(kind: str, study: Searched, fit: SearchResult) -> dict[str, Any]:
+    """The part of a record that all kinds of fit share; all that depends on the clock is under "clock"."""
     return {
         "schema": SCHEMA,
-        "kind": "calibration",
+        "kind": kind,
         "software": package_versions(),
         "target": describe().machine,
         "title": study.title,
+        "synthetic": study.synthetic,
+        "seed": study.seed,
+        "status": fit.status,
+        "reason": fit.reason,
+        "optimiser": _optimiser(study.method),
+        **({"convergence": fit.convergence.record()} if fit.convergence else {}),
+        "objective": {"start": number(fit.start_cost), "best": number(fit.cost)},
+        "evaluations": {
+            "slots": fit.counts.slots,
+            "simulated": fit.counts.simulated,
+            "failed": fit.counts.failed,
+            "injections": fit.simulations,
+            "failures": dict(sorted(fit.failures.items())),
+        },
+        "generations": [
+            {"generation": g.generation, "best": number(g.best), "mean": number(g.mean)} for g in fit.history
+        ],
+        CLOCK: {
+            "seconds": fit.seconds,
+            "simulations_per_second": fit.simulations / max(fit.seconds, 1e-9),
+            "ended": datetime.now(UTC).isoformat(timespec="seconds"),
+        },
+    }
+
+
+def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Record of a calibration, with what `identify` says of each parameter."""
+    study, bands = calibration.study, getattr(identified, "bands", {})
+    return {
+        **fit_record("calibration", study, calibration),
         "note": study.note,
         **({"author": study.author} if study.author else {}),
         **({"logo": study.logo} if study.logo else {}),
         **({"files": files} if (files := _files(study)) else {}),
-        "synthetic": study.synthetic,
-        "seed": study.seed,
         "time_step": study.time_step,
         "precision": study.precision.value,
         "same_bits": study.same_bits,
-        "status": calibration.status,
-        "reason": calibration.reason,
         "injector": {
             "name": study.injector.name,
             "title": study.injector.title,
@@ -63,31 +81,16 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         },
         "parameters": _parameters(calibration, identified),
         "constraints": list(study.space.labels),
-        "optimiser": _optimiser(study.method),
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
         **({"loss": study.loss.value} if study.loss is not Loss.KINDS else {}),
         **({"loss_scale": study.loss_scale} if study.loss is Loss.SOFT_L1 else {}),
-        **({"convergence": calibration.convergence.record()} if calibration.convergence else {}),
-        "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         **getattr(identified, "sections", {}),
-        "data": _banded(data_records(study.data, calibration.scores), identified),
+        "data": [
+            {**one, "band": bands[one["name"]]} if one["name"] in bands else one
+            for one in data_records(study.data, calibration.scores)
+        ],
         **meter_records(calibration.meters),
         "warnings": warning_records(calibration.warnings),
-        "evaluations": {
-            "slots": calibration.counts.slots,
-            "simulated": calibration.counts.simulated,
-            "failed": calibration.counts.failed,
-            "injections": calibration.simulations,
-            "failures": dict(sorted(calibration.failures.items())),
-        },
-        "generations": [
-            {"generation": g.generation, "best": number(g.best), "mean": number(g.mean)} for g in calibration.history
-        ],
-        CLOCK: {
-            "seconds": calibration.seconds,
-            "simulations_per_second": calibration.simulations / max(calibration.seconds, 1e-9),
-            "ended": datetime.now(UTC).isoformat(timespec="seconds"),
-        },
     }
 
 
@@ -145,12 +148,6 @@ def _baselines(one: DataSet, data: Sequence[DataSet], score: Score | None) -> di
         return {}
     found = score.baselines(of_role(data, Role.FIT))
     return {"baselines": found} if found else {}
-
-
-def _banded(records: list[dict[str, Any]], identified: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Records of data sets with their bands, if `identified` has them."""
-    bands = getattr(identified, "bands", {})
-    return [{**one, "band": bands[one["name"]]} if one["name"] in bands else one for one in records]
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from commonrail.base.arguments import flag, function, instance, thread_count
 from commonrail.base.display import Shown
-from commonrail.base.errors import SimulationError, StudyError
+from commonrail.base.errors import StudyError
 from commonrail.calibration.members import injector_of, mean_scores
-from commonrail.calibration.optimisers.base import Best, Convergence, Counts
 from commonrail.calibration.plausibility.check import after_fit, of_settings, of_start
 from commonrail.calibration.plausibility.finding import Finding
 from commonrail.calibration.plausibility.fit import Fit
 from commonrail.calibration.scoring import Scores, score_all, scores_of
 from commonrail.calibration.search import (
     Checkpoint,
-    Generation,
     Listeners,
     Progress,
     Recorder,
     Search,
+    SearchResult,
     live_progress,
     objective_of,
 )
@@ -31,69 +27,39 @@ from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Score
 from commonrail.data.metering import with_meters
 from commonrail.data.records import JUDGED
-from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.meters import Meter
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
 
-@dataclass(frozen=True, repr=False)
-class Calibration(Shown):
-    """Result of a study.
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Calibration(Shown, SearchResult):
+    """Result of a study: of its search, and what it makes of injector and data.
 
     Attributes
     ----------
     study : Study
     injector : Injector
         The calibrated injector.
-    best : dict of str to float
-        Best values of the free parameters [SI].
-    cost, start_cost : float
-        Objective of the best and of the start values; +inf if nothing succeeded.
-    history : tuple of Generation
-    counts : Counts
-        Slots offered, simulations run, simulations failed; a simulation is one candidate at all points.
-    status, reason : str
-        "finished" or "interrupted", and why it stopped.
     scores : dict of str to tuple of Score
         For "start", "best" and, where the body is flexible, "rigid": every data set, fit and validation. Where several
         optima of maps were found, "mean" is of the mean of what they predict.
-    seconds : float
-        Time of the search.
-    simulations : int
-        Single injections simulated.
-    failures : mapping of str to int
-        Failed simulations by the name of their status.
     warnings : tuple of Finding
         What about study, data and result is implausible, found before and after the fit.
-    convergence : Convergence or None
-        Whether the search has converged, by which rule; None of one that was interrupted.
-    ends : tuple of Best
-        Optima that the search has found side by side, the best first.
     members : tuple of Injector
         Of the optima whose mean is scored, the calibrated injector first; empty where there is none.
+    best, cost, start_cost, history, counts, status, reason, seconds, simulations, failures, convergence, ends
+        As in `commonrail.calibration.search.SearchResult`.
     """
 
     presenter = "commonrail.report.notebook:CALIBRATION"
 
     study: Study
     injector: Injector
-    best: dict[str, float]
-    cost: float
-    start_cost: float
-    history: tuple[Generation, ...]
-    counts: Counts
-    status: str
-    reason: str
     scores: dict[str, tuple[Score, ...]]
-    seconds: float
-    simulations: int
-    failures: Mapping[str, int] = field(default_factory=dict)
-    warnings: tuple[Finding, ...] = ()
-    convergence: Convergence | None = None
-    ends: tuple[Best, ...] = ()
-    members: tuple[Injector, ...] = ()
+    warnings: tuple[Finding, ...]
+    members: tuple[Injector, ...]
 
     @property
     def meters(self) -> tuple[Meter, ...]:
@@ -160,14 +126,22 @@ def calibrate(
         instance(workers, Workers, "workers")
     if checkpoint is not None:
         instance(checkpoint, Checkpoint, "checkpoint")
-    with held_interrupts() as wish:
-        search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, wish), checkpoint)
+    with held_interrupts() as stop:
+        search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, stop), checkpoint)
         start, before = _start(study, threads, warn, strict)
-        calibration = _calibrate(search, study, threads, start)
-        fit = Fit(study, calibration.best, calibration.start_cost, calibration.cost, calibration.scores["best"])
-        after = after_fit(fit, calibration.injector, before)
+        found = search.to_end()
+        injector, finished = injector_of(study, found.best), found.status == "finished"
+        scores = scores_of(study, injector, threads, with_rigid=finished, start=start, best=found.best)
+        members: tuple[Injector, ...] = ()
+        if finished:
+            members, mean = mean_scores(study, injector, scores[JUDGED], found.ends, threads)
+            scores |= mean
+        fit = Fit(study, found.best, found.start_cost, found.cost, scores["best"])
+        after = after_fit(fit, injector, before)
         _tell(after, warn)
-        return replace(calibration, warnings=before + after)
+        return Calibration(
+            study=study, injector=injector, scores=scores, warnings=before + after, members=members, **vars(found)
+        )
 
 
 def check_study(study: Study, threads: int | None = None) -> tuple[Finding, ...]:
@@ -208,52 +182,3 @@ def _refuse(findings: tuple[Finding, ...], strict: bool) -> None:
     if findings and strict:
         others = f" ({len(findings) - 1} more of this kind)" if len(findings) > 1 else ""
         raise StudyError(f"nothing was run, because a warning counts as an error here: {findings[0].sentence}{others}")
-
-
-def _calibrate(search: Search, study: Study, threads: int | None, start: Scores) -> Calibration:
-    status, reason = search.until_stopped()
-    seconds = search.seconds
-    x, cost = search.best
-    if not np.isfinite(cost):
-        if status == "interrupted":
-            raise KeyboardInterrupt
-        raise SimulationError(_all_failed(study.title, search.failures))
-    best = dict(zip(study.space.names, x.tolist(), strict=True))
-    calibrated = injector_of(study, best)
-    scores = scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start, best=best)
-    members: tuple[Injector, ...] = ()
-    if status == "finished":
-        members, mean = mean_scores(study, calibrated, scores[JUDGED], search.ends, threads)
-        scores |= mean
-    return Calibration(
-        study,
-        calibrated,
-        best,
-        cost,
-        float(search.objective.costs(study.space.reference[None, :]).costs[0]),
-        tuple(search.history),
-        search.counts,
-        status,
-        reason,
-        scores,
-        seconds,
-        search.simulations,
-        dict(search.failures),
-        convergence=search.verdict() if status == "finished" else None,
-        ends=search.ends,
-        members=members,
-    )
-
-
-def _all_failed(title: str, failures: Counter[str]) -> str:
-    """Sentence on a search in which nothing could be simulated: the most frequent reason and its cure."""
-    if not failures:
-        return (
-            f"{title}: not one candidate satisfied the constraints, so none was simulated; widen the bounds or "
-            'take initial = "feasible".'
-        )
-    (name, count), total = failures.most_common(1)[0], failures.total()
-    return (
-        f"{title}: not one of {total} candidates could be simulated; {count} of them: "
-        f"{Status[name.upper()].sentence} Check the start values with `commonrail simulate`."
-    )

@@ -25,16 +25,8 @@ def scores_of(
 ) -> dict[str, Scores]:
     """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
 
-    Parameters
-    ----------
-    study : Study
-    calibrated : Injector
-    threads : int or None
-    with_rigid : bool
-    start : tuple of DataScore, optional
-        Of the start values, if they are known.
-    best : mapping of str to float, optional
-        Calibrated values: those of meters count for "best"; start values and rigid body keep the study's meters.
+    `start` are the scores of the start values, if they are known. Of the calibrated values `best` those of meters count
+    for "best"; start values and rigid body keep the study's meters.
     """
     injectors = {"best": calibrated}
     traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
@@ -51,17 +43,9 @@ def scores_of(
 def score_all(
     study: Study, injector: Injector, threads: int | None = None, data: Sequence[DataSet] | None = None
 ) -> tuple[Score, ...]:
-    """Score of each data set, in their order, with the injector as it is.
+    """Score of each data set, in their order, with the injector as it is and time step and `same_bits` of the study.
 
-    Parameters
-    ----------
-    study : Study
-        Its time step and its `same_bits` are taken.
-    injector : Injector
-    threads : int, optional
-        All usable processors by default.
-    data : sequence of DataSet, optional
-        In place of the study's own.
+    `data` stand in place of the study's own.
     """
     simulator = Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)
     return tuple(d.score(simulator) for d in (study.data if data is None else data))

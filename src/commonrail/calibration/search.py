@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
-from commonrail.base.errors import ConfigurationError, StudyError
+from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
 from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import FitObjective, Objective
 from commonrail.calibration.optimisers.base import (
     AGREEING,
     ALIKE,
@@ -37,10 +37,10 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.spread import SpreadObjective
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import longest_for_all
-from commonrail.data.base import DataSet, Role
+from commonrail.data.base import Role
 from commonrail.data.kinds import of_role
 from commonrail.engine.time_step import nice_step
-from commonrail.workers.interrupt import Wish
+from commonrail.workers.interrupt import StopRequest
 from commonrail.workers.workers import Workers
 
 # Steps of a search as they are told, so that they can be kept, and the state from which it goes on.
@@ -53,18 +53,10 @@ class CheckpointError(StudyError):
 
 
 class Step(NamedTuple):
-    """One step of an optimiser: the trials whose costs it was told, and what became of them.
+    """One step of an optimiser: trials (n, d) [SI], their costs (n,), and the single injections that it took.
 
-    Attributes
-    ----------
-    x : (n, d)
-        The trials, SI.
-    costs : (n,)
-        +inf where a simulation failed or there was none.
-    statuses : (n,) int8
-        Values of `Status`; -1 for a trial that was not simulated.
-    simulations : int
-        Single injections that the step took.
+    A cost is +inf where a simulation failed or there was none; a status is a value of `Status`, -1 of a trial that was
+    not simulated.
     """
 
     x: Floats
@@ -82,7 +74,7 @@ class Generation(NamedTuple):
 
     @classmethod
     def of(cls, generation: int, optimiser: Optimiser) -> Generation:
-        """Of a search as it stands."""
+        """Snapshot of an optimiser after its last completed step."""
         costs = optimiser.costs
         finite = costs[np.isfinite(costs)]
         return cls(generation, optimiser.best.cost, float(finite.mean()) if len(finite) else float("inf"))
@@ -91,16 +83,8 @@ class Generation(NamedTuple):
 class Stage(NamedTuple):
     """A search after the latest step of one of its optimisers.
 
-    Attributes
-    ----------
-    state : mapping
-        `Optimiser.state`.
-    simulations : int
-        Single injections so far.
-    failures : mapping of str to int
-        Failed candidates of the first optimiser by the name of their status.
-    seconds : float
-        Time spent so far [s].
+    `state` is `Optimiser.state`, `failures` the failed candidates of the first optimiser by the name of their status;
+    single injections and time [s] are those so far.
     """
 
     state: Mapping[str, Any]
@@ -113,12 +97,7 @@ class Stage(NamedTuple):
 class Checkpoint:
     """A search between two steps: all it needs to go on to the same bits.
 
-    Attributes
-    ----------
-    stages : tuple of Stage
-        One for each optimiser that has begun, in the order in which they run.
-    history : tuple of Generation
-        Of the first one.
+    One stage for each optimiser that has begun, in the order in which they run; the history is that of the first one.
     """
 
     stages: tuple[Stage, ...]
@@ -129,16 +108,7 @@ class Recorder(Protocol):
     """Keeps a search step by step; what it raises ends the search."""
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
-        """Take one step of the last of the checkpoint's stages.
-
-        Parameters
-        ----------
-        step : Step
-        reached : Generation
-            Objective after it.
-        after : Checkpoint
-        """
-        ...
+        """Take one step of the last of the checkpoint's stages, and the objective and checkpoint after it."""
 
 
 # Verdict on the convergence of a search that does not judge itself: restarts that agree, or a collapsed population.
@@ -147,17 +117,11 @@ ONE_POINT = "the search ended with one point and compared it with no other; refi
 LATEST = 20  # generations over which the gain of one is the mean
 
 
-def noise_in(cost: float, residuals: int, parameters: int, goal: tuple[Loss, Sequence[DataSet]]) -> float:
-    """Change of a study's objective that changes 2 ln L by 1, by the objective's own residual noise (`noise_of`).
+def noise_in(cost: float, residuals: int, parameters: int, goal: tuple[Loss, Sequence[Any]]) -> float:
+    """Change of an objective that changes 2 ln L by 1, by the noise of its residuals (`noise_of`).
 
-    Parameters
-    ----------
-    cost : float
-        Objective of the best.
-    residuals, parameters : int
-        Numbers of residuals, those of priors included, and of free parameters.
-    goal : (Loss, sequence of DataSet)
-        Loss and fitted data: J of a curve is a sum of absolute errors.
+    From the objective of the best, the numbers of residuals (those of priors included) and of free parameters, and the
+    loss and fitted data: J of a curve is a sum of absolute errors.
     """
     loss, data = goal
     absolute = loss is Loss.KINDS and any(one.bounds is not None for one in data)
@@ -167,13 +131,7 @@ def noise_in(cost: float, residuals: int, parameters: int, goal: tuple[Loss, Seq
 def judge_population(costs: Floats, history: Sequence[Generation], noise: float) -> Convergence:
     """Verdict on an evolution: converged if its population has collapsed and its best no longer gains.
 
-    Parameters
-    ----------
-    costs : (n,)
-        Objective of the members.
-    history : sequence of Generation
-    noise : float
-        Change of the objective that changes 2 ln L by 1.
+    `costs` (n,) are those of the members, `noise` is the change of the objective that changes 2 ln L by 1.
     """
     finite = costs[np.isfinite(costs)]
     if len(finite) < 2:
@@ -194,14 +152,9 @@ def judge_population(costs: Floats, history: Sequence[Generation], noise: float)
 
 
 def judge_restarts(costs: Floats, noise: float) -> Convergence:
-    """Verdict on refinements: converged if enough of them end within `ALIKE` of the best 2 ln L.
+    """Verdict on refinements: converged if enough of their `costs` (n,) lie within `ALIKE` of the best 2 ln L.
 
-    Parameters
-    ----------
-    costs : (n,)
-        Objective of the ends.
-    noise : float
-        Change of the objective that changes 2 ln L by 1.
+    `noise` is the change of the objective that changes 2 ln L by 1.
     """
     finite = costs[np.isfinite(costs)]
     agreeing = int((finite <= finite.min(initial=np.inf) + ALIKE * noise).sum())
@@ -232,11 +185,11 @@ class Listeners(NamedTuple):
 
     progress: Callable[[Progress], None] | None
     recorder: Recorder | None
-    wish: Wish
+    stop: StopRequest
 
 
 class Searched(Protocol):
-    """Settings of a search: of a study, or of several that are fitted together."""
+    """Settings of a fit: of a study, of several that are fitted together, or of an FMU."""
 
     @property
     def title(self) -> str:
@@ -258,8 +211,12 @@ class Searched(Protocol):
     def same_bits(self) -> bool:
         """As in `Study`."""
 
+    @property
+    def synthetic(self) -> str:
+        """Synthetic parts of the data, empty if there are none."""
 
-def steps(optimiser: Optimiser, objective: Objective) -> Iterator[Step]:
+
+def steps(optimiser: Optimiser, objective: FitObjective) -> Iterator[Step]:
     """Run an optimiser to its end, and yield each step once it has been answered."""
     simulations = 0
     while not optimiser.finished:
@@ -278,7 +235,7 @@ def steps(optimiser: Optimiser, objective: Objective) -> Iterator[Step]:
             simulations = 0
 
 
-def _costs(trials: Trials, objective: Objective) -> Step:
+def _costs(trials: Trials, objective: FitObjective) -> Step:
     if trials.simulate.all():
         return Step(trials.x, *objective.costs(trials.x))
     costs = np.full(len(trials.x), np.inf)
@@ -298,13 +255,7 @@ def goal_of(study: Study) -> Goal:
 
 
 def objective_of(study: Study, threads: int | None) -> Objective:
-    """Objective of a study's fit data.
-
-    Raises
-    ------
-    StudyError
-        If the study has none.
-    """
+    """Objective of a study's fit data; `StudyError` if the study has none."""
     fit = of_role(study.data, Role.FIT)
     if not fit:
         raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
@@ -312,69 +263,131 @@ def objective_of(study: Study, threads: int | None) -> Objective:
     return Objective(study.injector, study.space.names, fit, *how, goal=goal_of(study), same_bits=study.same_bits)
 
 
-class Search:
-    """State of a running calibration.
+@dataclass(frozen=True, kw_only=True)
+class SearchResult:
+    """What a search has found: the part that the results of all kinds of fit share.
 
-    Parameters
+    Attributes
     ----------
-    study : Searched
-    objective : Objective
-        Simulates on its threads.
-    workers : Workers or None
-        Simulate in its place.
-    listeners : Listeners
-    checkpoint : Checkpoint, optional
-        Where to go on.
+    best : dict of str to float
+        Best values of the free parameters [SI; of an FMU in its units].
+    cost, start_cost : float
+        Objective of the best and of the start values; +inf if these failed.
+    history : tuple of Generation
+    counts : Counts
+        Slots offered, candidates simulated and candidates failed, of the first optimiser.
+    status, reason : str
+        "finished" or "interrupted", and why it stopped.
+    seconds : float
+        Time of the search.
+    simulations : int
+        Single injections, or simulations of an FMU.
+    failures : mapping of str to int
+        Failed candidates by the name of their status.
+    convergence : Convergence or None
+        Whether the search has converged, by which rule; None of one that was interrupted.
+    ends : tuple of Best
+        Optima that the search has found side by side, the best first.
+    """
 
-    Raises
-    ------
-    CheckpointError
-        If the checkpoint belongs to another search.
+    best: dict[str, float]
+    cost: float
+    start_cost: float
+    history: tuple[Generation, ...]
+    counts: Counts
+    status: str
+    reason: str
+    seconds: float
+    simulations: int
+    failures: Mapping[str, int]
+    convergence: Convergence | None
+    ends: tuple[Best, ...]
+
+
+class Search:
+    """Search of a fit on its way; with `workers`, they simulate in place of the objective's threads.
+
+    `CheckpointError` if the checkpoint belongs to another search. `check_stop` raises `KeyboardInterrupt` while the
+    search runs, if a stop was asked for.
     """
 
     def __init__(
         self,
         study: Searched,
-        objective: Objective,
+        objective: FitObjective,
         workers: Workers | None,
         listeners: Listeners,
         checkpoint: Checkpoint | None = None,
     ) -> None:
-        self.study, self.listeners = study, listeners
-        self.objective = objective if workers is None else SpreadObjective(objective, workers)
+        self.study, self.listeners, self.objective = study, listeners, objective
+        if workers is not None:
+            assert isinstance(objective, Objective)
+            self.objective = SpreadObjective(objective, workers, study.space.reference)
+        self.check_stop = listeners.stop.check
         self.history: list[Generation] = []
-        self._residuals = 0  # number of residuals, once it is known
         self.simulations = 0
         self.failures: Counter[str] = Counter()
         self._row = _row(study.method, study.space, study.seed)
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
+        self._residuals = 0  # number of residuals, once it is known
         self._start = time.perf_counter()
         if checkpoint is not None:
-            self._restore(checkpoint)
+            try:
+                self._take_up(checkpoint)
+            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, ConfigurationError) as error:
+                raise CheckpointError(
+                    f"{study.title}: what was kept of the search is damaged or another study's ({error})."
+                ) from error
 
-    @property
-    def seconds(self) -> float:
+    def to_end(self) -> SearchResult:
+        """Run each optimiser to its end, the next one from what it has found, or until the user stops it.
+
+        `KeyboardInterrupt` if it was stopped before a candidate could be simulated, `SimulationError` if none could be.
+        """
+        status = "finished"
+        try:
+            self.check_stop()
+            self._run()
+        except KeyboardInterrupt:
+            status = "interrupted"
+        self.check_stop = lambda: None  # what follows is short
+        seconds, last = self._seconds(), self._begun[-1]
+        x, cost = last.best
+        if not np.isfinite(cost):
+            if status == "interrupted":
+                raise KeyboardInterrupt
+            raise SimulationError(_all_failed(self.study.title, self.failures, self.objective))
+        names, start = self.study.space.names, self.study.space.reference[None, :]
+        return SearchResult(
+            best=dict(zip(names, x.tolist(), strict=True)),
+            cost=cost,
+            start_cost=float(self.objective.costs(start).costs[0]),
+            history=tuple(self.history),
+            counts=self._begun[0].counts,
+            status=status,
+            reason=self._reason() if status == "finished" else "stopped by the user",
+            seconds=seconds,
+            simulations=self.simulations,
+            failures=dict(self.failures),
+            convergence=self._verdict() if status == "finished" else None,
+            ends=last.ends,
+        )
+
+    def _run(self) -> None:
+        while True:
+            while not self._ends(self._begun[-1]):
+                self._note(next(steps(self._begun[-1], self.objective)))
+            if len(self._begun) == len(self._row):
+                return
+            self._before = self._checkpoint().stages
+            self._begun.append(self._row[len(self._begun)](self._begun[-1]))
+
+    def _seconds(self) -> float:
         """Time spent, that before a restart included [s]."""
         return time.perf_counter() - self._start
 
-    @property
-    def best(self) -> Best:
-        """Best values and cost so far."""
-        return self._begun[-1].best
-
-    @property
-    def ends(self) -> tuple[Best, ...]:
-        """Optima that the last optimiser has found side by side, the best first."""
-        return self._begun[-1].ends
-
-    @property
-    def counts(self) -> Counts:
-        """Slots, simulations and failures of the first optimiser."""
-        return self._begun[0].counts
-
-    @property
-    def reason(self) -> str:
+    def _reason(self) -> str:
         """Reason for the end of the first optimiser; where refinements are judged, its own verdict is not in it."""
         first, last = self._begun[0], self._begun[-1]
         told = first.finished or first.verdict is not None
@@ -383,7 +396,7 @@ class Search:
             return found
         return f"{first.phase}: {re.sub('(not )?converged: ', '', found)}; then {last.phase}"
 
-    def verdict(self) -> Convergence:
+    def _verdict(self) -> Convergence:
         """Verdict on convergence: that of the refinements, else of the first optimiser or on its population."""
         first, last = self._begun[0], self._begun[-1]
         if isinstance(last, Refinement) and len(last.end_costs):
@@ -411,28 +424,6 @@ class Search:
         first = optimiser is self._begun[0] and optimiser.verdict is None
         return first and np.isfinite(optimiser.best.cost) and self._of_population(optimiser).converged
 
-    def run(self) -> None:
-        """Each optimiser to its end, the next one from what it has found."""
-        while True:
-            while not self._ends(self._begun[-1]):
-                self._note(next(steps(self._begun[-1], self.objective)))
-            if len(self._begun) == len(self._row):
-                return
-            self._begin_next()
-
-    def until_stopped(self) -> tuple[str, str]:
-        """Run to the end, or until the user stops it; status, "finished" or "interrupted", and reason."""
-        try:
-            self.listeners.wish.heed()
-            self.run()
-        except KeyboardInterrupt:
-            return "interrupted", "stopped by the user"
-        return "finished", self.reason
-
-    def _begin_next(self) -> None:
-        self._before = self.checkpoint().stages
-        self._begun.append(self._row[len(self._begun)](self._begun[-1]))
-
     def _note(self, step: Step) -> None:
         self.simulations += step.simulations
         optimiser = self._begun[-1]
@@ -442,25 +433,16 @@ class Search:
             self.failures.update(self.objective.statuses(status).name.lower() for status in failed)
             self.history.append(reached)
         if self.listeners.recorder is not None:
-            self.listeners.recorder.step(step, reached, self.checkpoint())
+            self.listeners.recorder.step(step, reached, self._checkpoint())
         if self.listeners.progress is not None:
-            told = (optimiser.phase, optimiser.steps, optimiser.total, *reached[1:], self.simulations, self.seconds)
+            told = (optimiser.phase, optimiser.steps, optimiser.total, *reached[1:], self.simulations, self._seconds())
             with suppress(OSError, ValueError):  # a terminal that went away must not end the search
                 self.listeners.progress(Progress(*told))
-        self.listeners.wish.heed()
+        self.check_stop()
 
-    def checkpoint(self) -> Checkpoint:
-        """The search as it stands."""
-        now = Stage(self._begun[-1].state(), self.simulations, dict(self.failures), self.seconds)
+    def _checkpoint(self) -> Checkpoint:
+        now = Stage(self._begun[-1].state(), self.simulations, dict(self.failures), self._seconds())
         return Checkpoint((*self._before, now), tuple(self.history))
-
-    def _restore(self, checkpoint: Checkpoint) -> None:
-        try:
-            self._take_up(checkpoint)
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, ConfigurationError) as error:
-            raise CheckpointError(
-                f"{self.study.title}: what was kept of the search is damaged or another study's ({error})."
-            ) from error
 
     def _take_up(self, checkpoint: Checkpoint) -> None:
         """Go on with the last optimiser whose forerunners have all finished: they may have been given more to do."""
@@ -478,16 +460,20 @@ class Search:
         self._start -= spent
 
 
-def _row(method: Method, space: Space, seed: int) -> list[_Begin]:
-    """Optimisers of a study in the order in which they run: the one that it names, then refinements of what that found.
+def _all_failed(title: str, failures: Counter[str], objective: FitObjective) -> str:
+    """Sentence on a search in which nothing could be simulated: the most frequent reason and its cure."""
+    if not failures:
+        return (
+            f"{title}: not one candidate satisfied the constraints, so none was simulated; widen the bounds or "
+            'take initial = "feasible".'
+        )
+    (name, count), total = failures.most_common(1)[0], failures.total()
+    why = objective.why_failed(objective.statuses[name.upper()])
+    return f"{title}: not one of {total} candidates could be simulated; {count} of them: {why}"
 
-    Parameters
-    ----------
-    method : Method
-    space : Space
-    seed : int
-        Of all their draws.
-    """
+
+def _row(method: Method, space: Space, seed: int) -> list[_Begin]:
+    """Optimisers of a fit in the order in which they run: the one that it names, then refinements of its result."""
     first = registered(method.evolution)
     assert first is not None  # Method has checked it
     stages: list[_Begin] = [lambda _: first.begin(space, np.random.default_rng(seed), method.evolution)]

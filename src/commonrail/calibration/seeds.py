@@ -23,7 +23,7 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.folds import Fold, folded_record, levels, without
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.engine.simulate import usable_threads
-from commonrail.workers.interrupt import Wish, held_interrupts
+from commonrail.workers.interrupt import StopRequest, held_interrupts
 from commonrail.workers.workers import Workers
 
 # Further searches of a study: with other seeds, and without the rows that they then predict.
@@ -43,20 +43,8 @@ def refits_of(
 ) -> dict[str, Any]:
     """Searches that the study's `judgement` asks for, as a JSON-able record; empty where it asks for none.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Of the study; nothing is searched if it was interrupted.
-    threads : int, optional
-        All usable processors by default.
-    workers : Workers, optional
-    note : function of str
-        Called before each search.
-
-    Returns
-    -------
-    dict
-        "seeds" and "left_out"; "interrupted" is true if the user stopped before the last search.
+    "seeds" and "left_out"; "interrupted" is true if the user stopped before the last search. Nothing is searched if the
+    calibration was interrupted. `note` is called before each search.
     """
     wanted: Judgement = calibration.study.judgement
     if not wanted.wanted or calibration.status != "finished":
@@ -194,8 +182,8 @@ def for_seeds(
             with suppress(OSError, ValueError):  # a terminal that went away must not end the work
                 progress(SeedProgress(counter.generations, len(futures) * generations, done, len(futures), seconds))
 
-    with held_interrupts() as wish, ThreadPoolExecutor(threads or usable_threads()) as pool:
-        counter = _Counter(wish)
+    with held_interrupts() as stop, ThreadPoolExecutor(threads or usable_threads()) as pool:
+        counter = _Counter(stop)
         futures = [pool.submit(search, seed, counter.count) for seed in seeds]
         try:
             _watch(futures, lambda pending: tell(futures, pending))
@@ -212,8 +200,8 @@ def for_seeds(
 class _Counter:
     """Count of the generations of all threads; ends them if the user wishes or a search has failed."""
 
-    def __init__(self, wish: Wish) -> None:
-        self.wish, self.ended, self.generations = wish, False, 0
+    def __init__(self, stop: StopRequest) -> None:
+        self.stop, self.ended, self.generations = stop, False, 0
         self._lock = threading.Lock()
 
     def count(self) -> None:
@@ -222,7 +210,7 @@ class _Counter:
             self.generations += 1
         if self.ended:
             raise KeyboardInterrupt
-        self.wish.heed()
+        self.stop.check()
 
 
 def _watch(futures: Sequence[Future[_Found]], tell: Callable[[int], None]) -> None:

@@ -46,10 +46,13 @@ class Piece(NamedTuple):
 
 
 class Evaluation:
-    """Costs or residuals of candidates, on one thread: the work of a calibration's workers."""
+    """Costs or residuals of candidates, on one thread: the work of a calibration's workers.
 
-    def __init__(self, objective: Objective) -> None:
-        self.objective = copy.copy(objective)
+    They are tried with the start values (names,) [SI].
+    """
+
+    def __init__(self, objective: Objective, start: Floats) -> None:
+        self.objective, self.start = copy.copy(objective), start
         self.objective.threads = 1
 
     def __call__(self, argument: tuple[str, Floats]) -> Any:
@@ -63,30 +66,20 @@ class Evaluation:
         return self.objective.simulator.same_bits
 
     def probe(self) -> bytes:
-        """Bits of the objective of the injector's own values."""
-        own = np.array([self.objective.own_values()])
-        return self.objective.costs(own).costs.tobytes()
+        """Bits of the objective of the start values."""
+        return self.objective.costs(self.start[None, :]).costs.tobytes()
 
 
 class SpreadObjective(Objective):
-    """An `Objective` whose costs and residuals come from workers, to the same bits.
+    """An `Objective` whose costs and residuals come from workers, to the same bits; its kernel is compiled here first.
 
-    Parameters
-    ----------
-    objective : Objective
-        Its kernel is compiled here first.
-    workers : Workers
-
-    Raises
-    ------
-    StudyError
-        From `costs` and `residuals`: if a piece was lost as often as the limits allow.
+    `costs` and `residuals` raise a `StudyError` if a piece was lost as often as the limits allow.
     """
 
-    def __init__(self, objective: Objective, workers: Workers) -> None:
+    def __init__(self, objective: Objective, workers: Workers, reference: Floats) -> None:
         vars(self).update(vars(objective))  # the same injector, data and settings
         self._workers = workers
-        work = Evaluation(objective)
+        work = Evaluation(objective, reference)
         self._package = pack(work)
         start = time.perf_counter()
         work.probe()
@@ -148,22 +141,10 @@ def _piece(task: Task) -> Piece:
 
 
 def cut(candidates: int, workers: int, seconds: float) -> list[Piece]:
-    """Pieces of a population.
+    """Pieces of a population, each of whole SIMD blocks but the last, which may end with a part of one.
 
-    Parameters
-    ----------
-    candidates : int
-    workers : int
-        As many pieces as are evaluated at the same time.
-    seconds : float
-        Time of one SIMD block [s].
-
-    Returns
-    -------
-    list of Piece
-        Each of whole blocks but the last, which may end with a part of one. As many as last `SHORTEST` or longer, a
-        multiple of `workers` if there are more than that, `SHARES` for each worker, more only if one would take longer
-        than `LONGEST`.
+    As many as last `SHORTEST` or longer by the time of one block [s], a multiple of `workers` if there are more than
+    that, `SHARES` for each worker, more only if one would take longer than `LONGEST`.
     """
     blocks = -(-candidates // BLOCK)
     most = max(int(blocks * seconds / SHORTEST), 1)

@@ -1,10 +1,10 @@
-"""Calibration of a study into a run folder, and its resumption: progress, result, report."""
+"""A fit in its run folder on the command line: progress, report, figures, end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from commonrail.runs.fit import Listener
     from commonrail.workers.workers import Workers
 
-_Result = TypeVar("_Result")
-
 
 class Outcome(NamedTuple):
-    """Run folder, report and the record in result.json."""
+    """Run folder, report and the record of the result."""
 
     folder: Path
     report: Path
@@ -39,50 +37,42 @@ class Outcome(NamedTuple):
 def run_study(
     study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
 ) -> Outcome:
-    """Calibrate a study into a new folder, with progress and warnings on stderr.
-
-    Without `threads` all processors are used, without `workers` this process simulates. Raises `InputError` if the
-    folder is not empty, `OutputError` if it cannot be written, and `StudyError` if the study cannot be run, or is
-    `strict` and gives a warning; the folder is removed if nothing was simulated.
-    """
+    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
-    def work(listener: Listener) -> object:
-        return calibrate_into(folder, study, threads=threads, workers=workers, listener=listener, strict=strict)
-
-    return outcome_of(f"{study.title}: steps of {to_text(study.time_step, 's')}", folder, work)
-
-
-def outcome_of(title: str, folder: Path, work: Callable[[Listener], object]) -> Outcome:
-    """Outcome of work that fills a run folder, with its progress on stderr."""
-    from commonrail.runs.folder import read_result
-
-    return Outcome(folder, reported(title, folder, work)[0], read_result(folder))
+    return reported(
+        f"{study.title}: steps of {to_text(study.time_step, 's')}",
+        folder,
+        lambda listener: calibrate_into(
+            folder, study, threads=threads, workers=workers, listener=listener, strict=strict
+        ),
+    )
 
 
 def reported(
-    title: str, folder: Path, work: Callable[[Listener], _Result], stage: Callable[[Progress], Stage] | None = None
-) -> tuple[Path, _Result]:
-    """Report of a run folder and the result of the search that fills it, with its progress on stderr.
+    title: str, folder: Path, work: Callable[[Listener], object], stage: Callable[[Progress], Stage] | None = None
+) -> Outcome:
+    """Run a fit of any kind in its folder, with its progress on stderr, and write its report.
 
-    `stage` makes the stage for the bar, by default `stage_of`.
+    `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
     from commonrail.report.page import write_report
+    from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
     from commonrail.workers.interrupt import held_interrupts
 
     shown = stage_of if stage is None else stage
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar:
-            result = work(Listener(lambda p: bar.show(shown(p)), bar.note))
-        return write_report(folder), result
+            work(Listener(lambda p: bar.show(shown(p)), bar.note))
+        report = write_report(folder)
+        return Outcome(folder, report, dict(kind_of(folder).read(folder)))
 
 
 def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
-    """Print the figures of a run; exit status 130 if it was stopped.
+    """Print figures or the record of a run; exit status 130 if it was stopped.
 
-    `json`: print the record instead of tables. `strict`: treat warnings as errors. Raises `StudyError` if `strict` and
-    the run has given a warning; its files are written.
+    `StudyError` if `strict` and the run has given a warning; its files are written.
     """
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.fit.tables import parameter_table, tables_of
@@ -112,7 +102,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
         for line in (line for group in lines for line in group):
             click.echo(line)
         click.echo(f"report: {outcome.report}{_mention(warnings)}")
-    end_if_stopped(outcome.record["status"], outcome.folder)
+    end_if_stopped(outcome)
     if strict and warnings:
         raise StudyError(
             f"{outcome.folder} is written, and has {counted(len(warnings), 'warning')}; the first: "
@@ -120,12 +110,12 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
         )
 
 
-def end_if_stopped(status: str, folder: Path) -> None:
+def end_if_stopped(outcome: Outcome) -> None:
     """End the command with exit status 130 and a sentence if a search was stopped by a signal."""
-    if status == "interrupted":
+    if outcome.interrupted:
         say(
-            f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "
-            "the run."
+            f"commonrail: interrupted; the best values so far are in {outcome.folder}. `commonrail resume "
+            f"{outcome.folder}` resumes the run."
         )
         raise SystemExit(INTERRUPTED)
 
@@ -134,11 +124,8 @@ def _mention(warnings: Sequence[Any]) -> str:
     return f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
 
 
-def stage_of(p: Progress) -> Stage:
+def stage_of(p: Progress, counted: str = "injections") -> Stage:
     """Stage of a search for the bar."""
-    return Stage(p.phase, p.generation, p.generations, _figures(p))
-
-
-def _figures(p: Progress) -> str:
     speed = p.simulated / p.seconds if p.seconds > 0.0 else 0.0
-    return f"best {p.best:.4g}, mean {p.mean:.4g}, {speed:.0f} injections/s"
+    figures = f"best {p.best:.4g}, mean {p.mean:.4g}, {speed:.0f} {counted}/s"
+    return Stage(p.phase, p.generation, p.generations, figures)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import Figure
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
-from commonrail.base.text import duration, number, significant
-from commonrail.calibration.optimisers.registry import size_in_words
+from commonrail.base.text import number, significant
 from commonrail.data.records import Record
-from commonrail.report.draw.figure import drawings, figure_html, small_html
+from commonrail.report.draw.figure import drawings, small_html
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables
-from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
+from commonrail.report.fit.figures import error_maps, figures_of
 from commonrail.report.fit.record import rerun_lines
+from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.tables import parameter_rows, tables_of
 from commonrail.report.fit.verdict import (
     combination_table,
@@ -107,7 +105,7 @@ def report_html(
         lines=headline(record),
         tables=tables_of(record["data"], record["labels"]),
         figures=[(f, small_html(f, f"figure-{i}")) for i, f in enumerate(figures)] if many else drawings(figures),
-        convergence=_convergence(record),
+        convergence=convergence_section(record),
         judgement_lines=judgement_lines(record),
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
@@ -122,45 +120,7 @@ def report_html(
     )
 
 
-def _convergence(record: Record) -> tuple[Figure, str] | None:
-    if len(record["generations"]) < 2:
-        return None
-    figure = convergence_figure(record["generations"])
-    return figure, figure_html(figure, "convergence")
-
-
-def _search(settings: Mapping[str, Any]) -> str:
-    """Settings of the search."""
-    polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
-    initial = settings.get("initial", "")
-    first = f"; first population {_FIRST.get(initial, initial)}" if initial else ""
-    return f"{settings['method']}, {size_in_words(settings)}{first}{polish}"
-
-
-_FIRST = {
-    "feasible": "drawn from what is feasible",
-    "uniform": "drawn from the whole box",
-    "reference": "the start values, the rest drawn from what is feasible",
-}
-
-
 def _facts(record: Record) -> list[tuple[str, str]]:
-    """Numbers that say how the result came about."""
-    counts, clock = record["evaluations"], record["clock"]
-    names = {"slots": "candidates proposed", "simulated": "simulated", "failed": "failed"}
-    evaluations = [f"{counts[key]:,} {words}" for key, words in names.items()]
-    speed = f"{counts['injections']:,} injections; {significant(clock['simulations_per_second'], 3)} injections/s"
     bits = ", the same bits on every x86-64 processor" if record["same_bits"] else ""
-    scale = record.get("loss_scale")
-    robust = [("Loss", f"soft L1 of scale {significant(scale, 4)}")] if scale else []
-    return [
-        ("Search", _search(record["optimiser"])),
-        *robust,
-        ("Evaluations", "; ".join(evaluations)),
-        ("Simulations", speed),
-        ("Time of the search", duration(clock["seconds"])),
-        ("Ended", f"{record['status']}: {record['reason'] or 'the optimiser was done'}"),
-        ("Seed", str(record["seed"])),
-        ("Time step", f"{significant(record['time_step'], 4, 1e6)} µs, {record['precision']}{bits}"),
-        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
-    ]
+    step = f"{significant(record['time_step'], 4, 1e6)} µs, {record['precision']}{bits}"
+    return search_facts(record, more=[("Time step", step)])

@@ -5,22 +5,17 @@ from __future__ import annotations
 import os
 import sqlite3
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from commonrail.base.errors import CommonrailError, InputError, StudyError
-from commonrail.base.hooks import quiet
 from commonrail.base.input import fingerprint, read_plain, sha256
 from commonrail.base.output import SUMS, listed, replacing, write_text, writing
-from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
 from commonrail.readers.limits import read_text
 from commonrail.readers.toml import LARGEST_TOML
-from commonrail.runs.fingerprint import content_of
 from commonrail.runs.folder import LIKELY, MEMBER, RESULT, STUDY, TRACES
 from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, opened_to_read
 from commonrail.runs.seals import rows_of
@@ -32,21 +27,14 @@ MOST = 3  # keys that a sentence names
 
 
 def check_files(journal: Journal, as_begun: bool) -> None:
-    """Refuse to go on with other files than those of the beginning.
+    """Refuse to go on with other files than those of the beginning, with `as_begun` with other copies alone.
 
-    Parameters
-    ----------
-    journal : Journal
-    as_begun : bool
-        Leave out the files that were copied; the copies alone count.
-
-    Raises
-    ------
-    StudyError
-        If a file has changed; the sentence says which, and of the study which keys.
+    The sentence of the `StudyError` says which file has changed, and of the study which keys.
     """
     about, inputs = journal.about, journal.inputs
-    _finish_writing(journal.folder, about, inputs)
+    if inputs and about.get("before") and fingerprint(journal.folder / inputs[0].name) == about["before"]:
+        # a crash came between the journal's note of more generations and the file
+        write_text(journal.folder / inputs[0].name, about.get("study", ""))
     for i, item in enumerate(inputs):
         path = journal.folder / item.name
         if (now := fingerprint(path)) != item.copy:
@@ -63,12 +51,6 @@ def check_files(journal: Journal, as_begun: bool) -> None:
                 f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
                 f"or go on with the copy as it was: `commonrail resume {journal.folder} --as-begun`."
             )
-
-
-def _finish_writing(folder: Path, about: Mapping[str, str], inputs: list[Input]) -> None:
-    """Write the study with more generations, if a crash came between the journal's note of it and the file."""
-    if inputs and about.get("before") and fingerprint(folder / STUDY) == about["before"]:
-        write_text(folder / STUDY, about.get("study", ""))
 
 
 def _what(before: str, path: Path) -> str:
@@ -103,86 +85,38 @@ RESERVED = (STUDY, "calibrated.toml", LIKELY, RESULT, TRACES, "report.html", SUM
 _NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
 
 
-def copies_of(study: Study) -> list[str]:
-    """Names of the files that `copy_study` will write into a run folder."""
-    return [place.as_posix() for place in _places(list(study.files)).values()] if study.files else []
+def places_of(sources: Iterable[Path], main: str, results: Sequence[str] = ()) -> dict[Path, Path]:
+    """Relative path of each copy in a run folder: the first file is `main`, one below its folder keeps its place.
 
-
-def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study, str]:
-    """Copy the files of a study into a run folder, and read the study again from there.
-
-    Returns
-    -------
-    list of Input, Study, str
-        The files; none, and the study itself, if it was made or changed in Python beyond its seed and generations.
-        With the fingerprint of the study.
-
-    Raises
-    ------
-    StudyError
-        If a file has changed since it was read.
-    OutputError
-        If a copy cannot be written.
+    All others, and those with the name of a file that a run writes itself, such as `results` (in small letters), come
+    into a folder of their own.
     """
-    if not study.files:
-        return [], study, content_of(study)
-    inputs = _copy_files(study.files, folder, _places(list(study.files)))
-    with quiet():
-        own = load_study(folder / STUDY)
-    wanted, text = study.method.evolution.generations, own.text
-    if study.seed != own.seed:
-        text = set_in_study(text, ("seed",), study.seed)
-    if wanted != own.method.evolution.generations:
-        text = set_in_study(text, ("optimiser", "generations"), wanted)
-    if text != own.text:
-        write_text(folder / STUDY, text)
-        inputs[0] = inputs[0]._replace(copy=sha256(text.encode()))
-        own = with_generations(replace(own, seed=study.seed, text=text), wanted)
-    content = content_of(study)
-    if content_of(own) == content:
-        return inputs, own, content
-    for item in inputs:
-        (folder / item.name).unlink()
-    return [], study, content
+    found: dict[Path, Path] = {}
+    for source in sources:
+        if not found:
+            base, place = source.parent, Path(main)
+        elif source.is_relative_to(base):
+            place = source.relative_to(base)
+            place = Path(OUTSIDE, place) if _is_result(place, results) else place
+        else:
+            place = Path(OUTSIDE, source.name)
+        while place in found.values():
+            place = place.with_name(f"{place.stem}-2{place.suffix}")
+        found[source] = place
+    return found
 
 
-def places_apart(sources: Iterable[Path], main: str) -> dict[Path, Path]:
-    """Relative path of each copy: the first file is `main`, all others come into a folder of their own.
+def _is_result(place: Path, results: Sequence[str]) -> bool:
+    name = place.as_posix().lower()
+    return name in RESERVED or any(fnmatchcase(name, pattern) for pattern in (MEMBER.format("*"), *results))
 
-    Parameters
-    ----------
-    sources : iterable of Path
-    main : str
+
+def copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path]) -> list[Input]:
+    """Copy files of known SHA-256 to their places; where one names another that has a new path, the copy names that.
+
+    `StudyError` if a file has changed since it was read, `OutputError` if a copy cannot be written.
     """
-    return _places(list(sources), main, apart=True)
-
-
-def copy_apart(sources: Mapping[Path, str], folder: Path, main: str) -> list[Input]:
-    """Copy files into a run folder, to `places_apart`.
-
-    Parameters
-    ----------
-    sources : mapping of Path to str
-        SHA-256 of each file.
-    folder : Path
-    main : str
-
-    Raises
-    ------
-    StudyError
-        If a file has changed since it was read.
-    OutputError
-        If a copy cannot be written.
-    """
-    return _copy_files(sources, folder, places_apart(sources, main))
-
-
-def _copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path]) -> list[Input]:
-    """Copy files; one below the study's folder keeps its relative path, others come into a folder of their own.
-
-    Where a file names another that has a new path, the copy names that one.
-    """
-    kept = []
+    copied = []
     for source, digest in sources.items():
         content = read_plain(source)
         if sha256(content) != digest:
@@ -195,30 +129,8 @@ def _copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path,
         with replacing(path, "wb") as stream:
             stream.write(content)
         origin = os.fsencode(source).decode("utf-8", "backslashreplace")
-        kept.append(Input(places[source].as_posix(), origin, digest, sha256(content)))
-    return kept
-
-
-def _is_result(place: Path) -> bool:
-    """True for the name of a file that a run writes itself."""
-    name = place.as_posix().lower()
-    return name in RESERVED or fnmatchcase(name, MEMBER.format("*"))
-
-
-def _places(sources: list[Path], main: str = STUDY, *, apart: bool = False) -> dict[Path, Path]:
-    """Relative path of each copy; the first file is `main`, and if `apart` no other one lies beside it."""
-    base = sources[0].parent
-    places = {sources[0]: Path(main)}
-    for source in sources[1:]:
-        if source.is_relative_to(base):
-            place = source.relative_to(base)
-            place = Path(OUTSIDE, place) if apart or _is_result(place) else place
-        else:
-            place = Path(OUTSIDE, source.name)
-        while place in places.values():
-            place = place.with_name(f"{place.stem}-2{place.suffix}")
-        places[source] = place
-    return places
+        copied.append(Input(places[source].as_posix(), origin, digest, sha256(content)))
+    return copied
 
 
 def _relocated(content: bytes, source: Path, places: Mapping[Path, Path]) -> bytes:
@@ -252,47 +164,8 @@ def _absolute(source: Path, name: str) -> Path:
     return Path(os.path.abspath(source.parent / name))
 
 
-def with_generations(study: Study, generations: int) -> Study:
-    """The study with another number of generations."""
-    evolution = replace(study.method.evolution, generations=generations)
-    return replace(study, method=replace(study.method, evolution=evolution))
-
-
-def set_in_copy(folder: Path, item: Input, values: Mapping[str, int | str]) -> Input:
-    """Write top-level values into a copied TOML file, and return its entry with the new checksum.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    item : Input
-        Entry of the copy.
-    values : mapping of str to int or str
-        Values by key.
-
-    Raises
-    ------
-    OutputError
-        If the copy cannot be written.
-    """
-    path = folder / item.name
-    text = read_plain(path).decode("utf-8-sig")
-    for key, value in values.items():
-        text = set_in_study(text, (key,), value)
-    write_text(path, text)
-    return item._replace(copy=sha256(text.encode()))
-
-
-def set_in_study(text: str, keys: tuple[str, ...], value: int | str) -> str:
-    """Text of a study file with one value changed or added.
-
-    Parameters
-    ----------
-    text : str
-    keys : tuple of str
-        Keys that lead to the value from the top.
-    value : int or str
-    """
+def set_in_text(text: str, keys: tuple[str, ...], value: int | str) -> str:
+    """Text of a TOML file with the value changed or added to which `keys` lead from the top."""
     import tomlkit  # slow to import
 
     document = tomlkit.parse(text)
@@ -311,18 +184,9 @@ DEEPEST = 4  # folders above a file in which a run is looked for: copies of data
 
 
 def refuse_file_of_run(path: Path, option: str) -> None:
-    """Refuse to replace a result, the journal or a copied input of a run; other files in its folder may be replaced.
+    """Refuse (`InputError`) to replace a result, the journal or a copied input of a run.
 
-    Parameters
-    ----------
-    path : Path
-    option : str
-        Option of the command line that named it.
-
-    Raises
-    ------
-    InputError
-        If there is such a file at this path.
+    Other files in its folder may be replaced. `option` of the command line named the file.
     """
     if not path.exists():
         return
@@ -338,12 +202,8 @@ def _is_own(folder: Path, name: str) -> bool:
     if not (has_sums or has_journal):
         return False
     own = set(listed(folder / SUMS)) if has_sums else set()
-    with suppress(CommonrailError, sqlite3.Error):  # a damaged journal is not this command's affair
-        own |= _copied(folder / JOURNAL) if has_journal else set()
+    if has_journal:
+        # a damaged journal is not this command's affair
+        with suppress(CommonrailError, sqlite3.Error), opened_to_read(folder / JOURNAL, RUN) as connection:
+            own |= {str(copied) for copied, *_ in rows_of(connection, "input")}
     return name in own or name.lower() in RESERVED
-
-
-def _copied(journal: Path) -> set[str]:
-    """Names of the copies of input files."""
-    with opened_to_read(journal, RUN) as connection:
-        return {str(name) for name, *_ in rows_of(connection, "input")}

@@ -32,15 +32,7 @@ from commonrail.runs.traces import TIME
 
 
 class ComparedFeatures(NamedTuple):
-    """Features of one data set, and of the simulation that was compared with it.
-
-    Attributes
-    ----------
-    name, role, synthetic : str
-        Of the data set.
-    measured, simulated : Features
-        The simulated ones with the levels of the measured ones.
-    """
+    """Features of one data set, and of the simulation compared with it, whose levels are those of the measured ones."""
 
     name: str
     role: str
@@ -52,18 +44,8 @@ class ComparedFeatures(NamedTuple):
 def run_features(folder: Path, label: str = "best", settings: FeatureSettings | None = None) -> list[ComparedFeatures]:
     """Features of all traces of a run folder: injection curves, and data sets of features that have a trace.
 
-    Parameters
-    ----------
-    folder : Path
-    label : str
-        Simulated model, a label of the traces: "best", "start" or "rigid".
-    settings : FeatureSettings, optional
-        Of injection curves; a data set of features keeps its own.
-
-    Raises
-    ------
-    InputError
-        If the folder is no run folder, or has no trace with that label.
+    `label` is that of the simulated model: "best", "start" or "rigid". The settings are of injection curves; a data set
+    of features keeps its own. `InputError` if the folder is no run folder, or has no trace with that label.
     """
     _, traces = read_run(folder)
     study, best = read_fit(folder)
@@ -99,19 +81,7 @@ def _compared(data: DataSet, curve: RateData, rate: Floats, settings: FeatureSet
 
 
 def write_features(path: Path, found: Mapping[str, Features]) -> None:
-    """Write a row for each injection of each trace.
-
-    Parameters
-    ----------
-    path : Path
-    found : mapping of str to Features
-        By the name of the trace; rates of one unit.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a row for each injection of each trace, of features by the name of the trace; rates of one unit."""
     (unit,) = {one.unit for one in found.values()}
     units = {name: field_unit(unit_of(name, unit)) for name in features_of_traces()}
     header = [
@@ -135,18 +105,7 @@ def write_features(path: Path, found: Mapping[str, Features]) -> None:
 
 
 def write_compared(path: Path, found: Sequence[ComparedFeatures]) -> None:
-    """Write a row for each feature of each injection: measured, simulated, and their difference.
-
-    Parameters
-    ----------
-    path : Path
-    found : sequence of ComparedFeatures
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a row for each feature of each injection: measured, simulated, and their difference."""
 
     def rows() -> Iterator[list[str]]:
         for one in found:
@@ -162,15 +121,7 @@ def write_compared(path: Path, found: Sequence[ComparedFeatures]) -> None:
 
 
 def features_record(found: Mapping[str, Features], shots: Sequence[ShotStatistic]) -> dict[str, Any]:
-    """Record of the features of a file [SI].
-
-    Parameters
-    ----------
-    found : mapping of str to Features
-        By the name of the trace.
-    shots : sequence of ShotStatistic
-        Over the traces; empty for one.
-    """
+    """Record of the features of a file [SI] by the name of the trace, and of the shots over the traces."""
     return {
         "schema": 1,
         "kind": "features",

@@ -14,7 +14,7 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.search import Searched
 from commonrail.calibration.study import Study
-from commonrail.compiler.target import describe, differences, package_versions
+from commonrail.compiler.target import differences, package_versions
 from commonrail.readers.injector.file import injector_text
 from commonrail.runs.journal import Journal
 
@@ -51,7 +51,12 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
     elif isinstance(value, Enum):
         pieces.append(f"{type(value).__name__}.{value.name}".encode())
     elif is_dataclass(value) or isinstance(value, Mapping):
-        pairs = value.items() if isinstance(value, Mapping) else _given(value)
+        # of a dataclass the fields that follow from no others
+        pairs = (
+            value.items()
+            if isinstance(value, Mapping)
+            else ((f.name, getattr(value, f.name)) for f in fields(value) if f.init)
+        )
         pieces.append(type(value).__name__.encode())
         _add_pieces(tuple(pairs), pieces)
     elif isinstance(value, tuple | list):
@@ -64,11 +69,6 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
         raise TypeError(f"a study holds {type(value).__name__}, which has no place in its content")
 
 
-def _given(value: Any) -> list[tuple[str, Any]]:
-    """Fields of a dataclass that follow from no others."""
-    return [(f.name, getattr(value, f.name)) for f in fields(value) if f.init]
-
-
 TARGET = "target"  # code of the warning
 TRIED = 8  # candidates that are simulated again: one block of the vectorised loop
 
@@ -76,16 +76,10 @@ TRIED = 8  # candidates that are simulated again: one block of the vectorised lo
 def other_targets(journal: Journal, study: Searched, objective: Objective) -> tuple[Finding, ...]:
     """Warning that a run need not end as one that was never stopped; none where this target finds the same bits.
 
-    The best candidate so far, and some beside it, are simulated again and compared bit for bit.
-
-    Parameters
-    ----------
-    journal : Journal
-    study : Searched
-    objective : Objective
-        That of the search, on threads of this process.
+    The best candidate so far, and some beside it, are simulated again by the objective of the search, on threads of
+    this process, and compared bit for bit. The journal's last session is that of this process.
     """
-    records = [*journal.targets, describe().record]
+    records = journal.targets
     if study.same_bits and study.method.is_evolution:  # which rounds alike on all processors
         records = [{name: text for name, text in record.items() if name in package_versions()} for record in records]
     text = other_bits(
@@ -107,16 +101,9 @@ def differing(targets: Sequence[Mapping[str, str]]) -> str:
 
 
 def other_bits(differing: str, candidates: str, kept: float, here: float) -> str:
-    """Description of what is not as it was, by objectives of the same candidates then and here; "" if nothing.
+    """Description of what is not as it was, "" if nothing: what `differing` says, and the bits of a candidate.
 
-    Parameters
-    ----------
-    differing : str
-        As `differing` returns it.
-    candidates : str
-        Those that were simulated again.
-    kept, here : float
-        Objective of one of them, of the first that differs if one does.
+    `kept` and `here` are the objectives then and here of one of the candidates, of the first that differs if one does.
     """
     if kept != here:
         found = f"{candidates}, simulated again, have other bits here, {here!r} in place of {kept!r}"

@@ -30,18 +30,9 @@ LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
 
 
 def read_record(path: Path, made_by: str) -> dict[str, Any]:
-    """A record, which is one JSON object.
+    """A record, which is one JSON object; `made_by` is the command that leaves such a file, for the message.
 
-    Parameters
-    ----------
-    path : Path
-    made_by : str
-        Command that leaves such a file, for the message.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is no such object, or is not the one that was written.
+    `InputError` if the file cannot be read, is no such object, or is not the one that was written.
     """
     if not path.exists():
         raise _broken(path, made_by, "there is no such file")
@@ -73,12 +64,7 @@ _told: set[Path] = set()
 def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
     """Note, once a process, that the values of a run are those of a search that was stopped.
 
-    Parameters
-    ----------
-    folder : Path
-        Run folder.
-    record : mapping, optional
-        Of its result; by default it is read. A folder that has none is not judged.
+    By default its record is read; a folder that has none is not judged.
     """
     if record is None:
         with suppress(InputError):
@@ -126,10 +112,7 @@ def create_run_folder(path: str | Path) -> Path:
 def new_run_folder(path: str | Path) -> Iterator[Path]:
     """A new run folder, which is taken away again if it is left by an error before anything was written.
 
-    Raises
-    ------
-    ConfigurationError, InputError, OutputError
-        As `create_run_folder`.
+    Errors are those of `create_run_folder`.
     """
     folder = create_run_folder(path)
     try:
@@ -141,13 +124,7 @@ def new_run_folder(path: str | Path) -> Iterator[Path]:
 
 
 def refuse_used(path: Path) -> None:
-    """Refuse a place for a new run folder that is not free.
-
-    Raises
-    ------
-    InputError
-        If it exists and is not empty.
-    """
+    """Refuse (`InputError`) a place for a new run folder that exists and is not empty."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{path}: there already is something; name another folder, nothing was overwritten.")
 
@@ -193,16 +170,7 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
 
 
 def write_judgement(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write result.json again, with what was judged since `write_results`; the other files stay.
-
-    Parameters
-    ----------
-    folder : Path
-    calibration : Calibration
-        That was written.
-    identified : mapping
-        As `identify(calibration)` returns it.
-    """
+    """Write result.json again, with what was judged since `write_results`; the other files stay."""
     with summed(folder, RESULT, CALIBRATED, TRACES, *members_of(folder)):
         write_record(folder / RESULT, result_record(calibration, identified))
 
@@ -255,17 +223,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
 def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
     """Refuse a result that is not of the study beside it, such as one copied from another run with its checksums.
 
-    Parameters
-    ----------
-    folder : Path
-        Run folder.
-    record : mapping
-        Its result.json.
-
-    Raises
-    ------
-    InputError
-        If title, seed or free parameters are not those of ``study.toml``.
+    `InputError` if title, seed or free parameters of the record are not those of ``study.toml``.
     """
     path = folder / STUDY
     if not path.is_file() or not path.stat().st_size:

@@ -35,31 +35,19 @@ NEEDED, THERE = "needed", "there"
 
 
 class JournalFile:
-    """A journal, held by this process; use it in a `with` block.
+    """A journal in a folder, held by this process; use it in a `with` block.
 
     Others may read it at any time. A transaction for each step: whatever happens to the process, every step that was
     told is kept whole. Each kind of journal adds its tables, one of which is ``about`` (name, text). Every row is
     sealed, and all are checked before anything is written.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    StudyError
-        If another process holds the folder, or what is there is no journal that this version reads, is damaged, or
-        has lost its log.
-    OutputError
-        If it cannot be written.
+    `StudyError` if another process holds the folder, or what is there is no journal that this version reads, is
+    damaged, or has lost its log; `OutputError` if it cannot be written.
     """
 
     NAME: ClassVar[str]
     LOCK: ClassVar[str]
     SCHEMA: ClassVar[Schema]
-    HOLDER: ClassVar[str]  # {here}: process and host; {since}
-    HELD: ClassVar[str]  # sentence for who comes second: {folder}, {holder}
-    NEW: ClassVar[str]  # the holder, where the journal does not tell
     # Whether each step waits for the disk; if not, a power cut takes the last ones, which are then done again.
     DURABLE: ClassVar[bool]
 
@@ -68,8 +56,8 @@ class JournalFile:
         try:
             self._lock = Lock(folder / self.LOCK)
         except BlockingIOError:
-            holder = _holder(self.path) or self.NEW
-            raise StudyError(self.HELD.format(folder=folder, holder=holder)) from None
+            holder = _holder(self.path) or "another process has just begun to work here"
+            raise StudyError(f"{folder}: {holder}; wait for it, or end it first.") from None
         try:
             check_target(self.path)
             with explained(self.path), trusted(self.path):
@@ -86,9 +74,8 @@ class JournalFile:
                 self.SCHEMA.create(self._connection)
             self._connection.execute("PRAGMA journal_mode=WAL")
             self._connection.execute("PRAGMA wal_autocheckpoint=0")
-            self._wait_for_disk(self.DURABLE)
-            here = f"process {os.getpid()} on {socket.gethostname()}"
-            self._note(holder=self.HOLDER.format(here=here, since=now()))
+            self._connection.execute(_synchronous(self.DURABLE))
+            self._note(holder=f"process {os.getpid()} on {socket.gethostname()} is at work here since {now()}")
             self._shorten_log()
         except BaseException:
             self._connection.close()
@@ -106,13 +93,7 @@ class JournalFile:
         return self._lock.is_in_place
 
     def check_place(self) -> None:
-        """Refuse to write into what has taken the folder's place.
-
-        Raises
-        ------
-        StudyError
-            If the folder was renamed, moved or replaced since it was opened.
-        """
+        """Refuse (`StudyError`) to write into what has taken the folder's place since it was opened."""
         if not self.is_in_place:
             raise StudyError(
                 f"{self.folder}: the folder was renamed, moved or replaced, or its lock removed, while this process "
@@ -140,14 +121,11 @@ class JournalFile:
             self._note(log=THERE)
             self._logged = 0
 
-    def _wait_for_disk(self, durable: bool) -> None:
-        self._connection.execute(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
-
     def _write(self, *statements: Statement, durable: bool = False) -> None:
         """Execute statements as one transaction; a `durable` one waits for the disk in any case."""
         self.check_place()
         with explained(self.path):
-            self._wait_for_disk(durable or self.DURABLE)
+            self._connection.execute(_synchronous(durable or self.DURABLE))
             self._connection.execute("BEGIN")
             try:
                 for text, values in statements:
@@ -162,13 +140,7 @@ class JournalFile:
                 self._shorten_log()
 
     def _table(self, name: str) -> list[tuple[Any, ...]]:
-        """Rows of a table without their seals, by key or in the order of writing.
-
-        Raises
-        ------
-        StudyError
-            If a row is not the one that was written.
-        """
+        """Rows of a table without their seals, by key or in the order of writing; `StudyError` if one was changed."""
         with explained(self.path), trusted(self.path):
             return rows_of(self._connection, name)
 
@@ -177,6 +149,10 @@ class JournalFile:
         with explained(self.path), trusted(self.path):
             (last,) = self._connection.execute(f"SELECT COALESCE(MAX(number), 0) FROM {table}").fetchone()
             return int(last) + 1
+
+
+def _synchronous(durable: bool) -> str:
+    return f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}"  # whether a transaction waits for the disk
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:
@@ -188,10 +164,7 @@ def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:
 def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
     """A journal for reading, without holding it; in place of an empty file, empty tables in memory.
 
-    Raises
-    ------
-    StudyError
-        If it is no journal that this version reads, is damaged, or has lost its log.
+    `StudyError` if it is no journal that this version reads, is damaged, or has lost its log.
     """
     with_log = _has_log(path)
     with explained(path), trusted(path), closing(_read_only(path)) as connection:
@@ -206,13 +179,7 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
 def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> bool:
     """Whether a file holds a journal of which every row is the one that was written; False if it is empty.
 
-    Parameters
-    ----------
-    connection : Connection
-    path : Path
-    schema : Schema
-    with_log : bool
-        Whether there is a write-ahead log beside it.
+    `with_log`: there is a write-ahead log beside it.
     """
     (fault,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
     if fault != "ok":
@@ -292,15 +259,13 @@ class Input(NamedTuple):
 class Journal(JournalFile):
     """The journal of a run folder, a `JournalFile`; it does not wait for the disk at every step of the search."""
 
-    NAME, LOCK, SCHEMA = JOURNAL, LOCK, RUN
-    HOLDER = "{here} is at work here since {since}"
-    HELD = "{folder}: {holder}; wait for it, or end it first."
-    NEW = "another process has just begun to work here"
-    DURABLE = False
+    NAME, LOCK, SCHEMA, DURABLE = JOURNAL, LOCK, RUN, False
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        _clear_parts(folder)
+        with suppress(OSError):  # what a process left of files that it was writing when it was killed
+            for path in folder.glob(f".*{PART}"):
+                path.unlink()
 
     @property
     def about(self) -> dict[str, str]:
@@ -309,13 +274,7 @@ class Journal(JournalFile):
 
     @property
     def inputs(self) -> list[Input]:
-        """Files that the study reads.
-
-        Raises
-        ------
-        StudyError
-            If one would lie outside the run folder.
-        """
+        """Files that the settings were read from; `StudyError` if one would lie outside the run folder."""
         found = [Input(*map(str, row)) for row in self._table("input")]
         for item in found:
             if Path(item.name).is_absolute() or ".." in Path(item.name).parts:
@@ -362,13 +321,7 @@ class Journal(JournalFile):
             return [{str(name): str(text) for name, text in target.items()} for target in found]
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
-        """Keep one step of an optimiser; what those after it have done is forgotten.
-
-        Parameters
-        ----------
-        step, reached, after
-            As `Recorder.step`.
-        """
+        """Keep one step of an optimiser, as a `Recorder`; what those after it have done is forgotten."""
         stage, last = len(after.stages) - 1, after.stages[-1]
         packed = pack(last._asdict())
         told = (number_bytes(step.x), number_bytes(step.costs), step.statuses.astype("i1").tobytes())
@@ -382,13 +335,7 @@ class Journal(JournalFile):
         )
 
     def checkpoint(self) -> Checkpoint | None:
-        """State to resume from; None at the very beginning.
-
-        Raises
-        ------
-        StudyError
-            If the journal is not what was written.
-        """
+        """State to resume from; None at the very beginning. `StudyError` if it is not what was written."""
         with trusted(self.path):
             history = tuple(Generation(*row[:3]) for row in self._table("generation"))
             stages: list[Stage] = []
@@ -423,14 +370,9 @@ class Journal(JournalFile):
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """Facts of the run in a folder, without holding it.
+    """Facts of the run in a folder, without holding it; `StudyError` if there is no journal, or it cannot be read.
 
     Those of the table about, and "generations done", "refinements", "best", "seconds", "changed" (UTC).
-
-    Raises
-    ------
-    StudyError
-        If there is no journal, or it cannot be read.
     """
     path = folder / JOURNAL
     if not path.is_file():
@@ -448,10 +390,3 @@ def read_about(folder: Path) -> dict[str, Any]:
             "seconds": max((float(row[4]) for row in steps), default=0.0),
             "changed": max((ended or started for _, started, ended, *_ in sessions), default=None),
         }
-
-
-def _clear_parts(folder: Path) -> None:
-    """Remove what a process left of files that it was writing when it was killed."""
-    with suppress(OSError):
-        for path in folder.glob(f".*{PART}"):
-            path.unlink()

@@ -28,13 +28,7 @@ UNTRUE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeErro
 
 @contextmanager
 def trusted(path: Path) -> Iterator[None]:
-    """Say so if what a journal holds is not what was written.
-
-    Raises
-    ------
-    StudyError
-        In place of any error that comes of a damaged file.
-    """
+    """Say so with a `StudyError` if what a journal holds is not what was written."""
     try:
         yield
     except UNTRUE as error:
@@ -47,12 +41,8 @@ def trusted(path: Path) -> Iterator[None]:
 def explained(path: Path) -> Iterator[None]:
     """Turn an error of SQLite on a file into a sentence.
 
-    Raises
-    ------
-    OutputError
-        If the disk is full, or the file cannot be written or made.
-    StudyError
-        If the file is not what it should be.
+    `OutputError` if the disk is full, or the file cannot be written or made; `StudyError` if it is not what it should
+    be.
     """
     try:
         yield
@@ -82,20 +72,10 @@ TRIES, PAUSE = 10, 0.05  # to lock a folder [s]: who only looks is quick
 
 
 class Lock:
-    """Lock that this process holds until it is closed.
+    """Lock that this process holds until it is closed; SQLite's own locking serves, which works on every system.
 
-    SQLite's own locking serves, since it works on every system; the file stays empty.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    BlockingIOError
-        If somebody else holds it.
-    OutputError
-        If the file cannot be made, or is a link or a device.
+    The file stays empty. `BlockingIOError` if somebody else holds it, `OutputError` if it cannot be made, or is a link
+    or a device.
     """
 
     def __init__(self, path: Path) -> None:
@@ -156,10 +136,7 @@ def is_folder_held(folder: Path) -> bool:
 def _hold(folder: Path, tries: int) -> tuple[int | None, bool]:
     """Handle of a folder, None where a system has no such thing, and whether the folder is locked by it.
 
-    Raises
-    ------
-    BlockingIOError
-        If somebody else holds the folder, be it only to look, at each of so many tries.
+    `BlockingIOError` if somebody else holds the folder, be it only to look, at each of so many tries.
     """
     if fcntl is None:
         return None, False

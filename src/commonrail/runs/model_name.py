@@ -25,20 +25,9 @@ _WORDS: dict[str, tuple[str, Enum]] = {
 
 
 class NamedModel(NamedTuple):
-    """Injector as the command line names it.
+    """Injector as the command line names it, with the meters kept beside it.
 
-    Attributes
-    ----------
-    label : str
-    injector : Injector
-    text : str
-        Text that named it.
-    stated : bool
-        The label was given in the text.
-    meters : tuple of Meter
-        Those kept beside the injector.
-    run : Path or None
-        Run folder whose calibrated injector it is, without changes.
+    `stated`: the label was given in the text. `run`: run folder whose calibrated injector it is, without changes.
     """
 
     label: str
@@ -52,12 +41,7 @@ class NamedModel(NamedTuple):
 def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
     """Models with labels that differ: one that was given counts, one that was made up gets a number where it must.
 
-    Raises
-    ------
-    InputError
-        If one cannot be read, or a label is given twice.
-    ConfigurationError
-        If a label cannot be used, or there are too many models.
+    `InputError` if one cannot be read, or a label is given twice.
     """
     from commonrail.calibration.compare import check_labels  # imports all of the calibration
 
@@ -78,18 +62,10 @@ def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
 
 
 def read_model_name(text: str) -> NamedModel:
-    """One model.
+    """Model of a text [LABEL=]INJECTOR[@WORD,…], as in ``stiff=runs/a@rigid,regulated``.
 
-    Parameters
-    ----------
-    text : str
-        An injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; before it an
-        optional ``LABEL=``, behind it optional words of a variant, as in ``stiff=runs/a@rigid,regulated``.
-
-    Raises
-    ------
-    InputError
-        If the injector cannot be read, or a word of the variant is unknown or contradicts another.
+    INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words are
+    those of a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
     """
     label, source, words = _split(text)
     if label is not None and not label.strip():
@@ -98,19 +74,15 @@ def read_model_name(text: str) -> NamedModel:
     if words is not None:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
-    folder = Path(source) if _is_run(source) else None
-    if folder is not None:
+    run = None
+    if source not in injector_catalogue() and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
 
-        note_stopped(folder)
-    run = folder if words is None else None
+        note_stopped(Path(source))
+        run = Path(source) if words is None else None
     if label is not None:
         return NamedModel(label.strip(), injector, text, True, meters, run)
     return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters, run)
-
-
-def _is_run(source: str) -> bool:
-    return source not in injector_catalogue() and Path(source).is_dir()
 
 
 def _split(text: str) -> tuple[str | None, str, str | None]:

@@ -16,13 +16,7 @@ Statement = tuple[str, tuple[Any, ...]]
 
 
 def seal(table: str, values: Sequence[Any]) -> str:
-    """SHA-256 of a row: of its table, and of type and content of each value.
-
-    Raises
-    ------
-    TypeError
-        If a value is of a kind that SQLite does not keep.
-    """
+    """SHA-256 of a row: of its table, and of type and content of each value; `TypeError` for one of another kind."""
     digest = hashlib.sha256()
     for content in (table, *values):
         kind, piece = _bytes(content)
@@ -53,10 +47,7 @@ def put(table: str, *values: Any) -> Statement:
 def rows_of(connection: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
     """Rows of a table in the order of its keys or of writing, without their seals.
 
-    Raises
-    ------
-    ValueError
-        If a row is not the one that was written.
+    `ValueError` if a row is not the one that was written.
     """
     found = []
     for *values, written in connection.execute(f"SELECT * FROM {table} ORDER BY rowid"):

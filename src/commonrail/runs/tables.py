@@ -26,14 +26,9 @@ VERSION = 1  # of the tables of all journals, which SQLite keeps in the file as 
 
 @dataclass(frozen=True)
 class Schema:
-    """Tables of one kind of journal.
+    """Tables of one kind of journal: their SQL, and the sentence for a file with other tables ({path}).
 
-    Attributes
-    ----------
-    text : str
-        SQL that makes them; the last column of each is the row's seal.
-    foreign : str
-        Sentence for a file with other tables: {path}.
+    The last column of each table is the row's seal.
     """
 
     text: str
@@ -53,10 +48,7 @@ class Schema:
     def check(self, connection: sqlite3.Connection, path: Path) -> bool:
         """Whether a file holds the tables; False if it is empty.
 
-        Raises
-        ------
-        StudyError
-            If another version of commonrail wrote it, or it is another kind of file.
+        `StudyError` if another version of commonrail wrote it, or it is another kind of file.
         """
         (version,) = connection.execute("PRAGMA user_version").fetchone()
         if version not in (0, VERSION):
@@ -126,10 +118,7 @@ _ARRAY = "array"  # key of what stands for an array in the JSON: its type, and i
 def pack(state: Mapping[str, Any]) -> tuple[str, bytes]:
     """JSON of a mapping, and its arrays as the bytes of little-endian numbers, in the order in which it has them.
 
-    Raises
-    ------
-    TypeError
-        If it holds anything but texts, numbers, arrays, None, and mappings and lists of these.
+    `TypeError` if it holds anything but texts, numbers, arrays, None, and mappings and lists of these.
     """
     arrays: list[bytes] = []
 
@@ -146,13 +135,7 @@ def pack(state: Mapping[str, Any]) -> tuple[str, bytes]:
 
 
 def unpack(text: str, content: bytes) -> dict[str, Any]:
-    """A state from what `pack` made of it.
-
-    Raises
-    ------
-    ValueError, TypeError, KeyError
-        If it is not whole.
-    """
+    """A state from what `pack` made of it; `ValueError`, `TypeError` or `KeyError` if it is not whole."""
     left = memoryview(content)
 
     def whole(table: dict[str, Any]) -> Any:
@@ -173,14 +156,9 @@ def unpack(text: str, content: bytes) -> dict[str, Any]:
 
 
 def digest(text: str, arrays: bytes, history: Sequence[tuple[int, float, float]]) -> str:
-    """SHA-256 of what a search goes on from; SQLite does not notice a bit that has flipped on the disk.
+    """SHA-256 of what a search goes on from: a state as `pack` returns it; number, best and mean of each generation.
 
-    Parameters
-    ----------
-    text, arrays : str, bytes
-        A state, as `pack` returns it.
-    history : sequence of tuple
-        Number, best and mean of each generation.
+    SQLite does not notice a bit that has flipped on the disk.
     """
     return sha256(b"".join((text.encode(), arrays, number_bytes(history))))
 

@@ -44,18 +44,8 @@ def write_traces(
 ) -> None:
     """Write curves under comment lines; what a curve does not have, or is not finite, stays empty.
 
-    The digits are those of the numbers themselves: J can be computed again from the file.
-
-    Parameters
-    ----------
-    path : Path
-    notes : iterable of str
-        Comment lines.
-    labels : sequence of str
-        Columns of rates.
-    curves : iterable of Curve
-    before : sequence of str
-        Columns before the name of the data set.
+    `labels` are the columns of rates, `before` those before the name of the data set. The digits are those of the
+    numbers themselves: J can be computed again from the file.
     """
     header = [*before, *_KEYS, *(label + _UNIT for label in labels)]
     rows = (row for curve in curves for row in _rows(curve, labels))
@@ -73,35 +63,19 @@ def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
 def read_traces(path: Path) -> Traces:
     """By data set the arrays "time_s" [s] and rates [m³/s] by label; NaN where a simulation has no number.
 
-    A label without any number for a data set is left out there.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a row in it is not one of such a file; the message has the line.
+    A label without any number for a data set is left out there. `InputError` with the line if a row is not one of such
+    a file.
     """
-    return {name: _present(trace) for (name,), trace in read_curves(path, MEASURED).items()}
-
-
-def _present(trace: Trace) -> Trace:
-    return {label: values for label, values in trace.items() if label == TIME or np.isfinite(values).any()}
+    return {
+        name: {label: values for label, values in trace.items() if label == TIME or np.isfinite(values).any()}
+        for (name,), trace in read_curves(path, MEASURED).items()
+    }
 
 
 def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[tuple[str, ...], Trace]:
-    """Read curves by the texts in the columns `before` and the name of the data set.
+    """Curves [s, m³/s] by the texts in the columns `before` and the name of the data set.
 
-    Parameters
-    ----------
-    path : Path
-    measured : str
-        Column of the data, in which no number may be missing.
-    before : sequence of str
-        Columns before the name of the data set.
-
-    Raises
-    ------
-    InputError
-        As `read_traces`.
+    No number may be missing in the column `measured`. `InputError` as of `read_traces`.
     """
     check_sum(path)
     sheet = CsvFile(path, plain=True)

@@ -32,20 +32,9 @@ class Late(Exception):
 
 
 def within(seconds: float, call: Callable[[], T]) -> T:
-    """Return the result of a call, made on a thread of its own.
+    """Return the result of a call, made on a thread of its own; `Late` if it has not returned by the deadline [s].
 
     A call that is late is left to itself: its thread ends with the process at the latest, and its result is dropped.
-
-    Parameters
-    ----------
-    seconds : float
-        Deadline [s].
-    call : function
-
-    Raises
-    ------
-    Late
-        If the call has not returned by then; else any error of the call.
     """
     ended: queue.SimpleQueue[tuple[T | None, BaseException | None]] = queue.SimpleQueue()
 
@@ -76,17 +65,8 @@ _HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one c
 
 
 def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Lost | Refused | Missing:
-    """Answer of a task, on its worker, by the work that is given, or that was given before.
+    """Answer of a task, on its worker, by the work that is given, or that was given before under its package's key.
 
-    Parameters
-    ----------
-    key : str
-        Of the package.
-    package : Package or None
-    argument : picklable
-
-    Notes
-    -----
     Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs. An error
     is returned: of those that Dask passes on, some do not arrive.
     """
@@ -120,43 +100,23 @@ _MISSING = (
 
 
 class Link:
-    """Link to a scheduler.
+    """Link to a scheduler at "tcp://host:port" or "tls://host:port", or of a "local" cluster of `count` processes here.
 
-    Parameters
-    ----------
-    address : str
-        "tcp://host:port", "tls://host:port", or "local" for a cluster of `count` processes on this machine.
-    count : int
-        Workers of a "local" cluster.
-
-    Raises
-    ------
-    ConfigurationError
-        If `count` is not between 1 and eight for each processor.
-    InputError
-        If distributed is not installed, or there is no cluster at the address.
+    `ConfigurationError` for a count not between 1 and eight for each processor; `InputError` if distributed is not
+    installed, or there is no cluster at the address.
     """
 
     def __init__(self, address: str, count: int) -> None:
         self.address = address
         with _uncollected(), ExitStack() as opened:
             self.client: Client = _local(count, opened) if address == LOCAL else _connect(address)
-            opened.callback(self._leave)
+            opened.callback(lambda: self.tell(lambda client: client.close()))
             self._opened = opened.pop_all()
 
     def ask(self, call: Callable[[Client], T], seconds: float | None = None) -> T:
-        """Return what a call to the scheduler gives.
+        """Return what a call to the scheduler gives within a deadline [s], `ANSWER` by default.
 
-        Parameters
-        ----------
-        call : function of Client
-        seconds : float, optional
-            Deadline [s]; `ANSWER` by default.
-
-        Raises
-        ------
-        StudyError
-            If the scheduler has gone, or gives no answer.
+        `StudyError` if the scheduler has gone, or gives no answer.
         """
         seconds = ANSWER if seconds is None else seconds
         if self.client.status != "running":
@@ -191,9 +151,6 @@ class Link:
         """Leave the cluster; end it if it is "local"."""
         with quiet(), _uncollected():
             self._opened.close()
-
-    def _leave(self) -> None:
-        self.tell(lambda client: client.close())
 
 
 def _distributed() -> Any:
@@ -310,15 +267,9 @@ AHEAD = 2  # tasks submitted for each thread, so that none waits for the next on
 
 
 class Sent(NamedTuple):
-    """A task that is out.
+    """A task that is out; `complete`: the work went with it.
 
-    Attributes
-    ----------
-    task : Task
-    complete : bool
-        True if the work went with it.
-    bound : frozenset of str
-        Workers that alone may do it; empty if all may.
+    `bound` are the addresses of the workers that alone may do it, empty if all may.
     """
 
     task: Task
@@ -351,14 +302,11 @@ class Cluster:
         self._looked = -FRESH
         self._link = Link(address, count)
         try:
-            self._meet()
+            if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._known()):
+                raise _without_workers(address, len(self._left_out), APPEAR)
         except BaseException:
             self.close()
             raise
-
-    def _meet(self) -> None:
-        if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._known()):
-            raise self._without_workers(APPEAR)
 
     @property
     def count(self) -> int:
@@ -374,18 +322,8 @@ class Cluster:
         """Leave the cluster; end it if it is "local"."""
         self._link.close()
 
-    def run_on_each(self, call: Callable[[], T]) -> dict[str, T]:
-        """Results of a call on each worker, by its address."""
-        return dict(self._link.ask(lambda client: client.run(call)))
-
     def submit(self, task: Task) -> bool:
-        """Hand a task to the cluster; false if it has enough.
-
-        Raises
-        ------
-        StudyError
-            If the scheduler has gone.
-        """
+        """Hand a task to the cluster; false if it has enough. `StudyError` if the scheduler has gone."""
         if len(self._open) + len(self._unsent) >= AHEAD * max(sum(self._lately().values()), 1):
             return False
         self._send(task)
@@ -417,23 +355,20 @@ class Cluster:
         self._silence += passed
         self._alone = 0.0 if known else self._alone + passed
         if self._alone > REAPPEAR:
-            raise self._without_workers(REAPPEAR)
+            raise _without_workers(self.address, len(self._left_out), REAPPEAR)
         if known and self._unsent:
             tasks, self._unsent = self._unsent, []
             for task in tasks:
                 self._send(task)
-        self._send_stranded(known)
-        limit = max((sent.task.limit for sent in self._open.values()), default=self._silence)
-        if self._silence > limit:
-            yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
-
-    def _send_stranded(self, known: Mapping[str, int]) -> None:
-        """Send anew the tasks whose workers have all gone."""
+        # those whose workers have all gone
         stranded = [future for future, sent in self._open.items() if sent.bound and sent.bound.isdisjoint(known)]
         if stranded:
             self._link.tell(lambda client: client.cancel(stranded))
         for future in stranded:
             self._send(self._open.pop(future).task)
+        limit = max((sent.task.limit for sent in self._open.values()), default=self._silence)
+        if self._silence > limit:
+            yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
 
     def drop(self) -> None:
         """Forget the tasks that are out."""
@@ -493,14 +428,16 @@ class Cluster:
         self._looked = time.monotonic()
         return self._threads
 
-    def _without_workers(self, seconds: float) -> StudyError:
-        cure = "see what they print" if self.address == LOCAL else f"start some with `dask worker {self.address}`"
-        if self._left_out:
-            return StudyError(
-                f"The cluster {self.address} has no worker left that can be used: {len(self._left_out)} have given no "
-                "answer; replace them, then resume the run."
-            )
-        return StudyError(f"The cluster {self.address} has had no worker for {seconds:.0f} s; {cure}.")
+
+def _without_workers(address: str, left_out: int, seconds: float) -> StudyError:
+    """Sentence on a cluster of which so many workers are used no more, and which has had no other for some time [s]."""
+    cure = "see what they print" if address == LOCAL else f"start some with `dask worker {address}`"
+    if left_out:
+        return StudyError(
+            f"The cluster {address} has no worker left that can be used: {left_out} have given no answer; replace "
+            "them, then resume the run."
+        )
+    return StudyError(f"The cluster {address} has had no worker for {seconds:.0f} s; {cure}.")
 
 
 def _has_workers(client: Client) -> bool:

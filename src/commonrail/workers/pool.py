@@ -34,19 +34,11 @@ def waited(start: float) -> float:
 
 
 class Limits(NamedTuple):
-    """Limits of workers.
+    """Limits of workers: times that a task may be lost, or that workers may fail to start in a row.
 
-    Attributes
-    ----------
-    failures : int
-        Times that a task may be lost, or that workers may fail to start in a row.
-    patience : float
-        A worker hangs if a task of known length takes this many times as long …
-    least : float
-        … and longer than this [s].
-    start : float
-        Time that a worker may take to start, or to load the work [s]; where no kernel can be kept on disk, each
-        worker compiles its own in this time.
+    A worker hangs if a task of known length takes `patience` times as long and longer than `least` [s]. `start` is the
+    time that it may take to start, or to load the work [s]; where no kernel can be kept on disk, each worker compiles
+    its own in this time.
     """
 
     failures: int = 3
@@ -59,13 +51,7 @@ USUAL = Limits()
 
 
 def check_count(count: int) -> None:
-    """Refuse a number of workers that makes no sense.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not between 1 and eight for each processor.
-    """
+    """Refuse (`ConfigurationError`) a number of workers that is not between 1 and eight for each processor."""
     processors = usable_threads()
     count = whole(count, "number of workers", -LARGEST_WHOLE)
     if not 1 <= count <= CROWD * processors:
@@ -220,17 +206,7 @@ def how_it_ended(code: int) -> str:
 class ProcessPool:
     """Worker processes, started at once and ended with `close`, or with this process.
 
-    Parameters
-    ----------
-    count : int
-    limits : Limits
-
-    Raises
-    ------
-    ConfigurationError
-        If `count` is not between 1 and eight for each processor.
-    StudyError
-        If processes cannot be started.
+    `ConfigurationError` for a count not between 1 and eight for each processor, `StudyError` if they cannot be started.
     """
 
     shares_files = True

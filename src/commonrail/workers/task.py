@@ -29,19 +29,9 @@ class Work(Protocol):
 
 
 class Package(NamedTuple):
-    """Work on its way to a worker.
+    """Work on its way to a worker: digest of the content, `software` of the process that packed it, the pickled work.
 
-    Attributes
-    ----------
-    key : str
-        Digest of the content.
-    software : tuple of (name, version)
-        Of the process that packed it, and the target of its compiler unless the work has the same bits on every one:
-        see `software`. A worker with others refuses it.
-    content : bytes
-        The work.
-    probe : bytes
-        What the work's `probe` gave; a worker that finds other bits refuses it.
+    A worker with other software refuses it, or one that finds other bits than what the work's `probe` gave here.
     """
 
     key: str
@@ -51,18 +41,9 @@ class Package(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A part of the work.
+    """A part of the work: what the caller knows it by, its package and its argument, which is pickled.
 
-    Attributes
-    ----------
-    name : hashable
-        What the caller knows it by.
-    package : Package
-    argument : picklable
-    limit : float
-        Time after which its worker hangs [s].
-    losses : int
-        Workers that were lost with it.
+    `limit` is the time after which its worker hangs [s], `losses` the number of workers that were lost with it.
     """
 
     name: Hashable
@@ -96,13 +77,7 @@ def pack(work: Work) -> Package:
 
 @functools.lru_cache(maxsize=2)
 def unpack(package: Package) -> Work:
-    """The work.
-
-    Raises
-    ------
-    StudyError
-        If this worker has other software, or finds other bits than the process that packed it.
-    """
+    """The work; `StudyError` if this worker has other software, or finds other bits than the process that packed it."""
     asked = dict(package.software)
     differing = unlike(asked, {name: text for name, text in software() if name in asked})
     if differing:
@@ -126,17 +101,9 @@ def software(same_bits: bool = False) -> tuple[tuple[str, str], ...]:
 
 
 def unlike(run: Mapping[str, str], worker: Mapping[str, str]) -> str:
-    """Difference between a run's software and a worker's: the end of a sentence that begins with "… has".
+    """Difference between a run's software and a worker's: the end of a sentence with "… has"; "" where they are equal.
 
-    Parameters
-    ----------
-    run, worker : mapping of str to str
-        As `software`; what the worker's lacks is not installed.
-
-    Returns
-    -------
-    str
-        "" where they are equal.
+    What the worker's lacks is not installed.
     """
     found = [
         differences({name: there}, {name: worker[name]}).replace(", now", "")
@@ -154,13 +121,7 @@ def unlike(run: Mapping[str, str], worker: Mapping[str, str]) -> str:
 
 
 def perform(package: Package, argument: Any) -> Answer:
-    """Answer of a task, on its worker.
-
-    Raises
-    ------
-    StudyError
-        If this worker must not be used: see `unpack`.
-    """
+    """Answer of a task, on its worker; `StudyError` if this worker must not be used, see `unpack`."""
     work = unpack(package)
     start = time.perf_counter()
     result = work(argument)

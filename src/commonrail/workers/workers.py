@@ -32,10 +32,7 @@ class Backend(Protocol):
     def listen(self) -> Iterator[tuple[Task, Outcome]]:
         """Wait a while, and yield the tasks in hand that are done or lost.
 
-        Raises
-        ------
-        CommonrailError
-            What the work raises, and StudyError if the workers are gone for good.
+        Raises the `CommonrailError` of the work, and `StudyError` if the workers are gone for good.
         """
 
     def drop(self) -> None:
@@ -110,28 +107,18 @@ class Workers:
         self,
         tasks: Iterable[Task],
         again: Callable[[Task], Sequence[Task]] = lambda task: [task],
-        heed: Callable[[], None] = lambda: None,
+        check_stop: Callable[[], None] = lambda: None,
     ) -> Generator[tuple[Task, Outcome]]:
-        """Each task and what became of it, as they come; a task that was lost is repeated as often as the limits allow.
+        """Each task and what became of it, as they come; a lost one is repeated as often as the limits allow.
 
-        Parameters
-        ----------
-        tasks : iterable of Task
-            Taken one by one, as workers get free.
-        again : function of Task
-            What to do in place of a lost task; by default the task itself.
-        heed : function, optional
-            Called now and then; may raise to end it all.
-
-        Raises
-        ------
-        CommonrailError
-            What the work raises; StudyError if workers do not start or the cluster has gone.
+        Tasks are taken one by one, as workers get free; `again` says what to do in place of a lost task. `check_stop`
+        is called now and then and may raise to end it all. Raises the `CommonrailError` of the work; `StudyError` if
+        workers do not start or the cluster has gone.
         """
         coming, waiting = iter(tasks), deque[Task]()
         try:
             while True:
-                heed()
+                check_stop()
                 self._hand_out(waiting, coming)
                 if not (waiting or self.backend.busy):
                     return

@@ -11,7 +11,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.calibration.study_file.from_data import write_new
-from commonrail.plugins.family.run import fit_into
+from commonrail.plugins.family.run import fit_into, resume_family
 from commonrail.plugins.family.study import load_family
 from tests.cli.conftest import Command
 from tests.plugins.fleet.conftest import edited
@@ -193,6 +193,25 @@ def test_a_family_that_was_changed_is_not_resumed(command: Command, tmp_path: Pa
     done = command("resume", run)
     assert done.status == 2
     assert f"{study} has been changed since the run" in done.sentence
-    assert "--generations: " in command("resume", run, "--generations", "3").sentence
-    (run / "inputs" / "a" / "study.toml").unlink()
+    (run / "a" / "study.toml").unlink()
     assert "is missing" in command("resume", run, "--as-begun").sentence
+
+
+def test_a_joint_fit_is_extended_to_that_of_a_longer_family(command: Command, tmp_path: Path) -> None:
+    file, run = two_parts(tmp_path / "family"), tmp_path / "run"
+    with pytest.raises(Stopped):
+        fit_into(run, load_family(file), threads=1, listener=stop_after(2))
+    assert command("resume", run, "--generations", "1").status == 0
+    edited(file, "generations = 2", "generations = 3")
+    fit_into(tmp_path / "longer", load_family(file), threads=1)
+    assert timeless(run, "family.json") == timeless(tmp_path / "longer", "family.json")
+
+
+def test_a_family_that_was_made_in_python_is_asked_for_again(tmp_path: Path) -> None:
+    family, run = load_family(two_parts(tmp_path / "family")), tmp_path / "run"
+    changed = replace(family, title="Two parts, renamed")  # which no option does
+    with pytest.raises(Stopped):
+        fit_into(run, changed, threads=1, listener=stop_after(1))
+    with pytest.raises(cr.StudyError, match=r"the family of this run was made in Python.*family=family"):
+        resume_family(run)
+    assert resume_family(run, family=changed, threads=1).status == "finished"

@@ -39,16 +39,16 @@ def test_the_common_value_and_each_parts_own_are_found() -> None:
         {name: part(1.1, flow, PRELOAD, FLOW) for name, flow in flows.items()}, {FLOW: Shared(Share.PER_PART)}
     )
     # noise-free data of the model itself: the descents stop at 1e-3 of the range, far below a residual of 1
-    assert found.joint[PRELOAD] == pytest.approx(1.1 * OWN, rel=2e-3)
+    assert found.best[PRELOAD] == pytest.approx(1.1 * OWN, rel=2e-3)
     for name, flow in flows.items():
         own = found.parts[name]
-        assert own.best[PRELOAD] == found.joint[PRELOAD]
+        assert own.best[PRELOAD] == found.best[PRELOAD]
         assert (own.best[FLOW] / INJECTOR.values[FLOW]) ** 2 == pytest.approx(flow, rel=2e-3)
         assert own.injector.values[FLOW] == own.best[FLOW]
         assert own.scores[0].error < 0.2  # [%]
     known = found.injector_type.by_name
     assert set(known) == {PRELOAD}  # the flow is no property of the type
-    assert known[PRELOAD].value == found.joint[PRELOAD]
+    assert known[PRELOAD].value == found.best[PRELOAD]
     assert [p.name for p in found.injector_type.parts] == ["a", "b", "c"]
 
 

@@ -156,10 +156,10 @@ if __name__ == "__main__":
     with Workers.processes(1) as workers:
         (pid,) = workers.backend.pids
         said = []
-        def heed():
+        def check_stop():
             if workers.backend.busy and not said:
                 said.append(print(pid, flush=True))
-        list(workers.run([Task("A", pack(Calibrations(None)), Path(sys.argv[1]), 3600.0)], heed=heed))
+        list(workers.run([Task("A", pack(Calibrations(None)), Path(sys.argv[1]), 3600.0)], check_stop=check_stop))
 """
 
 

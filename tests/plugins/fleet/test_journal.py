@@ -62,7 +62,7 @@ def test_a_second_process_is_told_who_holds_it_and_a_killed_one_holds_nothing(tm
     with subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
-        with pytest.raises(StudyError, match=rf"another fleet is at work here \(process {holder.pid} on .* since 20"):
+        with pytest.raises(StudyError, match=rf"process {holder.pid} on .* is at work here since 20"):
             Journal(tmp_path)
         holder.kill()
     Journal(tmp_path).close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -96,9 +95,9 @@ def resume(
     Example:
       commonrail resume runs/paper-1 --generations 30
     """
-    from commonrail.cli.fit import outcome_of, print_outcome
+    from commonrail.cli.fit import print_outcome, reported
     from commonrail.cli.study_kind import RunOptions, kind_of_run
-    from commonrail.runs.fit import resume as again
+    from commonrail.runs.fit import resume as go_on
 
     if kind := kind_of_run(run):
         options = RunOptions(
@@ -107,6 +106,11 @@ def resume(
         kind.resume(run, options)
         return
     with open_workers(workers, cluster) as crew:
-        how = partial(again, run, generations=generations, as_begun=as_begun, threads=threads, workers=crew)
-        outcome = outcome_of(f"resuming {run}", run, lambda listener: how(listener=listener))
+        outcome = reported(
+            f"resuming {run}",
+            run,
+            lambda listener: go_on(
+                run, generations=generations, as_begun=as_begun, threads=threads, workers=crew, listener=listener
+            ),
+        )
     print_outcome(outcome, json)

@@ -31,7 +31,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.parameters import Domain
-from commonrail.plugins.family.fixed import OF_PART
+from commonrail.plugins.family.type import OF_PART
 from commonrail.readers.columns import Column
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.limits import Reach
@@ -151,18 +151,8 @@ def read_points(
 ) -> QuantityData:
     """Read reference quantities from a CSV file with columns rail_pressure, energising_time and quantity.
 
-    Parameters
-    ----------
-    path : str or Path
-    injector : Injector
-        Gives the fuel, for quantities by mass.
-    cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with their units.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or something in it is missing or of the wrong kind.
+    The injector gives the fuel, for quantities by mass; pressures are in Pa, or texts with their units. `InputError` if
+    the file cannot be read, or something in it is missing or of the wrong kind.
     """
     file = file_path(path, "path of the reference quantities")
     pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
@@ -180,10 +170,7 @@ def read_points(
 def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Injector:
     """The part's injector before it is fitted: its own measured values and nozzle, the type's other values.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or there is no injector.
+    `InputError` if a file cannot be read, or there is no injector.
     """
     if injector is None:
         if known.injector is None:
@@ -266,23 +253,12 @@ ENERGISING_TIMES = (300e-6, 400e-6, 500e-6, 700e-6, 1000e-6, 1400e-6)  # [s]
 
 @dataclass(frozen=True)
 class Advice:
-    """Expected errors of the adapted type, for each candidate as the only reference point.
+    """Expected errors of the adapted type at all other points, for each candidate (points,) as only reference point.
 
-    Attributes
-    ----------
-    points : tuple of OperatingPoint
-        Candidates, and the points whose quantities are predicted.
-    expected : (points,)
-        Root mean square error of the quantities at the other points, over points and drawn parts [m³]; NaN where the
-        candidate serves no part.
-    upper : (points,)
-        Root mean square error over the points that 90 % of the drawn parts stay below [m³].
-    usable : (points,)
-        Share of the drawn parts that inject there, and whose quantity a flow factor from 0.6 to 1.6 meets.
-    without : float
-        Root mean square error of the type itself, without any reference [m³].
-    draws : int
-        Drawn parts that could be simulated.
+    `expected` is the root mean square error over points and drawn parts [m³], NaN where the candidate serves no part;
+    90 % of the drawn parts stay below `upper`. `usable` is the share of the drawn parts that inject there, and whose
+    quantity a flow factor from 0.6 to 1.6 meets. `without` is the error of the type itself, without any reference [m³];
+    `draws` counts the drawn parts that could be simulated.
     """
 
     points: tuple[OperatingPoint, ...]
@@ -311,10 +287,14 @@ def advise(
 ) -> Advice:
     """Rank reference points before anything was measured on the part.
 
+    `points` are at least two candidates; the quantities at all of them are what the model is to predict. Injector and
+    threads are as in `adapt`; `flow_spread` is the standard deviation of the effective hole area about the drawing, as
+    a share.
+
     Parts are drawn from the type: each parameter from the normal distribution of its scatter between parts (`between`),
     within the bounds, and the flow of the nozzle. Where the type states no scatter between parts for any parameter, its
-    whole spreads are drawn from. For each candidate, the type is given the flow factor at which it injects what
-    the drawn part injects there, as `adapt` does it with one quantity, and is compared with the drawn part at all other
+    whole spreads are drawn from. For each candidate, the type is given the flow factor at which it injects what the
+    drawn part injects there, as `adapt` does it with one quantity, and is compared with the drawn part at all other
     points. No measured quantity of the part is used.
 
     The errors of the type's own values are left out: data hold combinations of the parameters more closely than each
@@ -322,33 +302,8 @@ def advise(
     that misses the measured parts by more will miss the next one too. Of a type without `between` it is too large for
     the same reason; the order of the points is then what the ranking is for.
 
-    Parameters
-    ----------
-    injector_type : InjectorType or path
-    points : sequence of OperatingPoint
-        Candidates, at least two; the quantities at all of them are what the model is to predict.
-    injector : Injector, name or path, optional
-        The part as `adapt` takes it; by default the type's injector.
-    flow_spread : float or str
-        Standard deviation of the effective hole area about the drawing, as a share.
-    draws : int
-        Number of parts that are drawn.
-    seed : int
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Returns
-    -------
-    Advice
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, there is no injector, or there are fewer than two points.
-    ConfigurationError
-        If an argument is of another kind.
-    SimulationError
-        If no drawn part could be simulated.
+    `InputError` if a file cannot be read, there is no injector, or there are fewer than two points; `SimulationError`
+    if no drawn part could be simulated.
     """
     known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
     part = part_of(known, injector)
@@ -362,13 +317,7 @@ def advise(
 
 
 def grid(cylinder_pressure: float | str = 5e6, return_pressure: float | str = 5e5) -> tuple[OperatingPoint, ...]:
-    """Candidates at 40 to 160 MPa and 300 to 1400 µs.
-
-    Parameters
-    ----------
-    cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with their units.
-    """
+    """Candidates at 40 to 160 MPa and 300 to 1400 µs; pressures behind them in Pa, or texts with their units."""
     behind = cylinder_pressure, return_pressure
     return tuple(_point(p, t, *behind) for p in RAIL_PRESSURES for t in ENERGISING_TIMES)
 
@@ -378,16 +327,8 @@ def read_candidates(
 ) -> tuple[OperatingPoint, ...]:
     """Read candidates from a CSV file with columns rail_pressure and energising_time; other columns are ignored.
 
-    Parameters
-    ----------
-    path : str or Path
-    cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with their units.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a column is missing or of the wrong kind.
+    Pressures behind them are in Pa, or texts with their units. `InputError` if the file cannot be read, or a column is
+    missing or of the wrong kind.
     """
     wanted = [Column("rail_pressure", ("Pa",)), Column("energising_time", ("s",), domain=Domain.POSITIVE)]
     table = read_columns(file_path(path, "path of the candidates"), wanted, least=2).columns
@@ -447,13 +388,7 @@ def _factors() -> Floats:
 def _advice(points: tuple[OperatingPoint, ...], own: Floats, scaled: Floats) -> Advice:
     """Errors of the adapted type for each candidate.
 
-    Parameters
-    ----------
-    points : tuple of OperatingPoint
-    own : (draws, points)
-        Quantities of the drawn parts [m³].
-    scaled : (factors, points)
-        Those of the type with flow factors.
+    From the quantities [m³] of the drawn parts (draws, points), and of the type with flow factors (factors, points).
     """
     count = len(points)
     expected, upper, usable = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count)

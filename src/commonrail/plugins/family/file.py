@@ -2,48 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from commonrail.base.text import number
-from commonrail.calibration.optimisers.registry import registered
-from commonrail.calibration.result import CLOCK, data_records
-from commonrail.compiler.target import describe, package_versions
+from commonrail.calibration.result import data_records, fit_record
 from commonrail.physics.injector import parameter_quantities
 from commonrail.plugins.family.adapt import FLOW
 from commonrail.plugins.family.fit import FamilyFit
 from commonrail.plugins.family.study import Shared
 
-SCHEMA, KIND = 1, "family"
+KIND = "family"
 TEXTS = {"start": "start values", "best": "best member", "mean": "mean of the members"}
 
 
 def family_record(fit: FamilyFit) -> dict[str, Any]:
     """Record of a joint fit: the type's parameters with each part's values, and the data of each part."""
-    family, entry = fit.family, registered(fit.family.method.evolution)
     return {
-        "schema": SCHEMA,
-        "kind": KIND,
-        "software": package_versions(),
-        "target": describe().machine,
-        "name": family.name,
-        "title": family.title,
-        "synthetic": family.synthetic,
-        "seed": family.seed,
-        "status": fit.status,
-        "reason": fit.reason,
-        "optimiser": {"method": entry.name if entry else "", **vars(family.method.evolution)},
-        "objective": {"start": number(fit.start_cost), "best": number(fit.cost)},
+        **fit_record(KIND, fit.family, fit),
+        "name": fit.family.name,
         "members": [number(cost) for cost in fit.members],
         "parts": _parts(fit),
         "parameters": _parameters(fit),
-        "joint": dict(fit.joint),
-        "evaluations": {**asdict(fit.counts), "injections": fit.simulations, "failures": dict(fit.failures)},
-        "generations": [
-            {"generation": g.generation, "best": number(g.best), "mean": number(g.mean)} for g in fit.history
-        ],
-        CLOCK: {"seconds": fit.seconds},
+        "joint": fit.best,
     }
 
 
@@ -60,23 +40,24 @@ def parts_data(fit: FamilyFit) -> dict[str, list[dict[str, Any]]]:
 
 
 def _parts(fit: FamilyFit) -> list[dict[str, Any]]:
-    data = parts_data(fit)
+    data, studies = parts_data(fit), fit.family.parts
+    # effective area of the holes relative to the drawing, where it was fitted
+    factors = {
+        name: (part.best[FLOW] / studies[name].injector.values[FLOW]) ** 2
+        for name, part in fit.parts.items()
+        if FLOW in part.best
+    }
     return [
         {
             "name": name,
-            "title": fit.family.parts[name].title,
+            "title": studies[name].title,
             "injector": part.injector.name,
-            "flow_factor": _flow_factor(part.best, fit.family.parts[name].injector.values),
+            "flow_factor": factors.get(name),
             "best": dict(part.best),
             "data": data[name],
         }
         for name, part in fit.parts.items()
     ]
-
-
-def _flow_factor(best: Mapping[str, float], drawn: Mapping[str, float]) -> float | None:
-    """Effective area of the holes relative to the drawing, where it was fitted."""
-    return (best[FLOW] / drawn[FLOW]) ** 2 if FLOW in best else None
 
 
 def _parameters(fit: FamilyFit) -> list[dict[str, Any]]:

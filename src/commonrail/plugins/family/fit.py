@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonrail.base.arguments import function, instance, thread_count
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import SimulationError
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
 from commonrail.calibration.members import mean_of, members_of
-from commonrail.calibration.optimisers.base import Counts
 from commonrail.calibration.scoring import score_all
-from commonrail.calibration.search import Checkpoint, Generation, Listeners, Progress, Recorder, Search
+from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
 from commonrail.plugins.family.adapt import FLOW
-from commonrail.plugins.family.fixed import PartValues, fixed_values
 from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
-from commonrail.plugins.family.type import FEWEST, over_parts, without_prior
+from commonrail.plugins.family.type import FEWEST, PartValues, fixed_values, over_parts, without_prior
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
@@ -31,15 +28,9 @@ from commonrail.workers.workers import Workers
 
 
 def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]) -> InjectorType:
-    """Type of the joint values: an effective hole diameter is a part's own, and no property of the type.
+    """Type of the joint values [SI]: an effective hole diameter is a part's own, and no property of the type.
 
-    Parameters
-    ----------
-    family : Family
-    joint : mapping of str to float
-        Joint parameters, SI.
-    errors : mapping of str to float or None
-        Their standard errors, SI; None where the data do not hold them.
+    `errors` are the standard errors of the joint parameters [SI], None where the data do not hold them.
     """
     names = dict.fromkeys(name for study in family.parts.values() for name in study.space.names if name != FLOW)
     parameters = []
@@ -101,19 +92,11 @@ def _provenance(family: Family, name: str) -> TypePart:
 
 @dataclass(frozen=True)
 class FittedPart:
-    """Result of one part.
+    """Injector of one part, the best values of its free parameters [SI], and the scores of its data sets with these.
 
-    Attributes
-    ----------
-    injector : Injector
-    best : mapping of str to float
-        Values of its free parameters, SI.
-    scores, start : tuple of Score
-        Of each of its data sets, with these values and with the start values.
-    members : tuple of Injector
-        Its injectors by each member of the joint fit, the best first.
-    mean : tuple of Score
-        Of the mean of what the members predict; empty unless all data are maps and there are several members.
+    `start` are the scores with the start values, `members` its injectors by each member of the joint fit, the best
+    first, and `mean` the scores of the mean of what these predict; empty unless all data are maps and there are several
+    members.
     """
 
     injector: Injector
@@ -124,61 +107,22 @@ class FittedPart:
     mean: tuple[Score, ...] = ()
 
 
-@dataclass(frozen=True)
-class FamilyFit:
-    """Result of a joint fit.
+@dataclass(frozen=True, kw_only=True)
+class FamilyFit(SearchResult):
+    """Result of a joint fit: of its search (`best` are the joint parameters), and what it makes of the parts.
 
-    Attributes
-    ----------
-    family : Family
-    parts : mapping of str to FittedPart
-    injector_type : InjectorType
-        What the parts have taught.
-    joint : mapping of str to float
-        Joint parameters.
-    cost : float
-        Objective of all parts together.
-    simulations : int
-        Single injections simulated, those of equal candidates of a part counted for each.
-    status, reason : str
-        "finished" or "interrupted", and why it stopped.
-    start_cost : float
-        Objective of the start values.
-    history : tuple of Generation
-    counts : Counts
-    failures : mapping of str to int
-        Failed candidates by the name of their status.
-    seconds : float
-        Time of the search.
-    members : tuple of float
-        Objectives of the optima whose predictions are averaged, the best first.
+    `injector_type` is what the parts have taught; `members` are the objectives of the optima whose predictions are
+    averaged, the best first.
     """
 
     family: Family
     parts: Mapping[str, FittedPart]
     injector_type: InjectorType
-    joint: Mapping[str, float]
-    cost: float
-    simulations: int
-    status: str = "finished"
-    reason: str = ""
-    start_cost: float = float("inf")
-    history: tuple[Generation, ...] = ()
-    counts: Counts = field(default_factory=Counts)
-    failures: Mapping[str, int] = field(default_factory=dict)
-    seconds: float = 0.0
-    members: tuple[float, ...] = ()
+    members: tuple[float, ...]
 
 
 def objective_of_parts(family: Family, threads: int | None = None) -> FamilyObjective:
-    """Objective of a joint fit, on threads of this process.
-
-    Parameters
-    ----------
-    family : Family
-    threads : int, optional
-        All usable processors by default.
-    """
+    """Objective of a joint fit, on threads of this process."""
     return FamilyObjective(list(family.parts.values()), family.sharing, family.space, threads)
 
 
@@ -193,65 +137,26 @@ def fit_family(
 ) -> FamilyFit:
     """Fit the parts of a family together, to the end or until Ctrl-C, which ends it in order with the best so far.
 
-    The search is that of a calibration; its objective is the sum of the parts' squares and of the squared pulls of the
-    joint priors. Validation data of the parts are scored and not fitted. `family.run.fit_into` does the same
-    and keeps every step in a run folder.
-
-    Parameters
-    ----------
-    family : Family
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-    progress : function of Progress, optional
-        Called after every step.
-    workers : Workers, optional
-        Processes or a cluster that simulate in place of threads; the result is the same.
-    recorder : Recorder, optional
-        Told of every step before `progress` is.
-    checkpoint : Checkpoint, optional
-        State to resume from, of the same family.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind.
-    StudyError
-        If the workers failed, or the checkpoint belongs to another family.
-    SimulationError
-        If no candidate could be simulated.
+    The search is that of a calibration; its objective is the sum of the parts' squares and of the squared residuals of
+    the joint priors. Validation data of the parts are scored and not fitted. `family.run.fit_into` does the same and
+    keeps every step in a run folder. Arguments and errors are those of `commonrail.calibrate`.
     """
     instance(family, Family, "family")
     function(progress, "progress")
     threads = thread_count(threads)
     objective = objective_of_parts(family, threads)
-    with held_interrupts() as wish:
-        search = Search(family, objective, workers, Listeners(progress, recorder, wish), checkpoint)
-        status, reason = search.until_stopped()
-        x, cost = search.best
-        if not np.isfinite(cost):
-            if status == "interrupted":
-                raise KeyboardInterrupt
-            raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
+    with held_interrupts() as stop:
+        found = Search(family, objective, workers, Listeners(progress, recorder, stop), checkpoint).to_end()
         objective.threads = threads  # workers' copies share the simulators
-        ends = members_of(search.ends)
-        found = identify_at(family.space, objective, x)
-        errors = {name: found[name]["standard_error"] for name in family.space.names}
-        joint = dict(zip(family.space.names, x.tolist(), strict=True))
+        ends = members_of(found.ends)
+        identified = identify_at(family.space, objective, np.array(list(found.best.values())))
+        errors = {name: identified[name]["standard_error"] for name in family.space.names}
         return FamilyFit(
-            family,
-            {name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
-            learnt_type(family, joint, errors),
-            joint,
-            cost,
-            search.simulations,
-            status,
-            reason,
-            float(objective.costs(family.space.reference[None, :]).costs[0]),
-            tuple(search.history),
-            search.counts,
-            dict(search.failures),
-            search.seconds,
-            tuple(end.cost for end in ends),
+            family=family,
+            parts={name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
+            injector_type=learnt_type(family, found.best, errors),
+            members=tuple(end.cost for end in ends),
+            **vars(found),
         )
 
 

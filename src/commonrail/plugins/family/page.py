@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import duration, fixed, listed, quantity, significant
-from commonrail.calibration.optimisers.registry import size_in_words
+from commonrail.base.text import fixed, listed, quantity, significant
 from commonrail.data.records import Record, Traces
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
 from commonrail.plugins.fleet.page import short_names
-from commonrail.report.draw.figure import drawings, figure_html
-from commonrail.report.fit.figures import convergence_figure, figures_of
+from commonrail.report.draw.figure import drawings
+from commonrail.report.fit.figures import figures_of
+from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.tables import tables_of
 from commonrail.report.fit.verdict import baseline_lines, data_lines
 from commonrail.report.html import render
@@ -36,19 +34,9 @@ RESULT = ResultKind(RECORD, KIND, "family", _page, KEYS)
 
 
 def family_html(record: Record, traces: Traces, run: str) -> str:
-    """Page of a joint fit.
-
-    Parameters
-    ----------
-    record, traces : mapping
-        Record, and curves by data set.
-    run : str
-        The folder's name, for the command lines in the page.
-    """
-    data = _all_data(record)
+    """Page of a joint fit; `run` is the folder's name, for the command lines in it."""
+    data = [{**d, "name": f"{part['name']}: {d['name']}"} for part in record["parts"] for d in part["data"]]
     figures = figures_of({"data": data, "labels": TEXTS}, traces)
-    generations = record["generations"]
-    convergence = convergence_figure(generations) if len(generations) > 1 else None
     return render(
         "family.html",
         package=__package__,
@@ -59,16 +47,11 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
         tables=family_tables(record),
         errors=tables_of(data, TEXTS),
         figures=drawings([*family_figures(record), *figures]),
-        convergence=(convergence, figure_html(convergence, "convergence")) if convergence else None,
+        convergence=convergence_section(record),
         data=data,
         commands=_commands(record, run),
-        facts=_facts(record),
+        facts=search_facts(record),
     )
-
-
-def _all_data(record: Record) -> list[Record]:
-    """Data sets of all parts, each with its part in its name."""
-    return [{**data, "name": f"{part['name']}: {data['name']}"} for part in record["parts"] for data in part["data"]]
 
 
 def family_lines(record: Record) -> list[str]:
@@ -149,19 +132,4 @@ def _commands(record: Record, run: str) -> list[tuple[str, str]]:
         ("Reference points that tell most of the next part", f"commonrail adapt {known} --advise --injector PART.toml"),
         ("Model of the next part", f"commonrail adapt {known} --from POINTS.csv --injector PART.toml --out MODEL.toml"),
         ("Make this report again", f"commonrail report {folder}"),
-    ]
-
-
-def _facts(record: Record) -> list[tuple[str, str]]:
-    search: Mapping[str, Any] = record["optimiser"]
-    injections = record["evaluations"]["injections"]
-    objective = record["objective"]
-    return [
-        ("Search", f"{search['method']}, {size_in_words(search)}"),
-        ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
-        ("Simulations", f"{injections:,} injections"),
-        ("Time of the search", duration(record["clock"]["seconds"])),
-        ("Ended", f"{record['status']}: {record['reason']}"),
-        ("Seed", str(record["seed"])),
-        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
     ]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from commonrail.base.arguments import file_path, instance, thread_count
+from commonrail.base.arguments import file_path, instance, thread_count, whole
 from commonrail.base.output import summed, writing
 from commonrail.calibration.search import Checkpoint
 from commonrail.calibration.study_file.type import dump_type
@@ -15,8 +15,8 @@ from commonrail.plugins.family.file import family_record
 from commonrail.plugins.family.fit import FamilyFit, fit_family, objective_of_parts
 from commonrail.plugins.family.study import Family, load_family
 from commonrail.readers.injector.file import dump_injector
-from commonrail.runs.fingerprint import content_of, fingerprint_of, other_targets
-from commonrail.runs.fit import FolderFit, FolderWords, Listener
+from commonrail.runs.fingerprint import content_of, fingerprint_of
+from commonrail.runs.fit import FitKind, Listener, Work, warn_of_targets
 from commonrail.runs.folder import TRACES, rate_curves, write_record
 from commonrail.runs.journal import Journal
 from commonrail.runs.traces import Curve, write_traces
@@ -36,38 +36,20 @@ def fit_into(
 ) -> FamilyFit:
     """Fit the parts of a family together, in a new run folder that keeps every step.
 
-    Parameters
-    ----------
-    folder : str or Path
-        New or empty. In the end it holds family.toml with all files that it reads, type.toml, family.json, SHA256SUMS,
-        journal.sqlite, and the injector of each part in the folder models.
-    family : Family
-        Read from a file.
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-    workers : Workers, optional
-        Processes or a cluster that simulate in place of threads; the result is the same.
-    listener : Listener, optional
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind.
-    InputError
-        If the folder is not empty.
-    OutputError
-        If it cannot be written; what was done before is kept.
-    StudyError
-        If the family was made in Python, or cannot be fitted; what was done before is kept.
+    In the end it holds family.toml with all files that it reads, type.toml, family.json, traces.csv, SHA256SUMS,
+    journal.sqlite, and the injector of each part in the folder models. Arguments and errors are those of
+    `commonrail.calibrate_into`.
     """
     path = file_path(folder, "folder")
     instance(family, Family, "family")
-    return _FOLDER.begin(path, family, _search(thread_count(threads), workers, listener))
+    return FAMILIES.begin(path, family, _work(listener, threads, workers))
 
 
 def resume_family(
     folder: str | Path,
     *,
+    generations: int = 0,
+    family: Family | None = None,
     as_begun: bool = False,
     threads: int | None = None,
     workers: Workers | None = None,
@@ -75,44 +57,32 @@ def resume_family(
 ) -> FamilyFit:
     """Resume a joint fit that was stopped; the result is that of one never stopped, bit by bit.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Run folder; it may have been moved or copied.
-    as_begun : bool
-        Use the copies in the run folder although the files that they were made from have changed.
-    threads, workers, listener
-        As in `fit_into`; they may differ from those of the beginning.
-
-    Raises
-    ------
-    StudyError
-        If there is no journal, another process is at work in the folder, or the family or its data have changed.
-    OutputError
-        If the folder cannot be written; what was done before is kept.
+    `family` is given if it was made in Python and not read from a file; other arguments and errors are those of
+    `commonrail.resume`.
     """
-    path = file_path(folder, "folder")
+    path, generations = file_path(folder, "folder"), whole(generations, "generations")
+    work = _work(listener, threads, workers)
+    return FAMILIES.resume(path, work, study=family, generations=generations, as_begun=as_begun)
+
+
+def _work(listener: Listener, threads: int | None, workers: Workers | None) -> Work[Family, FamilyFit]:
     threads = thread_count(threads)
 
-    def warn(journal: Journal, family: Family) -> None:
-        for finding in other_targets(journal, family, objective_of_parts(family, threads)):
-            listener.note(f"warning: {finding.sentence}")
+    def work(family: Family, journal: Journal, checkpoint: Checkpoint | None) -> FamilyFit:
+        warn_of_targets(journal, family, checkpoint, lambda: objective_of_parts(family, threads), listener)
+        fit = fit_family(
+            family,
+            threads=threads,
+            progress=listener.progress,
+            workers=workers,
+            recorder=journal,
+            checkpoint=checkpoint,
+        )
+        journal.check_place()
+        _write(journal.folder, fit)
+        return fit
 
-    return _FOLDER.resume(path, _search(threads, workers, listener), as_begun=as_begun, warn=warn)
-
-
-def _search(
-    threads: int | None, workers: Workers | None, listener: Listener
-) -> Callable[[Family, Journal, Checkpoint | None], FamilyFit]:
-    """The search of `fit_family`, kept in a journal."""
-    return lambda family, journal, checkpoint: fit_family(
-        family,
-        threads=threads,
-        progress=listener.progress,
-        workers=workers,
-        recorder=journal,
-        checkpoint=checkpoint,
-    )
+    return work
 
 
 def _content(family: Family) -> str:
@@ -154,11 +124,13 @@ def _curves(fit: FamilyFit) -> Iterator[Curve]:
             yield curve._replace(data=f"{name}: {curve.data}")
 
 
-_FOLDER = FolderFit(
-    FAMILY,
-    FolderWords("family", "a family", "commonrail family FAMILY.toml", "fit_family"),
-    load_family,
-    _content,
-    ("name", "seed"),
-    _write,
+FAMILIES: FitKind[Family, FamilyFit] = FitKind(
+    file=FAMILY,
+    word="family",
+    command="commonrail family FAMILY.toml",
+    again="resume_family(folder, family=family)",
+    load=load_family,
+    content=_content,
+    results=(RECORD, TYPE, f"{MODELS}/*"),
+    chosen=("name", "seed"),
 )

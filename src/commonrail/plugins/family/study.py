@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from fnmatch import fnmatchcase
@@ -66,16 +66,9 @@ class Shared(NamedTuple):
 
 @dataclass(frozen=True)
 class Sharing:
-    """Map from points of the joint space to points of the parts' spaces.
+    """Map from points of the joint space (D,) to points of the parts' spaces.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the joint parameters (D,).
-    matrices : tuple of (d, D) array
-        One for each part: its point is the joint one times the matrix, within its own bounds.
-    bounds : tuple of (lower (d,), upper (d,))
-        Of the parts' spaces, SI.
+    A part's point is the joint one times its matrix (d, D), within its own bounds: lower (d,) and upper (d,) [SI].
     """
 
     names: tuple[str, ...]
@@ -89,13 +82,7 @@ class Sharing:
 
 
 class _PartsConstraints(Products):
-    """Constraints of all parts, at joint points.
-
-    Parameters
-    ----------
-    spaces : sequence of Space
-    sharing : Sharing
-    """
+    """Constraints of all parts, at joint points."""
 
     def __init__(self, spaces: Sequence[Space], sharing: Sharing) -> None:
         super().__init__()
@@ -118,25 +105,11 @@ class _PartsConstraints(Products):
 def joint_space(
     parts: Mapping[str, Space], shared: Mapping[str, Shared], rest: Share = Share.COMMON
 ) -> tuple[Space, Sharing]:
-    """Space of the joint parameters, and the map from it to the parts.
+    """Space of the joint parameters, and the map from it to the parts, whose relations are `shared` or else `rest`.
 
     A common parameter has the bounds, start and prior that the first part with it states; one of a part has its part's
     own. A parameter that scatters is a common value and, for each part, its distance from it in standard deviations,
-    whose prior is the standard normal distribution.
-
-    Parameters
-    ----------
-    parts : mapping of str to Space
-        Spaces of the parts by name.
-    shared : mapping of str to Shared
-        Relations by parameter.
-    rest : Share
-        Relation of the parameters that are not in `shared`.
-
-    Raises
-    ------
-    ConfigurationError
-        If `shared` names what no part has free.
+    whose prior is the standard normal distribution. `ConfigurationError` if `shared` names what no part has free.
     """
     known = dict.fromkeys(name for space in parts.values() for name in space.names)
     for name in shared:
@@ -185,23 +158,14 @@ def _of_part(parameter: Parameter, part: str, share: Share) -> Parameter:
 
 
 class FamilyObjective(Objective):
-    """Sum of the parts' objectives, and the squared pulls of the priors of the joint parameters.
+    """Sum of the parts' objectives, and the squared residuals of the priors of the joint parameters.
 
     Each part simulates its own candidates in its own batches; candidates that are the same for a part, as most are that
-    differ in another part's own parameters alone, are simulated once.
-
-    Parameters
-    ----------
-    studies : sequence of Study
-        One for each part.
-    sharing : Sharing
-    space : Space
-        Of the joint parameters, with their priors.
-    threads : int or None
+    differ in another part's own parameters alone, are simulated once. `space` is that of the joint parameters.
     """
 
     def __init__(self, studies: Sequence[Study], sharing: Sharing, space: Space, threads: int | None = None) -> None:
-        self.sharing, self.names, self._reference = sharing, sharing.names, space.reference
+        self.sharing, self.names = sharing, sharing.names
         self.parts = [_objective(study, threads) for study in studies]
         conditions = tuple(condition for study in studies for condition in study.conditions)
         self.goal = Goal(studies[0].loss, Priors.of(space.parameters), conditions, scale=studies[0].loss_scale)
@@ -218,10 +182,6 @@ class FamilyObjective(Objective):
         for part in self.parts:
             part.threads = threads
 
-    def own_values(self) -> list[float]:
-        """Reference values of the joint parameters [SI]."""
-        return [float(value) for value in self._reference]
-
     def costs(self, values: Floats) -> Scores:
         """Objective of joint candidates (n, names), SI; one that is simulated once for several counts for each."""
         total, statuses = self.goal.priors.costs(values), np.zeros(len(values), np.int8)
@@ -233,19 +193,21 @@ class FamilyObjective(Objective):
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals (n, those of all parts, then priors)."""
-        found = [p.residuals(own)[which] for p, (own, which) in zip(self.parts, self._distinct(values), strict=True)]
-        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        return self._together(values, [part.residuals for part in self.parts])
 
     def screened(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them, in f32 and at the time step of the screening."""
-        found = [p.screened(own)[which] for p, (own, which) in zip(self.parts, self._distinct(values), strict=True)]
-        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        return self._together(values, [part.screened for part in self.parts])
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
         if self.goal.loss is not Loss.SOFT_L1:
             return self.residuals(values)
         found = [part.linearised(self.sharing.of_part(k, values)) for k, part in enumerate(self.parts)]
+        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+
+    def _together(self, values: Floats, of_parts: Sequence[Callable[[Floats], Floats]]) -> Floats:
+        found = [of(own)[which] for of, (own, which) in zip(of_parts, self._distinct(values), strict=True)]
         return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
 
     def _distinct(self, values: Floats) -> list[tuple[Floats, IndexArray]]:
@@ -301,25 +263,11 @@ class _FamilyModel(FileModel):
 
 @dataclass(frozen=True)
 class Family:
-    """Several parts of one type, to be fitted together.
+    """Several parts of one type, to be fitted together: the study of each part by its name.
 
-    Attributes
-    ----------
-    name, title : str
-    parts : mapping of str to Study
-        Study of each part by its name.
-    space : Space
-        Of the joint parameters.
-    sharing : Sharing
-        Map from joint points to the parts'.
-    shared : mapping of str to Shared
-        Relation of each parameter that is not common.
-    method : Method
-    seed : int
-    files : mapping of Path to str
-        SHA-256 of each file that the family was read from, its own first; empty if it was made in Python.
-    text : str
-        The family file as given.
+    The joint parameters lie in `space`, and `sharing` maps from it to the parts; `shared` has the relation of each
+    parameter that is not common. `files` has the SHA-256 of each file that the family was read from, its own first,
+    empty if it was made in Python; `text` is the family file as given.
     """
 
     name: str
@@ -345,19 +293,10 @@ class Family:
 
 
 def load_family(path: str | Path) -> Family:
-    """Read a family with the studies of its parts.
+    """Read a family with the studies of its parts from a TOML file; the paths in it are relative to its folder.
 
-    Parameters
-    ----------
-    path : str or Path
-        TOML file; the paths in it are relative to its folder.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
-    ConfigurationError
-        If values contradict one another.
+    `InputError` if a file cannot be read, or something in it is unknown, missing or of the wrong kind;
+    `ConfigurationError` if values contradict one another.
     """
     file = file_path(path, "path of a family")
     with noting_files() as own:
@@ -402,7 +341,12 @@ def _known(study: Study, known: InjectorType | None) -> Study:
     if known is None:
         return study
     free = [
-        replace(p, reference=min(max(of.value, p.lower), p.upper), prior=_within(of.prior, p), source=of.source)
+        replace(
+            p,
+            reference=min(max(of.value, p.lower), p.upper),
+            prior=replace(of.prior, value=min(max(of.prior.value, p.lower), p.upper)),
+            source=of.source,
+        )
         if (of := known.by_name.get(p.name))
         else p
         for p in study.space.parameters
@@ -427,11 +371,6 @@ def _with_spreads(study: Study, spreads: Mapping[str, float]) -> Study:
         for p in study.space.parameters
     ]
     return replace(study, space=Space(free, study.space.constraints, study.space.products))
-
-
-def _within(prior: Prior, p: Parameter) -> Prior:
-    """The prior with its value within the bounds."""
-    return replace(prior, value=min(max(prior.value, p.lower), p.upper))
 
 
 def _with_flow(study: Study, spread: float | None) -> Study:
@@ -467,17 +406,9 @@ def _shared(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dic
 def _spreads(
     items: Sequence[_SpreadModel], known: Mapping[str, None], at: Place, taken: Container[str] = ()
 ) -> dict[str, float]:
-    """Spread [SI] of each parameter that is named.
+    """Spread [SI] of each free parameter that is named by items at a location.
 
-    Parameters
-    ----------
-    items : sequence of _SpreadModel
-    known : mapping
-        Free parameters by name.
-    at : Place
-        Of the items.
-    taken : container of str
-        Parameters whose relation is given elsewhere.
+    A name among those `taken`, whose relation is given elsewhere, is refused.
     """
     found: dict[str, float] = {}
     for i, item in enumerate(items):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,16 +13,64 @@ from numpy.typing import ArrayLike
 from commonrail.base.arguments import file_path, number, plain_text, sequence
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
+from commonrail.base.hooks import note
 from commonrail.base.input import fingerprint
 from commonrail.base.output import check_sum
+from commonrail.base.units import to_text
 from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.calibration.study_file.file import load_study
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.meters import is_of_meter
-from commonrail.plugins.family.fixed import PartValues, fixed_values
 from commonrail.readers.columns import name_and_unit
 from commonrail.readers.csv import CsvFile
+from commonrail.readers.fields import UNSTATED
 from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record
+
+# Values that the studies of a type's parts fixed, as values of the type.
+
+OF_PART = ("nozzle.hole_diameter", "nozzle.holes")  # the nozzle is a part's own
+
+
+class PartValues(NamedTuple):
+    """Values [SI] with which a part was fitted, the fitted ones being the best, and their sources.
+
+    `stated` names the values that are not the injector file's.
+    """
+
+    name: str
+    values: Mapping[str, float]
+    sources: Mapping[str, Source]
+    stated: Collection[str]
+
+
+def fixed_values(parts: Sequence[PartValues], taken: Collection[str]) -> tuple[FixedValue, ...]:
+    """Values of a type that are none of its parameters (`taken`), and that a part had in place of its injector's.
+
+    Where the parts differ, the type takes the mean, and a note says so; nozzles that differ are the parts' own.
+    """
+    names = dict.fromkeys(name for part in parts for name in part.stated if name not in taken)
+    found = []
+    for name in names:
+        having = [part for part in parts if name in part.values]
+        values = [part.values[name] for part in having]
+        if min(values) == max(values):
+            mark, text = next(part for part in having if name in part.stated).sources.get(name, UNSTATED)
+            found.append(FixedValue(name, values[0], mark, text))  # type: ignore[arg-type]
+        elif name not in OF_PART:
+            found.append(_mean_of_parts(name, values, [part.name for part in having]))
+    return tuple(found)
+
+
+def _mean_of_parts(name: str, values: Sequence[float], parts: Sequence[str]) -> FixedValue:
+    unit = parameter_quantities()[name].unit
+    mean = float(np.mean(values))
+    own = ", ".join(f"{to_text(v, unit)} ({part})" for v, part in zip(values, parts, strict=True))
+    note(
+        f"{name} is not the same in all parts: {own}; the type takes the mean, {to_text(mean, unit)}. Where it was "
+        'measured on the next part, give it the mark "M" in that injector\'s file.'
+    )
+    return FixedValue(name, mean, "F", f"mean of the parts: {own}")
+
 
 # Mean and spread of a parameter over parts whose own values are known with errors (random effects).
 
@@ -34,16 +82,10 @@ _HALVINGS = 200  # of the interval that holds the variance between parts: to the
 
 
 class Estimate(NamedTuple):
-    """Mean over parts, and the standard deviation of the next part's value about it.
+    """Mean over parts, each weighed by its own error, and the standard deviation of the next part's value about it.
 
-    Attributes
-    ----------
-    value : float
-        Mean over the parts, each weighed by its own error.
-    spread : float
-        sqrt(between² + error of the mean²): that of the next part's value about `value`.
-    between : float
-        Standard deviation between parts beyond what their errors explain; 0 if they explain it all.
+    `between` is the standard deviation between parts beyond what their errors explain, 0 if they explain it all;
+    `spread` is sqrt(between² + error of the mean²).
     """
 
     value: float
@@ -52,22 +94,12 @@ class Estimate(NamedTuple):
 
 
 def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
-    """Two-step estimate of the distribution of a parameter over parts.
+    """Two-step estimate of the distribution of a parameter over parts, at least two of them with a known error.
 
-    Each part's value x_i has been fitted by itself, with the standard error e_i. The variance between parts, τ², is
-    that for which Σ (x_i − μ)²/(e_i² + τ²) equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by
-    1/(e_i² + τ²). A part whose error is not known is left out: its data do not hold the parameter.
-
-    Parameters
-    ----------
-    values : (n,)
-        At least two of them with a known error.
-    errors : (n,)
-        Standard errors by the data alone (see `without_prior`) in the unit of the values, ≥ 0; NaN where not known.
-
-    Returns
-    -------
-    Estimate
+    Each part's value x_i has been fitted by itself, with the standard error e_i by the data alone (see
+    `without_prior`), NaN where not known. The variance between parts, τ², is that for which Σ (x_i − μ)²/(e_i² + τ²)
+    equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by 1/(e_i² + τ²). A part whose error is not known is
+    left out: its data do not hold the parameter.
     """
     known = np.isfinite(np.asarray(errors, float))
     x, variance = np.asarray(values, float)[known], np.asarray(errors, float)[known] ** 2
@@ -83,21 +115,11 @@ def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
 
 
 def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:
-    """Values and errors that the data alone give, of a fit with a prior.
+    """Values and errors (n,) that the data alone give, of fits with a prior (value, sigma).
 
     Every part had the same prior: counted once a part, it would draw the parts together and to its value. With the
-    posterior's x and e and the prior's μ and σ, the data's weight is 1/e² − 1/σ².
-
-    Parameters
-    ----------
-    values, errors : (n,)
-        Of fits; NaN for an error that is not known.
-    prior : (value, sigma) or None
-
-    Returns
-    -------
-    values, errors : (n,)
-        Both NaN where the data tell less than a tenth of what the prior tells.
+    posterior's x and e and the prior's μ and σ, the data's weight is 1/e² − 1/σ². Both are NaN where the data tell less
+    than a tenth of what the prior tells, or where the error is.
     """
     x, e = np.asarray(values, float), np.asarray(errors, float)
     if prior is None:
@@ -259,17 +281,10 @@ def _widest(p: Mapping[str, Any]) -> float:
 def _estimated(
     name: str, found: Floats, bounds: tuple[float, float], source: str, otherwise: tuple[float, float]
 ) -> TypeParameter:
-    """A parameter over parts.
+    """A parameter over parts, from their values and errors (2, parts) by the data alone.
 
-    Parameters
-    ----------
-    name : str
-    found : (2, parts)
-        Values and errors by the data alone.
-    bounds : (lower, upper)
-    source : str
-    otherwise : (value, sigma)
-        Taken where the data of fewer than two parts hold the parameter; `sigma` is that of a prior, or infinite.
+    Where the data of fewer than two parts hold it, value and sigma are those of `otherwise`; sigma is that of a prior,
+    or infinite.
     """
     known, between = int(np.isfinite(found).all(axis=0).sum()), None
     widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import print_json, print_rows, print_table, say
-from commonrail.cli.fit import end_if_stopped, reported
+from commonrail.cli.fit import Outcome, end_if_stopped, reported
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     ClusterAddress,
@@ -28,8 +29,6 @@ from commonrail.cli.study_kind import RunOptions, StudyKind
 
 if TYPE_CHECKING:
     from commonrail.calibration.injector_type import InjectorType
-    from commonrail.plugins.family.fit import FamilyFit
-    from commonrail.runs.fit import Listener
     from commonrail.workers.workers import Workers
 
 # commonrail family: type file of parts of one type, which were calibrated or are fitted together.
@@ -85,7 +84,9 @@ def family(
       commonrail family fleets/line-4 --out cri2.toml
       commonrail family runs/part-1 --part-spread 3% --out cri2.toml
     """
-    from commonrail.calibration.study_file.type import dump_type, names_injector
+    from commonrail.base.output import write_text
+    from commonrail.calibration.study_file.type import dump_type
+    from commonrail.plugins.family.run import TYPE
     from commonrail.plugins.family.type import FLEET
 
     check_file(out, "--out")
@@ -98,21 +99,19 @@ def family(
     if share is not None and (joint or any((source / FLEET).is_file() for source in sources)):
         raise InputError("--part-spread: only for run folders; omit it for a family file or a fleet.")
     if joint:
+        stated = {key: value for key, value in (("name", name), ("seed", seed)) if value is not None}
         with open_workers(workers, cluster) as crew:
-            stated = {key: value for key, value in (("name", name), ("seed", seed)) if value is not None}
-            outcome = run_family(joint[0], run or free_run_folder(stem_of(joint[0])), stated, models, threads, crew)
-        dump_type(outcome.fit.injector_type, out)
-        print_family(outcome, json, out)
+            outcome = _fit(joint[0], run or free_run_folder(stem_of(joint[0])), stated, models, threads, crew)
+        write_text(out, (outcome.folder / TYPE).read_text(encoding="utf-8"))
+        _print_family(outcome, json, out)
         return
     found = _from_results(sources, name or out.stem, share)
     dump_type(found, out)
     if json:
-        print_json(type_record(found, out))
+        print_json(_type_record(found, out))
     else:
-        print_type(found)
-    if not names_injector(found):
-        say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
-    say(f"wrote {out}")
+        _print_type(found)
+    _say_written(found, out)
 
 
 def _from_results(sources: Sequence[Path], name: str, share: float | None) -> InjectorType:
@@ -128,13 +127,7 @@ def _from_results(sources: Sequence[Path], name: str, share: float | None) -> In
 
 
 def _refuse_twice(sources: Sequence[Path]) -> None:
-    """Refuse a run that is named twice, or beside its copy: a part that equals another has no spread.
-
-    Raises
-    ------
-    InputError
-        If there is one.
-    """
+    """Refuse a run that is named twice, or beside its copy: a part that equals another has no spread."""
     from commonrail.base.input import fingerprint
     from commonrail.runs.folder import RESULT
 
@@ -146,143 +139,89 @@ def _refuse_twice(sources: Sequence[Path]) -> None:
                 raise InputError(f"{source}: this is the same run as {first}; name each part once.")
 
 
-class FamilyOutcome(NamedTuple):
-    """Run folder, its report and the joint fit."""
-
-    folder: Path
-    report: Path
-    fit: FamilyFit
-
-
-def run_family(
+def _fit(
     source: Path,
     folder: Path,
     changes: Mapping[str, Any],
     models: Path | None,
     threads: int | None,
     workers: Workers | None,
-) -> FamilyOutcome:
+) -> Outcome:
     """Fit the parts of a family file together in a new run folder, with progress on stderr.
 
-    Parameters
-    ----------
-    source : Path
-        Family file.
-    folder : Path
-        New or empty.
-    changes : mapping
-        Name of the type and seed, in place of those of the file.
-    models : Path or None
-        New folder for the injectors of the parts.
-    threads : int or None
-        None: all processors.
-    workers : Workers or None
-        Simulate in place of this process.
-
-    Raises
-    ------
-    InputError, OutputError, StudyError
-        As `commonrail.plugins.family.run.fit_into`.
+    `changes` are name of the type and seed, in place of those of the file; `models` is a new folder for the injectors
+    of the parts. Without `workers` this process simulates.
     """
-    from commonrail.plugins.family.run import fit_into
+    from commonrail.base.output import write_text
+    from commonrail.plugins.family.run import MODELS, fit_into
     from commonrail.plugins.family.study import load_family
-    from commonrail.readers.injector.file import dump_injector
     from commonrail.runs.folder import create_run_folder, refuse_used
 
     if models is not None:
         refuse_used(models)
     family = replace(load_family(source), **changes)
-    outcome = _told(
-        family.title,
-        folder,
-        lambda listener: fit_into(folder, family, threads=threads, workers=workers, listener=listener),
-    )
+    fit = partial(fit_into, folder, family, threads=threads, workers=workers)
+    outcome = reported(family.title, folder, lambda listener: fit(listener=listener))
     if models is not None:
         place = create_run_folder(models)
-        for part, own in outcome.fit.parts.items():
-            dump_injector(own.injector, place / f"{part}.toml", header=f"{family.title}: {part}")
+        for part in outcome.record["parts"]:
+            file = f"{part['name']}.toml"
+            write_text(place / file, (folder / MODELS / file).read_text(encoding="utf-8"))
     return outcome
 
 
 def _resume(folder: Path, options: RunOptions) -> None:
     from commonrail.plugins.family.run import TYPE, resume_family
 
-    if options.generations:
-        raise InputError(f"--generations: {folder} is the run of a family; state them in a new family file.")
+    how: dict[str, Any] = {"generations": options.generations, "as_begun": options.as_begun, "threads": options.threads}
     with open_workers(options.workers, options.cluster) as workers:
-
-        def resumed(listener: Listener) -> FamilyFit:
-            return resume_family(
-                folder, as_begun=options.as_begun, threads=options.threads, workers=workers, listener=listener
-            )
-
-        outcome = _told(f"resuming {folder}", folder, resumed)
-    print_family(outcome, options.json, folder / TYPE)
+        fit = partial(resume_family, folder, workers=workers, **how)
+        outcome = reported(f"resuming {folder}", folder, lambda listener: fit(listener=listener))
+    _print_family(outcome, options.json, folder / TYPE)
 
 
 STUDY = StudyKind(_resume)
 
 
-def _told(title: str, folder: Path, work: Callable[[Listener], FamilyFit]) -> FamilyOutcome:
-    return FamilyOutcome(folder, *reported(title, folder, work))
-
-
-def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
-    """Print the figures of a joint fit; exit status 130 if it was stopped.
-
-    Parameters
-    ----------
-    outcome : FamilyOutcome
-    json : bool
-        Print one record instead of tables.
-    out : Path
-        The type file.
-    """
-    from commonrail.calibration.study_file.type import names_injector
-    from commonrail.plugins.family.file import TEXTS, parts_data
+def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
+    """Print the figures of a joint fit, or one record; exit status 130 if it was stopped. `out` is the type file."""
+    from commonrail.calibration.study_file.type import load_type
+    from commonrail.plugins.family.file import TEXTS
     from commonrail.report.fit.tables import tables_of
 
-    fit, folder = outcome.fit, outcome.folder
+    record, known = outcome.record, load_type(out)
     if json:
-        print_json(type_record(fit.injector_type, out) | _record_of(outcome))
+        figures = {
+            "run": str(outcome.folder),
+            "report": str(outcome.report),
+            "status": record["status"],
+            "cost": record["objective"]["best"],
+            "injections": record["evaluations"]["injections"],
+            "joint": record["joint"],
+            "fits": {part["name"]: {"best": part["best"], "data": part["data"]} for part in record["parts"]},
+        }
+        print_json(_type_record(known, out) | figures)
     else:
-        for part, data in parts_data(fit).items():
-            click.echo(part)
-            for table in tables_of(data, TEXTS):
+        for part in record["parts"]:
+            click.echo(part["name"])
+            for table in tables_of(part["data"], TEXTS):
                 print_table(table)
-        print_type(fit.injector_type)
+        _print_type(known)
         click.echo(f"report: {outcome.report}")
-    if not names_injector(fit.injector_type):
+    _say_written(known, out)
+    end_if_stopped(outcome)
+
+
+def _say_written(found: InjectorType, out: Path) -> None:
+    from commonrail.calibration.study_file.type import names_injector
+
+    if not names_injector(found):
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
     say(f"wrote {out}")
-    end_if_stopped(fit.status, folder)
 
 
-def _record_of(outcome: FamilyOutcome) -> dict[str, Any]:
-    from commonrail.plugins.family.file import parts_data
-
-    fit = outcome.fit
-    data = parts_data(fit)
-    return {
-        "run": str(outcome.folder),
-        "report": str(outcome.report),
-        "status": fit.status,
-        "cost": fit.cost,
-        "injections": fit.simulations,
-        "joint": dict(fit.joint),
-        "fits": {name: {"best": dict(part.best), "data": data[name]} for name, part in fit.parts.items()},
-    }
-
-
-def type_record(found: InjectorType, out: Path) -> dict[str, Any]:
-    """Record of a type for ``--json``.
-
-    Parameters
-    ----------
-    found : InjectorType
-    out : Path
-        Its file.
-    """
+def _type_record(found: InjectorType, out: Path) -> dict[str, Any]:
+    """Record of a type for ``--json``; `out` is its file."""
     parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in found.parts]
     values = [
         {"name": p.name, "value": p.value, "spread": p.spread, "lower": p.lower, "upper": p.upper, "source": p.source}
@@ -293,7 +232,7 @@ def type_record(found: InjectorType, out: Path) -> dict[str, Any]:
     return {**head, "parts": parts, "parameters": values, "fixed": fixed}
 
 
-def print_type(found: InjectorType) -> None:
+def _print_type(found: InjectorType) -> None:
     """Print the parameters of a type with their spreads."""
     from commonrail.physics.injector import parameter_quantities
 

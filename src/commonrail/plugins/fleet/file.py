@@ -36,15 +36,9 @@ def units_of(fleet: Fleet) -> dict[str, str]:
 def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any]) -> Record:
     """Record of a fleet; all that depends on the clock is under "clock".
 
-    Parameters
-    ----------
-    fleet : Fleet
-    entries : sequence of Entry
-        Injectors that are done, in the table's order.
-    status : str
-        "finished", "interrupted" or "failed".
-    clock : mapping
-        "seconds", "first" (until the first injector was done), "calibrated_now" and "workers" of this run.
+    `entries` are the injectors that are done, in the table's order; the status is "finished", "interrupted" or
+    "failed". The clock has "seconds", "first" (until the first injector was done), "calibrated_now" and "workers" of
+    this run.
     """
     finished = [entry for entry in entries if entry.status == FINISHED]
     failed = [entry for entry in entries if entry.status == FAILED]
@@ -74,7 +68,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
         "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
         **({"population": population_record(finished, list(units_of(fleet)))} if finished else {}),
         "estimator": ESTIMATOR,
-        "worst": [_worst(entry) for entry in _by_cost(finished)[:WORST]],
+        "worst": [_worst(entry) for entry in sorted(finished, key=lambda entry: -entry.record["J"]["best"])[:WORST]],
         "warnings": _warnings(finished),
         "failures": [{"injector": entry.name, "reason": entry.reason} for entry in failed],
         "clock": _clock(clock, finished),
@@ -122,11 +116,6 @@ def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
         "verdicts": dict(sorted(Counter(p["verdict"] for p in own).items())),
         **{key: own[0][key] for key in ("lower", "upper", "prior")},
     }
-
-
-def _by_cost(finished: Sequence[Entry]) -> list[Entry]:
-    """The worst first; among equals, in the table's order."""
-    return sorted(finished, key=lambda entry: -entry.record["J"]["best"])
 
 
 def _worst(entry: Entry) -> Record:
@@ -178,25 +167,8 @@ def write_results(
 ) -> dict[str, Any]:
     """Write the files, each whole or not at all; returns what ``fleet.json`` holds.
 
-    Parameters
-    ----------
-    folder : Path
-    fleet : Fleet
-    entries : sequence of Entry
-        Injectors that are done.
-    status : str
-        "finished", "interrupted" or "failed".
-    clock : mapping
-        "seconds", "calibrated_now" and "workers" of this run.
-    warnings : sequence of mappings
-        About the fleet as a whole, in the form of those of its record.
-    why : str
-        Reason that the injectors that are not done have none.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    As `fleet_record`, with warnings about the fleet as a whole and the reason why injectors that are not done have
+    none.
     """
     record = fleet_record(fleet, entries, status, clock)
     record["warnings"] = [*warnings, *record["warnings"]]
@@ -213,16 +185,8 @@ def write_results(
 def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dict[str, list[Value]]:
     """Columns of the table of results, a row for each injector of the fleet; None where there is no number.
 
-    Values are SI unless the head gives another unit. Only the last column, the processor time, depends on the
-    clock.
-
-    Parameters
-    ----------
-    fleet : Fleet
-    entries : sequence of Entry
-        Injectors that are done.
-    why : str
-        Reason of the others.
+    Values are SI unless the head gives another unit. Only the last column, the processor time, depends on the clock.
+    `why` is the reason of injectors that are not done.
     """
     found = {entry.name: entry for entry in entries}
     rows = [found.get(name) for name in fleet.supply.names]

@@ -8,16 +8,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field
+from typing import Any
 
 from commonrail.base.errors import StudyError
 from commonrail.base.input import fingerprint, sha256
 from commonrail.compiler.target import package_versions
 from commonrail.plugins.fleet.member import Attempt, shared_files
 from commonrail.plugins.fleet.study import MISSING_FILE, Fleet, Supply
-from commonrail.readers.injector.meters import free_names
 from commonrail.runs.journal import JournalFile, facts, now
 from commonrail.runs.lock import trusted
 from commonrail.runs.seals import put
@@ -31,11 +28,7 @@ Inputs = Mapping[str, str]
 class Booking:
     """Comparison of what the workers of a fleet read with what they were given.
 
-    Parameters
-    ----------
-    supply : Supply
-    shared : mapping of Path to str
-        SHA-256 of the files that are the same for all injectors, as they were when the fleet began.
+    `shared` are the SHA-256 of the files that are the same for all injectors, as they were when the fleet began.
     """
 
     def __init__(self, supply: Supply, shared: Mapping[Path, str]) -> None:
@@ -50,17 +43,10 @@ class Booking:
         return study
 
     def book(self, name: str, attempt: Attempt, before: Inputs) -> tuple[Attempt, Inputs]:
-        """Attempt and fingerprints of the data to be kept.
+        """Attempt and fingerprints of the data to be kept; `before` are those from when the fleet began.
 
         Data that were changed while the fleet ran are booked as what they were when they were read. Where another file
         was changed, the attempt has failed, and has no fingerprints: the next run repeats it.
-
-        Parameters
-        ----------
-        name : str
-        attempt : Attempt
-        before : mapping of str to str
-            Fingerprints of the injector's data from when the fleet began.
         """
         written = self._written.pop(name, {})
         if not attempt.files:
@@ -100,19 +86,9 @@ CREATE TABLE injector (
 
 @dataclass(frozen=True)
 class Entry:
-    """Outcome of an injector.
+    """Outcome of an injector: "finished" or "failed" for a reason, attempts, fingerprint of each of its data files.
 
-    Attributes
-    ----------
-    name, status, reason : str
-        `status` is "finished" or "failed".
-    attempts : int
-    inputs : mapping of str to str
-        Fingerprint of each of its data files.
-    record : mapping
-        What `task.calibrate_file` returned; empty if it failed.
-    seconds : float
-        Processor time [s].
+    `record` is what `calibrate_study` returned, empty if it failed; the processor time is in s.
     """
 
     name: str
@@ -127,11 +103,7 @@ class Entry:
 class Journal(JournalFile):
     """The journal of a fleet, a `JournalFile`: what was written survives a killed process, and a power cut too."""
 
-    NAME, LOCK, SCHEMA = JOURNAL, LOCK, FLEET
-    HOLDER = "{here} since {since}"
-    HELD = "{folder}: another fleet is at work here ({holder}); wait for it, or end it."
-    NEW = "it has just begun"
-    DURABLE = True
+    NAME, LOCK, SCHEMA, DURABLE = JOURNAL, LOCK, FLEET, True
 
     def inputs(self) -> dict[str, str]:
         """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
@@ -180,119 +152,27 @@ def _entry(row: tuple[Any, ...]) -> Entry:
 
 _CURE = "bring it back as it was, or take another folder."
 
-Count = Annotated[int, Field(ge=0)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
-
-
-class _Costs(_Part):
-    start: float | None
-    best: float
-
-
-class _Data(_Part):
-    name: str
-    role: str
-    measure: str
-    unit: str
-    start: float | None
-    best: float | None
-
-
-class _Prior(_Part):
-    value: float
-    sigma: float
-
-
-class _Parameter(_Part):
-    best: float
-    standard_error: float | None
-    verdict: str
-    position: float
-    at_bound: bool
-    lower: float
-    upper: float
-    prior: _Prior | None = None
-
-
-class _Fixed(_Part):
-    name: str
-    value: float
-    mark: str
-    source: str
-
-
-class _Warning(_Part):
-    code: str
-    subject: str
-    sentence: str
-
-
-class _Record(_Part):
-    seed: Count
-    synthetic: str
-    J: _Costs
-    slots: Count
-    simulated: Count
-    failed: Count
-    data: list[_Data]
-    fixed: list[_Fixed]
-    parameters: dict[str, _Parameter]
-    warnings: list[_Warning]
-
-
-def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> None:
-    """Refuse what no worker has told, or has told of another template.
-
-    Parameters
-    ----------
-    fleet : Fleet
-    entries : mapping of str to Entry
-    folder : Path
-        Of the journal that holds them.
-
-    Raises
-    ------
-    StudyError
-        If there is such a record.
-    """
-    model = fleet.template.model
-    data, parameters = {d.name for d in model.data}, {p.name for p in model.parameter} | {*free_names(model.meters)}
-    with trusted(folder / JOURNAL):
-        for entry in entries.values():
-            if entry.status == FINISHED:
-                found = _Record.model_validate(entry.record)
-                if not {part.name for part in found.data} <= data or set(found.parameters) != parameters:
-                    raise ValueError("other data sets or parameters than the template's")
-
 
 def entries_of(
     fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: Journal, shared: Mapping[Path, str]
 ) -> dict[str, Entry]:
     """Injectors of a fleet that are done; to a journal without any, the fleet is made known.
 
-    Parameters
-    ----------
-    fleet : Fleet
-    inputs : mapping
-        Fingerprints of the data files of each injector.
-    journal : Journal
-    shared : mapping of Path to str
-        As `read_shared` returns it.
-
-    Raises
-    ------
-    StudyError
-        If another fleet was begun there, or an injector was calibrated to other data; some may have been added.
+    `inputs` are the fingerprints of the data files of each injector. `StudyError` if another fleet was begun there, or
+    an injector was calibrated to other data; some may have been added.
     """
     folder, entries = journal.path.parent, journal.entries()
     now, before = _common(fleet, shared), journal.inputs()
     if entries and not before:
         raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
-    if entries and (changed := _changed(before, now)):
-        raise StudyError(f"{folder} {_difference(changed, before, now)}; {_CURE}")
+    changed = next((name for name in {**before, **now} if before.get(name) != now.get(name)), "")
+    if entries and changed.startswith("file "):
+        raise StudyError(f"{folder} was begun with another {changed.removeprefix('file ')}; {_CURE}")
+    if entries and changed:
+        raise StudyError(
+            f'{folder} was begun with {changed} "{before.get(changed, "")}", and it is "{now.get(changed, "")}" now; '
+            f"{_CURE}"
+        )
     journal.write_inputs(now)  # while nothing is calibrated, a fault of the template may be mended
     for name, entry in entries.items():
         if entry.status == FAILED:
@@ -306,14 +186,7 @@ def entries_of(
             raise StudyError(
                 f'{folder} has injector "{name}" calibrated to other data: its file of "{changed}" {what}; {_CURE}'
             )
-    found = {name: entry for name, entry in entries.items() if name in inputs}
-    check_entries(fleet, found, folder)
-    return found
-
-
-def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Name of an input that is another now, "" if there is none."""
-    return next((name for name in {**before, **now} if before.get(name) != now.get(name)), "")
+    return {name: entry for name, entry in entries.items() if name in inputs}
 
 
 def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
@@ -324,9 +197,3 @@ def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
     found[f"file {template.path.name}"] = sha256(template.text.encode())
     names = {Path(os.path.abspath(path)): name for name, path in shared_files(template).items()}
     return found | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}
-
-
-def _difference(name: str, before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    if name.startswith("file "):
-        return f"was begun with another {name.removeprefix('file ')}"
-    return f'was begun with {name} "{before.get(name, "")}", and it is "{now.get(name, "")}" now'

@@ -52,17 +52,7 @@ def folders_of(names: Sequence[str]) -> dict[str, str]:
 def write_study(fleet: Fleet, name: str, folder: Path) -> Path:
     """Write the study of an injector, and its data if they are rows of a table; returns the study's path.
 
-    Parameters
-    ----------
-    fleet : Fleet
-    name : str
-        Of the injector.
-    folder : Path
-        Made if it is not there.
-
-    Notes
-    -----
-    The study can be run by itself, with the same result: ``commonrail calibrate FOLDER/study.toml``.
+    It can be run by itself, with the same result: ``commonrail calibrate FOLDER/study.toml``.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -86,13 +76,13 @@ def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
     tables["data"] = [_data(data, files, base) for data in template.document["data"] if data["name"] in files]
     if "meters" in tables:
         seen = {data.get("meter") for data in tables["data"]}
-        tables["meters"] = {n: m for n, m in tables["meters"].items() if n in seen or _is_fitted(m)}
+        fitted = {
+            name
+            for name, meter in tables["meters"].items()
+            if any(isinstance(value, Mapping) and "lower" in value for value in meter.values())
+        }
+        tables["meters"] = {name: meter for name, meter in tables["meters"].items() if name in seen | fitted}
     return f"# Made by commonrail fleet from {template.path.name}.\n{tomlkit.dumps(tables)}"
-
-
-def _is_fitted(meter: Mapping[str, Any]) -> bool:
-    """True if any quantity of a meter's table has bounds."""
-    return any(isinstance(value, Mapping) and "lower" in value for value in meter.values())
 
 
 def _data(data: Mapping[str, Any], files: Mapping[str, Path], base: Path) -> dict[str, Any]:
@@ -122,10 +112,7 @@ def shared_files(template: Template) -> dict[str, Path]:
 def read_shared(template: Template) -> dict[Path, str]:
     """SHA-256 of those files, and of the files that the injector's file names in turn.
 
-    Raises
-    ------
-    InputError
-        If one cannot be read.
+    `InputError` if one cannot be read.
     """
     with noting_files() as noted, located(Place(str(template.path))):
         for name, path in shared_files(template).items():
@@ -149,17 +136,9 @@ def _absolute(base: Path, file: str) -> str:
 
 
 class Attempt(NamedTuple):
-    """Outcome of an injector on its worker.
+    """Outcome of an injector on its worker: its record, or the sentence of an error; processor time [s].
 
-    Attributes
-    ----------
-    record : mapping
-    reason : str
-        Sentence of an error if it cannot be calibrated.
-    seconds : float
-        Processor time [s].
-    files : mapping of Path to str
-        SHA-256 of each file as it was read.
+    `files` has the SHA-256 of each file as it was read.
     """
 
     record: Mapping[str, Any]
@@ -174,13 +153,7 @@ def failed(error: CommonrailError, seconds: float = 0.0) -> Attempt:
 
 
 class Calibrations:
-    """Calibrations of the injectors of a fleet: the work of its workers.
-
-    Parameters
-    ----------
-    first : Study or None
-        One of them, to try a worker with.
-    """
+    """Calibrations of the injectors of a fleet, the work of its workers; `first` is one to try a worker with."""
 
     def __init__(self, first: Study | None) -> None:
         self.first = first
@@ -209,18 +182,9 @@ class Calibrations:
 
 
 def calibrate_study(study: Study) -> dict[str, Any]:
-    """Calibrate the study of an injector on one thread.
+    """Calibrate the study of an injector on one thread, and record what a fleet keeps of it.
 
-    Returns
-    -------
-    dict
-        "seed", "synthetic", "J" of start and best, "slots", "simulated", "failed" candidates, "data", "parameters" and
-        "warnings".
-
-    Raises
-    ------
-    CommonrailError
-        If the study cannot be run, or no candidate can be simulated.
+    `CommonrailError` if the study cannot be run, or no candidate can be simulated.
     """
     calibration = calibrate(study, threads=1)
     if calibration.status != "finished":

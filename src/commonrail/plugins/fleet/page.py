@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from commonrail.base.chart import Boxes, Figure, HeatMap, Panel, Series
+from commonrail.base.chart import Boxes, Figure, Panel, Series
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.table import Column, Table, tabulated
@@ -40,20 +40,7 @@ RESULT = ResultKind(RECORD, "fleet", "fleet", _page)
 
 
 def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
-    """Write ``report.html`` of a fleet.
-
-    Parameters
-    ----------
-    folder : Path
-    record : mapping
-    command : str
-        Line that continues or repeats the fleet.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write ``report.html`` of a fleet; `command` is the line that continues or repeats it."""
     path = folder / "report.html"
     write_text(path, fleet_html(record, command))
     return path
@@ -61,6 +48,7 @@ def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
 
 def fleet_html(record: Record, command: str) -> str:
     """The page of a fleet."""
+    heat = correlation_map(record, _names(record))
     return render(
         "fleet.html",
         package=__package__,
@@ -71,7 +59,7 @@ def fleet_html(record: Record, command: str) -> str:
         warnings=fleet_warnings(record),
         tables=fleet_tables(record),
         figures=drawings(fleet_figures(record), 380),
-        heat=_correlations(record),
+        heat=heat and (heat, figure_html(heat, "correlations")),
         classes=[
             (figure, small_html(figure, f"class-{i}")) for i, figure in enumerate(histograms(record, _names(record)))
         ],
@@ -122,11 +110,6 @@ def fleet_tables(record: Record) -> list[Table]:
 def _names(record: Record) -> dict[str, str]:
     names = [p["name"] for p in record["parameters"]]
     return dict(zip(names, short_names(names), strict=True))
-
-
-def _correlations(record: Record) -> tuple[HeatMap, str] | None:
-    heat = correlation_map(record, _names(record))
-    return None if heat is None else (heat, figure_html(heat, "correlations"))
 
 
 def _data_table(record: Record) -> Table:

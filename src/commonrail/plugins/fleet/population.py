@@ -23,20 +23,11 @@ _TO_SIGMA = 1.4826  # standard deviation of a normal distribution over its media
 
 
 def population_record(finished: Sequence[Entry], names: Sequence[str]) -> dict[str, Any]:
-    """Histograms, correlations, outliers and values of the injectors that are calibrated.
+    """Histograms, correlations, outliers and values of the injectors that are calibrated, by free parameters' names.
 
-    Parameters
-    ----------
-    finished : sequence of Entry
-    names : sequence of str
-        Free parameters.
-
-    Returns
-    -------
-    dict
-        "histograms" by name, of the places between the bounds: "edges" and "counts"; "correlations", Pearson's, of the
-        parameters and J, None where something does not vary; "outliers", the farthest first; "each", injectors with
-        their J and values, and whether there are "more".
+    "histograms" of the places between the bounds have "edges" and "counts"; "correlations", Pearson's, are of the
+    parameters and J, None where something does not vary; "outliers", the farthest first; "each", injectors with their J
+    and values, and whether there are "more".
     """
     values = np.array([[e.record["parameters"][name]["best"] for name in names] for e in finished], float)
     places = np.array([[e.record["parameters"][name]["position"] for name in names] for e in finished], float)
@@ -110,15 +101,7 @@ def _each(finished: Sequence[Entry], values: Floats, costs: Floats) -> dict[str,
 
 
 def histograms(record: Record, names: dict[str, str]) -> list[Figure]:
-    """Histogram of each parameter between its bounds.
-
-    Parameters
-    ----------
-    record : mapping
-        Of the fleet.
-    names : dict of str to str
-        Short name of each parameter.
-    """
+    """Histogram of each parameter between its bounds; `names` are short names of the parameters."""
     found = record.get("population", {}).get("histograms", {})
     return [_population_histogram(names.get(name, name), one) for name, one in found.items()]
 
@@ -134,15 +117,7 @@ def _population_histogram(name: str, found: Record) -> Figure:
 
 
 def correlation_map(record: Record, names: dict[str, str]) -> HeatMap | None:
-    """Correlations of the parameters with one another and with J; None where there are none.
-
-    Parameters
-    ----------
-    record : mapping
-        Of the fleet.
-    names : dict of str to str
-        Short name of each parameter.
-    """
+    """Correlations of the parameters with one another and with J; None where there are none."""
     matrix = record.get("population", {}).get("correlations", [])
     if not matrix:
         return None

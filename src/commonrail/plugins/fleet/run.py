@@ -38,16 +38,8 @@ Warnings = list[dict[str, Any]]
 def target_warnings(journal: Journal, entries: Sequence[Entry], study_of: Callable[[str], Study] | None) -> Warnings:
     """Warning, in the form of those of a fleet's record, that injectors were calibrated on different targets.
 
-    The first finished injector is simulated again and compared bit for bit.
-
-    Parameters
-    ----------
-    journal : Journal
-        Its last target is the one of this process, if this process calibrates.
-    entries : sequence of Entry
-        Injectors that were done before.
-    study_of : function of str, optional
-        Study of an injector by its name; None if this process calibrates nothing, so that its bits do not matter.
+    The first finished injector is simulated again and compared bit for bit. `study_of` gives the study of an injector
+    by its name; None if this process calibrates nothing, so that its bits do not matter.
     """
     finished = [entry for entry in entries if entry.status == FINISHED]
     if not finished:
@@ -92,16 +84,7 @@ class FleetProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class FleetRun:
-    """A run of a fleet.
-
-    Attributes
-    ----------
-    folder : Path
-    record : dict
-        What ``fleet.json`` holds.
-    entries : tuple of Entry
-        Injectors that are done, in the table's order.
-    """
+    """A run of a fleet: its folder, what ``fleet.json`` holds, and the injectors that are done, in table order."""
 
     folder: Path
     record: dict[str, Any]
@@ -124,34 +107,17 @@ def run_fleet(
 ) -> FleetRun:
     """Calibrate the injectors of a fleet into a folder, or go on where an earlier run in that folder stopped.
 
-    The result does not depend on the number of workers, on the order of the table, or on how often the run was stopped.
-    In a script, call it below ``if __name__ == "__main__":``.
+    The result does not depend on the number of workers, on the order of the table, or on how often the run was stopped;
+    injectors may have been added to the table. In a script, call it below ``if __name__ == "__main__":``.
 
-    Parameters
-    ----------
-    fleet : Fleet
-    folder : Path
-        New, empty, or left by an earlier run of the same fleet; injectors may have been added to its table.
-    workers : int, optional
-        Processes, or workers of a "local" cluster; all usable processors by default.
-    cluster : str, optional
-        Address of the scheduler of a Dask cluster, "tcp://host:port", or "local" for one on this machine.
-    retry : bool
-        Try failed injectors again; without it only those whose data have changed.
-    progress : function of FleetProgress, optional
-        Called after every injector.
+    Processes, or workers of a "local" cluster, are all usable processors by default; `cluster` is the address of the
+    scheduler of a Dask cluster, "tcp://host:port", or "local" for one on this machine. With `retry` failed injectors
+    are tried again, else only those whose data have changed. `progress` is called after every injector.
 
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, or there are too many workers; nothing is written then.
-    InputError
-        If the folder holds something else or cannot be written.
-    StudyError
-        If another process is at work in the folder, what was begun there differs from this fleet, or not one of the
-        first injectors can be read; or if workers do not start or a cluster has gone: the tables are written then.
-    OutputError
-        If the disk is full; finished injectors are kept.
+    `ConfigurationError` for a wrong argument or too many workers, and `InputError` for a folder that holds something
+    else, before anything is written. `StudyError` if another process is at work in the folder, what was begun there
+    differs from this fleet, or not one of the first injectors can be read; also if workers do not start or a cluster
+    has gone: the tables are written then. `OutputError` if the disk is full; finished injectors are kept.
     """
     instance(fleet, Fleet, "fleet")
     folder = file_path(folder, "folder")
@@ -159,14 +125,15 @@ def run_fleet(
         check_count(workers)
     flag(retry, "retry")
     function(progress, "progress")
-    if not (folder / JOURNAL).is_file() and not _is_left_over(folder):
-        create_run_folder(folder)
-    with Journal(folder) as journal, held_interrupts() as wish:
+    held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if not (folder / JOURNAL).is_file() and held not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
+        create_run_folder(folder)  # but not over the lock of a fleet that was killed before its journal was there
+    with Journal(folder) as journal, held_interrupts() as stop:
         run = _Run(fleet, folder, journal, retry, progress)
         warnings = run.check_target()
         status, fault = FINISHED, None
         try:
-            run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
+            run.calibrate(usable_threads() if workers is None else workers, cluster, stop.check)
         except KeyboardInterrupt:
             status = "interrupted"
         except StudyError as error:  # workers that do not start, a cluster that has gone
@@ -181,11 +148,6 @@ def run_fleet(
         if fault is not None:
             raise fault
         return FleetRun(folder, record, entries)
-
-
-def _is_left_over(folder: Path) -> bool:
-    """Return whether a folder holds only the lock of a fleet that was killed before its journal was there."""
-    return folder.is_dir() and {path.name for path in folder.iterdir()} in ({LOCK}, {LOCK, f"{LOCK}-journal"})
 
 
 class _Run:
@@ -222,7 +184,7 @@ class _Run:
         """Injectors that are done, in the table's order."""
         return tuple(self.entries[name] for name in self.fleet.supply.names if name in self.entries)
 
-    def calibrate(self, count: int, cluster: str | None, heed: Callable[[], None]) -> None:
+    def calibrate(self, count: int, cluster: str | None, check_stop: Callable[[], None]) -> None:
         """Calibrate what is pending."""
         if not self.pending:
             return
@@ -233,7 +195,7 @@ class _Run:
         with opened as workers:
             self.workers = workers.backend.count
             tasks = self._tasks(self.pending, package, workers.backend.shares_files)
-            for task, outcome in workers.run(tasks, heed=heed):
+            for task, outcome in workers.run(tasks, check_stop=check_stop):
                 self._keep(str(task.name), *_attempt(task, outcome))
 
     def _tasks(self, names: Sequence[str], package: Package, shared: bool) -> Iterator[Task]:

@@ -57,10 +57,7 @@ class Table(Protocol):
 def read_table(path: Path) -> Table:
     """Read a table; what ends in .parquet or .pq is Parquet, all else CSV.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is Parquet and pyarrow is not installed.
+    `InputError` if the file cannot be read, or is Parquet and pyarrow is not installed.
     """
     return ParquetFile(path, largest=LARGEST_FLEET) if path.suffix.lower() in PARQUET else _read_csv(path)
 
@@ -112,20 +109,10 @@ FORMULA = "=+-@"
 
 
 class Layout(NamedTuple):
-    """Columns asked of a table.
+    """Columns asked of a table: those of the template's data sets `data`, without those `left_out`.
 
-    Attributes
-    ----------
-    data : tuple of DataModel
-        Data sets of the template that are used.
-    left_out : tuple of str
-        Names of those that are not.
-    columns : mapping of str to str
-        What columns are called in the table, by the names that the study knows.
-    at : Place
-        Of the fleet's file, for messages.
-    study : Path
-        The template, for messages.
+    `columns` says what columns are called in the table, by the names that the study knows; `at` and `study`, the
+    locations of fleet and template, are for messages.
     """
 
     data: tuple[DataModel, ...]
@@ -173,15 +160,7 @@ class Supply(Protocol):
 class FileSupply:
     """A table with a row for each injector, and for each data set a column with the name of a file.
 
-    Parameters
-    ----------
-    path : Path
-    layout : Layout
-
-    Raises
-    ------
-    InputError
-        If the table cannot be read, a column is missing or unknown, or an injector has no name or stands in it twice.
+    `InputError` if it cannot be read, a column is missing or unknown, or an injector has no name or stands in it twice.
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
@@ -216,20 +195,7 @@ class FileSupply:
 
 
 def check_name(name: str, table: Table, row: int) -> None:
-    """Refuse a row that names no injector.
-
-    Parameters
-    ----------
-    name : str
-    table : Table
-    row : int
-        Of the injector, for the message.
-
-    Raises
-    ------
-    InputError
-        If the name is empty, or begins like a formula.
-    """
+    """Refuse (`InputError`) a row whose injector's name is empty, or begins like a formula."""
     if not name:
         raise InputError(f"{table.place(row)}: the name of the injector is missing; write it or remove the row.")
     if name[0] in FORMULA:
@@ -240,13 +206,7 @@ def check_name(name: str, table: Table, row: int) -> None:
 
 
 def checked_names(names: Collection[str], path: Path) -> tuple[str, ...]:
-    """Names of the injectors of a table that has some.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Names of the injectors of a table; `InputError` if it has none."""
     if not names:
         raise InputError(f"{path}: the table has no injectors; a row below the header is expected.")
     return tuple(names)
@@ -261,19 +221,9 @@ Parts = dict[str, dict[str, "_Part"]]
 
 
 class RowSupply:
-    """Injectors and data from a table of samples.
+    """Injectors and data from a table of samples, and a second such table for the rows of dead times.
 
-    Parameters
-    ----------
-    path : Path
-    layout : Layout
-    dead_times : Path or None
-        A second such table, for the rows of dead times.
-
-    Raises
-    ------
-    InputError
-        If a table cannot be read, a column is missing, or a row names no injector or an unknown data set.
+    `InputError` if a table cannot be read, a column is missing, or a row names no injector or an unknown data set.
     """
 
     def __init__(self, path: Path, layout: Layout, dead_times: Path | None) -> None:
@@ -407,19 +357,9 @@ class _FleetModel(FileModel):
 
 @dataclass(frozen=True)
 class Template:
-    """The study from which each injector's own is made.
+    """The study from which each injector's own is made: its file, its tables as they stand and checked.
 
-    Attributes
-    ----------
-    path : Path
-    text : str
-        The file as given.
-    document : mapping
-        Its tables.
-    model : StudyModel
-        The same, checked.
-    left_out : tuple of str
-        Data sets that are not used.
+    `left_out` are the data sets that are not used.
     """
 
     path: Path
@@ -433,19 +373,8 @@ class Template:
 class Fleet:
     """Many injectors, each to be calibrated to its own data.
 
-    Attributes
-    ----------
-    path : Path
-    title, note : str
-    seed : int
-        With an injector's name, the seed of its search.
-    template : Template
-    supply : Supply
-        Names of the injectors and their data.
-    attempts : int
-        How often an injector is tried whose worker dies or hangs.
-    time_limit : float
-        Time after which a worker hangs [s].
+    The seed gives with an injector's name that of its search. An injector whose worker dies or hangs is tried as often
+    as `attempts`; a worker hangs after the time limit [s].
     """
 
     path: Path
@@ -461,16 +390,9 @@ class Fleet:
 def load_fleet(path: str | Path) -> Fleet:
     """Read a fleet with its template and its table; the injectors' own files are read later, one by one.
 
-    Parameters
-    ----------
-    path : str or Path
-        TOML file; the paths in it are relative to its folder, those in its table to the table's.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, a key or column is unknown, missing or of the wrong kind, an injector stands twice in
-        the table, or a data set of the template has no source.
+    Paths in the TOML file are relative to its folder, those in its table to the table's. `InputError` if a file cannot
+    be read, a key or column is unknown, missing or of the wrong kind, an injector stands twice in the table, or a data
+    set of the template has no source.
     """
     file = Path(path)
     at = Place(str(file))

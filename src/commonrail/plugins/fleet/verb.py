@@ -51,10 +51,12 @@ def fleet(
 
     check_workers(workers, cluster)
     loaded = load_fleet(file)
-    folder = out or Path("runs") / _stem(file)
+    # a file that is called fleet says less than its folder
+    folder = out or Path("runs") / (file.absolute().parent.name if file.stem == "fleet" else file.stem)
     with Bar(f"{loaded.title}: {len(loaded.supply.names):,} injectors") as bar:
         run = run_fleet(loaded, folder, workers=workers, cluster=cluster, retry=retry, progress=lambda p: _show(bar, p))
-    report = write_fleet_report(folder, run.record, _command(file, folder))
+    again = f"commonrail fleet {shlex.quote(file.as_posix())} --out {shlex.quote(folder.as_posix())}"
+    report = write_fleet_report(folder, run.record, again)
     if json:
         print_json({"kind": "fleet", "folder": str(folder), "report": str(report), "result": run.record})
     else:
@@ -64,15 +66,6 @@ def fleet(
         raise SystemExit(INTERRUPTED)
     if run.record["counts"]["failed"]:
         raise SystemExit(SimulationError.exit_code)
-
-
-def _stem(file: Path) -> str:
-    """Name for the folder: a file that is called fleet says less than its folder."""
-    return file.absolute().parent.name if file.stem == "fleet" else file.stem
-
-
-def _command(file: Path, folder: Path) -> str:
-    return f"commonrail fleet {shlex.quote(file.as_posix())} --out {shlex.quote(folder.as_posix())}"
 
 
 def _show(bar: Bar, p: FleetProgress) -> None:

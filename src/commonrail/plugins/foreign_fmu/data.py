@@ -27,19 +27,9 @@ class FmuInputs(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One simulation.
+    """One simulation to the time `stop` [s]; `start` are values of variables that are set before the initialization.
 
-    Attributes
-    ----------
-    start : mapping of str to number, Boolean or text
-        Values of variables that are set before the initialization.
-    inputs : FmuInputs or None
-    stop : float
-        End of the simulation [s].
-    outputs : tuple of str
-        Variables that are compared.
-    times : (n,)
-        Times [s] at which they are.
+    The variables `outputs` are compared at the times (n,) [s].
     """
 
     start: Mapping[str, Setting]
@@ -102,6 +92,11 @@ class FmuData:
     def discrepancy(self, values: Floats) -> Floats:
         """Tolerances, in which the residuals are."""
         return self.tolerances
+
+
+def by_set(data: Sequence[FmuData], values: Floats) -> list[Floats]:
+    """Values (…, all) of data sets, one after the other, as those of each (…, m)."""
+    return np.split(values, np.cumsum([len(one.measured) for one in data])[:-1], axis=-1)
 
 
 def fmu_curve(

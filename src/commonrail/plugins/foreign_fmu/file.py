@@ -2,50 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from commonrail.base.text import number
-from commonrail.calibration.optimisers.registry import registered
-from commonrail.calibration.result import CLOCK
-from commonrail.compiler.target import package_versions
+from commonrail.calibration.result import fit_record
 from commonrail.plugins.foreign_fmu.data import FmuData
 from commonrail.plugins.foreign_fmu.fit import FmuFit
 from commonrail.plugins.foreign_fmu.fmu import FmuStatus
 
-SCHEMA, KIND = 1, "fmu calibration"
+KIND = "fmu calibration"
 LABELS = ("start", "best")
 
 
 def fmu_record(fit: FmuFit) -> dict[str, Any]:
     """Record of a calibration: parameters, data with simulated values, failures with the FMU's own words."""
-    study, entry = fit.study, registered(fit.study.method.evolution)
-    return {
-        "schema": SCHEMA,
-        "kind": KIND,
-        "software": package_versions(),
-        "title": study.title,
+    study, record = fit.study, fit_record(KIND, fit.study, fit)
+    counts = record["evaluations"]
+    return record | {
         "note": study.note,
         "notes": list(study.notes),
-        "synthetic": study.synthetic,
         "fmu": {"name": study.fmu.name, "version": study.fmu.version, "sha256": study.fmu.digest},
         "step": study.step,
-        "seed": study.seed,
-        "status": fit.status,
-        "reason": fit.reason,
-        "optimiser": {"method": entry.name if entry else "", **vars(study.method.evolution)},
-        "convergence": None if fit.convergence is None else fit.convergence.record(),
-        "objective": {"start": number(fit.start_cost), "best": number(fit.cost)},
         "parameters": _parameters(fit),
         "data": [_data(fit, one) for one in study.data],
-        "evaluations": {**asdict(fit.counts), "simulations": fit.simulations, "failures": _failures(fit)},
-        "generations": [
-            {"generation": g.generation, "best": number(g.best), "mean": number(g.mean)} for g in fit.history
-        ],
+        "evaluations": counts | {"simulations": counts.pop("injections"), "failures": _failures(fit)},
         "messages": dict(fit.told),  # of the session that ended the run, which may not have met all failures
-        CLOCK: {"seconds": fit.seconds},
     }
 
 

@@ -10,29 +10,25 @@ import numpy as np
 
 from commonrail.base.arguments import function, instance
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import SimulationError
 from commonrail.base.hooks import note
 from commonrail.calibration.identifiability import identify_at
-from commonrail.calibration.optimisers.base import Convergence, Counts
-from commonrail.calibration.search import Checkpoint, Generation, Listeners, Progress, Recorder, Search
-from commonrail.plugins.foreign_fmu.fmu import FmuSimulator, FmuStatus, opened
+from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
+from commonrail.plugins.foreign_fmu.data import by_set
+from commonrail.plugins.foreign_fmu.fmu import FmuSimulator, opened
 from commonrail.plugins.foreign_fmu.study import FmuObjective, FmuStudy
 from commonrail.workers.interrupt import held_interrupts
 
-NOT_JUDGED = "not judged: the search was stopped"
+STOPPED = "not judged: the search was stopped"
+NOT_JUDGED = {"effect": None, "pinned": None, "standard_error": None, "verdict": STOPPED}  # keys of `identify_at`
 
 
-@dataclass(frozen=True)
-class FmuFit:
-    """Result of a calibration of an FMU.
+@dataclass(frozen=True, kw_only=True)
+class FmuFit(SearchResult):
+    """Result of a calibration of an FMU: of its search, and what the FMU gives with the start values and the best.
 
     Attributes
     ----------
     study : FmuStudy
-    best : mapping of str to float
-        Best values of the free parameters, in the units of the FMU.
-    cost, start_cost : float
-        Objective of the best and of the start values; +inf if the start values failed.
     simulated : mapping of str to mapping of str to (m,) array
         For "start" and "best": values of each data set by its name, NaN where a simulation failed.
     found : mapping of str to mapping
@@ -41,38 +37,17 @@ class FmuFit:
     step_effect : mapping of str to float
         Largest change of a value of each data set in tolerances, with the best values and half the communication step;
         NaN where that could not be simulated. Empty if it was stopped.
-    history : tuple of Generation
-    counts : Counts
-    simulations : int
-        Simulations of the FMU in the search.
-    failures : mapping of str to int
-        Failed candidates by the name of their status.
     told : mapping of str to str
-        The first message of the FMU with each of these statuses.
-    status, reason : str
-        "finished" or "interrupted", and why it stopped.
-    convergence : Convergence or None
-        None of one that was interrupted.
-    seconds : float
-        Time of the search.
+        The first message of the FMU with each status of failed candidates.
+    best, cost, start_cost, history, counts, status, reason, seconds, simulations, failures, convergence, ends
+        As in `commonrail.calibration.search.SearchResult`; values are in the units of the FMU.
     """
 
     study: FmuStudy
-    best: Mapping[str, float]
-    cost: float
-    start_cost: float
     simulated: Mapping[str, Mapping[str, Floats]]
     found: Mapping[str, Mapping[str, Any]]
     step_effect: Mapping[str, float]
-    history: tuple[Generation, ...]
-    counts: Counts
-    simulations: int
-    failures: Mapping[str, int]
     told: Mapping[str, str]
-    status: str = "finished"
-    reason: str = ""
-    convergence: Convergence | None = None
-    seconds: float = 0.0
 
 
 def calibrate_fmu(
@@ -116,88 +91,28 @@ def calibrate_fmu(
     for sentence in study.notes:
         note(sentence)
     how = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes
-    with opened(*how) as simulator, held_interrupts() as wish:
-        simulator.heed = wish.heed
+    with opened(*how) as simulator, held_interrupts() as stop:
         objective = FmuObjective(study, simulator)
-        search = Search(study, objective, None, Listeners(progress, recorder, wish), checkpoint)
-        status, reason = search.until_stopped()
-        simulator.heed = lambda: None  # what follows is short, and the result of the search
-        x, cost = search.best
-        if not np.isfinite(cost):
-            if status == "interrupted":
-                raise KeyboardInterrupt
-            raise SimulationError(_all_failed(study, search, simulator))
+        search = Search(study, objective, None, Listeners(progress, recorder, stop), checkpoint)
+        simulator.check_stop = lambda: search.check_stop()
+        result = search.to_end()
+        start, best = study.space.reference, np.array(list(result.best.values()))
+        simulated = {label: _simulated(study, simulator, x) for label, x in (("start", start), ("best", best))}
         # a search that was stopped is judged when it is resumed: simulations about the best values may take long
-        stopped = status == "interrupted"
-        found = _not_judged(study) if stopped else identify_at(study.space, objective, x)
-        simulated, start_cost = _compared(study, objective, simulator, x)
-        effect = {} if stopped else _step_effect(study, simulator, x, simulated["best"])
-        return FmuFit(
-            study,
-            dict(zip(study.space.names, x.tolist(), strict=True)),
-            cost,
-            start_cost,
-            simulated,
-            dict(found),
-            effect,
-            tuple(search.history),
-            search.counts,
-            search.simulations,
-            dict(search.failures),
-            {key.name.lower(): text for key, text in simulator.told.items()},
-            status,
-            reason,
-            search.verdict() if status == "finished" else None,
-            search.seconds,
-        )
+        found = {name: dict(NOT_JUDGED) for name in study.space.names}
+        effect = {}
+        if result.status == "finished":
+            found = dict(identify_at(study.space, objective, best))
+            finer = _simulated(study, simulator, best, finer=2)
+            effect = {
+                data.name: float(np.max(np.abs(finer[data.name] - simulated["best"][data.name]) / data.tolerances))
+                for data in study.data
+            }
+        told = {key.name.lower(): text for key, text in simulator.told.items()}
+        return FmuFit(study=study, simulated=simulated, found=found, step_effect=effect, told=told, **vars(result))
 
 
-def _not_judged(study: FmuStudy) -> dict[str, dict[str, Any]]:
-    """Findings of a search that was stopped: none, by the keys of `identify_at`."""
-    none = {"effect": None, "pinned": None, "standard_error": None, "verdict": NOT_JUDGED}
-    return {name: dict(none) for name in study.space.names}
-
-
-def _step_effect(
-    study: FmuStudy, simulator: FmuSimulator, best: Floats, simulated: Mapping[str, Floats]
-) -> dict[str, float]:
-    """Largest change of each data set in tolerances, with half the communication step.
-
-    Parameters
-    ----------
-    study : FmuStudy
-    simulator : FmuSimulator
-    best : (d,)
-        Best values.
-    simulated : mapping of str to (m,)
-        Values of each data set with them.
-    """
-    edges = np.cumsum([len(one.measured) for one in study.data])[:-1]
-    finer = np.split(simulator.simulate(study.data, best[None, :], finer=2).values[0], edges)
-    return {
-        one.name: float(np.max(np.abs(values - simulated[one.name]) / one.tolerances))
-        for one, values in zip(study.data, finer, strict=True)
-    }
-
-
-def _compared(
-    study: FmuStudy, objective: FmuObjective, simulator: FmuSimulator, best: Floats
-) -> tuple[dict[str, dict[str, Floats]], float]:
-    """Values of all data with the start values and the best, and the objective of the start values."""
-    start = study.space.reference
-    values = simulator.simulate(study.data, np.array([start, best])).values
-    edges = np.cumsum([len(one.measured) for one in study.data])[:-1]
-    simulated = {
-        label: {one.name: part for one, part in zip(study.data, np.split(row, edges), strict=True)}
-        for label, row in zip(("start", "best"), values, strict=True)
-    }
-    return simulated, float(objective.costs(start[None, :]).costs[0])
-
-
-def _all_failed(study: FmuStudy, search: Search, simulator: FmuSimulator) -> str:
-    if not search.failures:
-        return f"{study.title}: not one candidate satisfied the constraints, so none was simulated; widen the bounds."
-    (name, count), total = search.failures.most_common(1)[0], search.failures.total()
-    status = FmuStatus[name.upper()]
-    told = f" It said: {simulator.told[status]}" if simulator.told.get(status) else ""
-    return f"{study.title}: not one of {total} candidates could be simulated; {count} of them: {status.sentence}{told}"
+def _simulated(study: FmuStudy, simulator: FmuSimulator, x: Floats, finer: int = 1) -> dict[str, Floats]:
+    """Values of each data set with values of the free parameters (d,), at the communication step or a finer one."""
+    parts = by_set(study.data, simulator.simulate(study.data, x[None, :], finer).values[0])
+    return {data.name: part for data, part in zip(study.data, parts, strict=True)}

@@ -37,20 +37,10 @@ DESCRIPTION = "modelDescription.xml"
 
 
 class FmuVariable(NamedTuple):
-    """A scalar variable.
+    """A scalar variable, in the words of the standard; unit ("1" where it has none) and start value as in the FMU.
 
-    Attributes
-    ----------
-    name, causality, variability, type, description : str
-        In the words of the standard.
-    unit : str
-        As the FMU writes it; "1" where it has none.
-    start : str or None
-        Start value as the FMU writes it.
-    settable : bool
-        Whether a value can be set before the initialization.
-    lower, upper : float
-        Smallest and largest value that the FMU allows; infinite where it states none.
+    `settable`: a value can be set before the initialization. `lower` and `upper` are the limits that the FMU states,
+    infinite where it states none.
     """
 
     name: str
@@ -75,19 +65,7 @@ class FmuVariable(NamedTuple):
 
 @dataclass(frozen=True)
 class Fmu:
-    """An FMU for co-simulation, version 2.0 or 3.0 of the standard.
-
-    Attributes
-    ----------
-    path : Path
-    digest : str
-        SHA-256 of the file.
-    name, version : str
-        Of the model; version of the standard.
-    variables : mapping of str to FmuVariable
-    content : bytes
-        The file.
-    """
+    """An FMU for co-simulation, version 2.0 or 3.0 of the standard: its file with SHA-256, model and variables."""
 
     path: Path
     digest: str
@@ -97,13 +75,7 @@ class Fmu:
     content: bytes = field(repr=False)
 
     def variable(self, name: str) -> FmuVariable:
-        """Variable of a name.
-
-        Raises
-        ------
-        InputError
-            If there is none; the sentence names the nearest.
-        """
+        """Variable of a name; the `InputError` for one that is not there names the nearest."""
         if name not in self.variables:
             raise InputError(f'{self.path}: the FMU has no variable "{name}"{nearest(name, self.variables)}.')
         return self.variables[name]
@@ -149,15 +121,8 @@ class Fmu:
 def read_fmu(path: str | Path) -> Fmu:
     """Read the description of an FMU; none of its binaries is loaded.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Raises
-    ------
-    InputError
-        If it is no FMU of version 2.0 or 3.0, none for co-simulation, has no binary for this machine or two
-        variables of one name, or FMPy is not installed.
+    `InputError` if it is no FMU of version 2.0 or 3.0, none for co-simulation, has no binary for this machine or two
+    variables of one name, or FMPy is not installed.
     """
     file = file_path(path, "path of an FMU")
     content = read_plain(file)
@@ -247,13 +212,7 @@ def _short(error: BaseException) -> str:
 
 @contextmanager
 def unpacked(fmu: Fmu) -> Iterator[Path]:
-    """Folder with the files of an FMU, removed at the end.
-
-    Raises
-    ------
-    InputError
-        If the archive cannot be unpacked.
-    """
+    """Folder with the files of an FMU, removed at the end; `InputError` if the archive cannot be unpacked."""
     with tempfile.TemporaryDirectory(prefix="commonrail-fmu-", ignore_cleanup_errors=True) as temporary:
         folder = Path(temporary)
         try:
@@ -339,19 +298,9 @@ class Answered(NamedTuple):
 
 @dataclass(frozen=True)
 class FmuWork:
-    """Work of the processes: one simulation of one candidate.
+    """Work of the processes: one simulation of one candidate, of an FMU unpacked in a folder.
 
-    Attributes
-    ----------
-    folder : str
-        Files of the FMU.
-    digest : str
-        SHA-256 of the FMU.
-    names : tuple of str
-        Variables that are calibrated.
-    runs : tuple of Run
-    step : float
-        Communication step [s].
+    `names` are the variables that are calibrated, `step` is the communication step [s].
     """
 
     folder: str
@@ -499,17 +448,9 @@ class Simulated(NamedTuple):
 
 
 class FmuSimulator:
-    """Simulator of an FMU.
+    """Simulator of an FMU in processes; one simulation may take `time_limit` [s].
 
-    Parameters
-    ----------
-    work : FmuWork
-    data : sequence of FmuData
-        All of whose runs are those of the work, in this order.
-    workers : Workers
-        Processes.
-    time_limit : float
-        Of one simulation [s].
+    The runs of `data`, one set after the other, are those of the work.
     """
 
     def __init__(self, work: FmuWork, data: Sequence[FmuData], workers: Workers, time_limit: float) -> None:
@@ -518,19 +459,13 @@ class FmuSimulator:
         self._first: dict[str, int] = {}
         for one in data:
             self._first[one.name] = sum(len(before.runs) for before in data[: len(self._first)])
-        self.heed: Callable[[], None] = lambda: None
+        self.check_stop: Callable[[], None] = lambda: None
         self.told: dict[FmuStatus, str] = {}  # the first message with each status
 
     def simulate(self, data: Sequence[FmuData], values: Floats, finer: int = 1) -> Simulated:
-        """Values of data sets, one after the other, for candidates (n, names).
+        """Values of data sets, one after the other, for candidates (n, names) in the units of the FMU.
 
-        Parameters
-        ----------
-        data : sequence of FmuData
-        values : (n, names)
-            In the units of the FMU.
-        finer : int
-            Communication steps that replace one.
+        `finer` communication steps replace one.
         """
         numbers = [self._first[one.name] + i for one in data for i in range(len(one.runs))]
         edges = np.cumsum([0, *(self._runs[number].size for number in numbers)])
@@ -538,7 +473,7 @@ class FmuSimulator:
         statuses = np.zeros((len(values), len(numbers)), np.int8)
         rows = enumerate(tuple(row) for row in values.tolist())
         tasks = (self._task((i, k), Asked(n, row, finer)) for i, row in rows for k, n in enumerate(numbers))
-        for task, outcome in self._workers.run(tasks, heed=self.heed):
+        for task, outcome in self._workers.run(tasks, check_stop=self.check_stop):
             assert isinstance(task.name, tuple)
             i, k = task.name
             answered = self._answered(outcome, edges[k + 1] - edges[k])
@@ -570,27 +505,10 @@ class FmuSimulator:
 def opened(
     fmu: Fmu, names: Sequence[str], data: Sequence[FmuData], step: float, time_limit: float, processes: int | None
 ) -> Iterator[FmuSimulator]:
-    """Simulator of an FMU with its processes, ended with the block.
+    """Simulator of an FMU with its processes (all usable processors if None), ended with the block.
 
-    Parameters
-    ----------
-    fmu : Fmu
-    names : sequence of str
-        Variables that are calibrated.
-    data : sequence of FmuData
-    step : float
-        Communication step [s].
-    time_limit : float
-        Of one simulation [s].
-    processes : int or None
-        All usable processors if None.
-
-    Raises
-    ------
-    InputError
-        If the FMU cannot be unpacked.
-    StudyError
-        If the processes cannot be started.
+    Communication step and time limit of one simulation are in s. `InputError` if the FMU cannot be unpacked,
+    `StudyError` if the processes cannot be started.
     """
     runs = tuple(run for one in data for run in one.runs)
     with unpacked(fmu) as folder:

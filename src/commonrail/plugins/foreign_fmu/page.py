@@ -7,13 +7,12 @@ from pathlib import Path
 
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import duration, quantity, significant
-from commonrail.calibration.optimisers.registry import size_in_words
+from commonrail.base.text import quantity, significant
 from commonrail.data.records import Record, origin_of, present
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD
-from commonrail.report.draw.figure import drawings, figure_html
-from commonrail.report.fit.figures import convergence_figure
+from commonrail.report.draw.figure import drawings
+from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -29,16 +28,7 @@ RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
 
 
 def fmu_html(record: Record, run: str) -> str:
-    """Page of a calibration of an FMU.
-
-    Parameters
-    ----------
-    record : mapping
-    run : str
-        The folder's name, for the command lines in the page.
-    """
-    generations = record["generations"]
-    convergence = convergence_figure(generations) if len(generations) > 1 else None
+    """Page of a calibration of an FMU; `run` is the folder's name, for the command lines in it."""
     return render(
         "fmu.html",
         package=__package__,
@@ -48,7 +38,7 @@ def fmu_html(record: Record, run: str) -> str:
         lines=fmu_lines(record),
         tables=fmu_tables(record),
         figures=drawings(fmu_figures(record)),
-        convergence=(convergence, figure_html(convergence, "convergence")) if convergence else None,
+        convergence=convergence_section(record),
         data=record["data"],
         commands=[
             ("Run again", f"commonrail calibrate {shlex.quote(f'{run}/fmu-study.toml')} --seed {record['seed']}"),
@@ -70,7 +60,7 @@ def fmu_lines(record: Record) -> list[str]:
         )
         if start is None:
             lines.append(f"{data['name']}: the FMU failed with the start values.")
-    verdict, counts = record["convergence"], record["evaluations"]
+    verdict, counts = record.get("convergence"), record["evaluations"]
     if verdict is not None:
         lines.append(f"The search: {verdict['sentence']}.")
     if counts["failed"]:
@@ -162,17 +152,10 @@ def _panel(output: Record, origin: str) -> Panel:
 def _facts(record: Record) -> list[tuple[str, str]]:
     moved = [d["half_step"] for d in record["data"] if d.get("half_step") is not None]
     halved = [("With half of it", f"values move by {significant(max(moved), 2)} tolerances at most")] if moved else []
-    search, counts, fmu = record["optimiser"], record["evaluations"], record["fmu"]
-    objective = record["objective"]
+    fmu = record["fmu"]
     return [
         ("FMU", f"{fmu['name']}, FMI {fmu['version']}, SHA-256 {fmu['sha256']}"),
         ("Communication step", f"{significant(record['step'], 6)} s"),
         *halved,
-        ("Search", f"{search['method']}, {size_in_words(search)}"),
-        ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
-        ("Simulations", f"{counts['simulations']:,}"),
-        ("Time of the search", duration(record["clock"]["seconds"])),
-        ("Ended", f"{record['status']}: {record['reason']}"),
-        ("Seed", str(record["seed"])),
-        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+        *search_facts(record, "simulations"),
     ]

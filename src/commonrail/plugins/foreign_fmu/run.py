@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from commonrail.base.arguments import file_path, instance
+from commonrail.base.arguments import file_path, instance, whole
 from commonrail.base.output import summed, write_csv
 from commonrail.calibration.search import Checkpoint
 from commonrail.plugins.foreign_fmu.file import fmu_record
 from commonrail.plugins.foreign_fmu.fit import FmuFit, calibrate_fmu
 from commonrail.plugins.foreign_fmu.study import FmuStudy, load_fmu_study
 from commonrail.runs.fingerprint import fingerprint_of
-from commonrail.runs.fit import FolderFit, FolderWords, Listener
-from commonrail.runs.folder import read_record, write_record
+from commonrail.runs.fit import FitKind, Listener, Work
+from commonrail.runs.folder import write_record
 from commonrail.runs.journal import Journal
 
 STUDY, RECORD, VALUES = "fmu-study.toml", "fmu-result.json", "values.csv"
@@ -32,7 +33,6 @@ def calibrate_fmu_into(
         New or empty. In the end it holds fmu-study.toml with all files that it reads, fmu-result.json, values.csv,
         SHA256SUMS and journal.sqlite.
     study : FmuStudy
-        Read from a file.
     processes : int, optional
         All usable processors by default; the result does not depend on it.
     listener : Listener, optional
@@ -44,15 +44,21 @@ def calibrate_fmu_into(
     OutputError
         If it cannot be written; what was done before is kept.
     StudyError
-        If the study was made in Python, or cannot be run; what was done before is kept.
+        If the study cannot be run; what was done before is kept.
     """
     path = file_path(folder, "folder")
     instance(study, FmuStudy, "study")
-    return _FOLDER.begin(path, study, _search(processes, listener))
+    return FMUS.begin(path, study, _work(listener, processes))
 
 
 def resume_fmu(
-    folder: str | Path, *, as_begun: bool = False, processes: int | None = None, listener: Listener = SILENT
+    folder: str | Path,
+    *,
+    generations: int = 0,
+    study: FmuStudy | None = None,
+    as_begun: bool = False,
+    processes: int | None = None,
+    listener: Listener = SILENT,
 ) -> FmuFit:
     """Resume a calibration of an FMU; where no simulation met its time limit the result is that of one never stopped.
 
@@ -60,6 +66,10 @@ def resume_fmu(
     ----------
     folder : str or Path
         Run folder; it may have been moved or copied.
+    generations : int
+        More generations than the study asks for.
+    study : FmuStudy, optional
+        The study, if it was made in Python and not read from a file.
     as_begun : bool
         Use the copies in the run folder although the files that they were made from have changed.
     processes, listener
@@ -72,34 +82,35 @@ def resume_fmu(
     OutputError
         If the folder cannot be written; what was done before is kept.
     """
-    return _FOLDER.resume(file_path(folder, "folder"), _search(processes, listener), as_begun=as_begun)
+    path, generations = file_path(folder, "folder"), whole(generations, "generations")
+    return FMUS.resume(path, _work(listener, processes), study=study, generations=generations, as_begun=as_begun)
 
 
-def _search(processes: int | None, listener: Listener) -> Callable[[FmuStudy, Journal, Checkpoint | None], FmuFit]:
-    """The search of `calibrate_fmu`, kept in a journal."""
-    return lambda study, journal, checkpoint: calibrate_fmu(
-        study, processes=processes, progress=listener.progress, recorder=journal, checkpoint=checkpoint
-    )
+def _work(listener: Listener, processes: int | None) -> Work[FmuStudy, FmuFit]:
+    def work(study: FmuStudy, journal: Journal, checkpoint: Checkpoint | None) -> FmuFit:
+        fit = calibrate_fmu(
+            study, processes=processes, progress=listener.progress, recorder=journal, checkpoint=checkpoint
+        )
+        journal.check_place()
+        _write(journal.folder, fit)
+        return fit
+
+    return work
 
 
 def _content(study: FmuStudy) -> str:
     """Fingerprint of a study: equal fingerprints mean identical searches, but for simulations that are given up."""
-    rows = study.space.rows
-    decisive: tuple[Any, ...] = (study.seed, study.method, study.step, study.time_limit, study.loss, study.loss_scale)
+    rows, method = study.space.rows, study.method
+    how = study.seed, study.step, study.time_limit, study.loss, study.loss_scale
     return fingerprint_of(
-        study.title, study.fmu.digest, study.space.parameters, (rows.matrix, rows.labels), study.data, *decisive
+        study.title,
+        study.fmu.digest,
+        study.space.parameters,
+        (rows.matrix, rows.labels),
+        study.data,
+        replace(method, evolution=replace(method.evolution, generations=0)),
+        *how,
     )
-
-
-def read_fmu_run(folder: str | Path) -> dict[str, Any]:
-    """fmu-result.json of a run folder.
-
-    Raises
-    ------
-    InputError
-        If the folder is not that of a calibration of an FMU, or the file is broken or not the one that was written.
-    """
-    return read_record(file_path(folder, "folder") / RECORD, "commonrail calibrate")
 
 
 def _write(folder: Path, fit: FmuFit) -> None:
@@ -120,11 +131,12 @@ def _rows(record: dict[str, Any]) -> Iterator[list[str]]:
                 yield [*head, *("" if value is None else repr(value) for value in row)]
 
 
-_FOLDER = FolderFit(
-    STUDY,
-    FolderWords("study", "an FMU", "commonrail calibrate STUDY", "calibrate_fmu"),
-    load_fmu_study,
-    _content,
-    ("seed",),
-    _write,
+FMUS: FitKind[FmuStudy, FmuFit] = FitKind(
+    file=STUDY,
+    word="study",
+    command="commonrail calibrate STUDY",
+    again="commonrail.resume_fmu(folder, study=study)",
+    load=load_fmu_study,
+    content=_content,
+    results=(RECORD, VALUES),
 )

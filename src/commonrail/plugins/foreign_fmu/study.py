@@ -18,7 +18,7 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.input import noting_files
 from commonrail.base.units import parse, parse_difference, to_text
 from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.objective import Objective, Scores
+from commonrail.calibration.objective import Scores
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.parameter import Parameter, Priors
 from commonrail.calibration.space import Space
@@ -33,7 +33,7 @@ from commonrail.calibration.study_file.keys import (
 )
 from commonrail.data.base import Role
 from commonrail.data.study_block import Name
-from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, Setting, fmu_curve, fmu_rows
+from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, Setting, by_set, fmu_curve, fmu_rows
 from commonrail.plugins.foreign_fmu.fmu import Fmu, FmuSimulator, FmuStatus, FmuVariable, read_fmu
 from commonrail.readers.columns import Column
 from commonrail.readers.fields import FileModel, Text, Unit
@@ -50,12 +50,7 @@ _NEAR = 1e-6  # share of a step by which rounding may bring samples closer toget
 def notes_on(fmu: Fmu, data: Sequence[FmuData], step: float) -> tuple[str, ...]:
     """Sentences on samples closer together than communication points, and on inputs that the FMU need not take.
 
-    Parameters
-    ----------
-    fmu : Fmu
-    data : sequence of FmuData
-    step : float
-        Communication step [s].
+    The communication step is in s.
     """
     return tuple(sentence for one in data for sentence in _on(fmu, one, step))
 
@@ -268,15 +263,9 @@ def _free(fmu: Fmu, name: str, bounds: Any) -> Parameter:
 
 
 def free_parameter(variable: FmuVariable, lower: float, upper: float, start: float | None = None) -> Parameter:
-    """Free parameter of a variable.
+    """Free parameter of a variable, with bounds in the unit of the FMU.
 
-    Parameters
-    ----------
-    variable : FmuVariable
-    lower, upper : float
-        Bounds in the unit of the FMU.
-    start : float, optional
-        By default the FMU's own value, or the middle of the bounds where it states none or one outside them.
+    It starts by default at the FMU's own value, or in the middle where that states none or one outside the bounds.
     """
     own = _own(variable)
     inside = own is not None and lower <= own <= upper
@@ -299,47 +288,34 @@ def _own(variable: FmuVariable) -> float | None:
 EXACT = 1e-6  # relative error of a simulation, which solvers of FMUs do not fall below
 
 
-class FmuObjective(Objective):
+class FmuObjective:
     """Σ weight · loss of the residuals in tolerances, over the data with role fit.
 
-    Parameters
-    ----------
-    study : FmuStudy
-    simulator : FmuSimulator
+    A `FitObjective` whose simulations run in processes of their own; numbers are in the units of the FMU.
     """
 
     statuses = FmuStatus
 
     def __init__(self, study: FmuStudy, simulator: FmuSimulator) -> None:
-        self.names, self._reference = study.space.names, study.space.reference
         self.goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
-        self._fitted = tuple(one for one in study.data if one.role is Role.FIT)
-        self.data: tuple[Any, ...] = self._fitted
+        self.data = tuple(data for data in study.data if data.role is Role.FIT)
         self._fmu = simulator
 
     @property
     def least_cost(self) -> float:
         """Objective that errors of the simulations alone leave: data without noise let costs differ by them alone."""
-        sizes = ((d.weight, EXACT * d.measured / d.tolerances) for d in self._fitted)
+        sizes = ((d.weight, EXACT * d.measured / d.tolerances) for d in self.data)
         return float(sum(weight * np.sum(size**2) for weight, size in sizes))
-
-    @property
-    def threads(self) -> int | None:
-        """Return None: an FMU is simulated in processes."""
-        return None
-
-    @threads.setter
-    def threads(self, threads: int | None) -> None:
-        """Ignore threads."""
-
-    def own_values(self) -> list[float]:
-        """Reference values of the free parameters."""
-        return [float(value) for value in self._reference]
 
     @property
     def injections(self) -> int:
         """Simulations that a candidate takes."""
-        return sum(len(one.runs) for one in self._fitted)
+        return sum(len(data.runs) for data in self.data)
+
+    def why_failed(self, status: FmuStatus) -> str:
+        """Sentence on a status, with the first message of the FMU that came with it."""
+        told = self._fmu.told.get(status)
+        return f"{status.sentence} It said: {told}" if told else status.sentence
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names); +inf with a status where one of its simulations failed."""
@@ -361,21 +337,20 @@ class FmuObjective(Objective):
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
-        found = self._plain(self._fmu.simulate(self._fitted, values).values)
+        found = self._plain(self._fmu.simulate(self.data, values).values)
         weights = [self.goal.roots_of_weights(own[0]) if self.goal.bent(own) is not own else 1.0 for own in found]
-        parts = [np.sqrt(d.weight) * w * r for d, w, r in zip(self._fitted, weights, found, strict=True)]
+        parts = [np.sqrt(d.weight) * w * r for d, w, r in zip(self.data, weights, found, strict=True)]
         return np.concatenate([*parts, self.goal.priors.residuals(values)], axis=1)
 
     def _found(self, values: Floats) -> tuple[Floats, NDArray[np.int8]]:
         """Residuals (n, all values) whose squares sum to the loss, and statuses (n,)."""
-        simulated = self._fmu.simulate(self._fitted, values)
-        found = zip(self._fitted, self._plain(simulated.values), strict=True)
+        simulated = self._fmu.simulate(self.data, values)
+        found = zip(self.data, self._plain(simulated.values), strict=True)
         return np.concatenate([np.sqrt(d.weight) * self.goal.bent(r) for d, r in found], axis=1), simulated.statuses
 
     def _plain(self, values: Floats) -> list[Floats]:
         """Residuals in tolerances of each data set."""
-        edges = np.cumsum([len(one.measured) for one in self._fitted])[:-1]
-        return [d.residuals(own) for d, own in zip(self._fitted, np.split(values, edges, axis=1), strict=True)]
+        return [d.residuals(own) for d, own in zip(self.data, by_set(self.data, values), strict=True)]
 
 
 # Studies of foreign FMUs from TOML: model, measured data, free parameters and optimiser.
@@ -531,23 +506,22 @@ def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
         "source": model.source,
         "synthetic": model.synthetic,
     }
-    settings = {**reading.settings, **_settings(model.set, reading.fmu, at / "set")}
+    reading = reading._replace(settings={**reading.settings, **_settings(model.set, reading.fmu, at / "set")})
     path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
     if model.rows or model.stop is not None:
-        return _rows(model, reading.fmu, path, columns, settings, more, at)
+        return _rows(model, path, columns, reading, more, at)
     time = _time(model.time)
     table = read_columns(path, [time, *columns.values()], 1)
     measured = {name: table.columns[column.name] for name, column in columns.items()}
     with located(at):
-        return fmu_curve(model.name, table.columns[model.time], measured, start=settings, **more)
+        return fmu_curve(model.name, table.columns[model.time], measured, start=reading.settings, **more)
 
 
 def _rows(
     model: _DataModel,
-    fmu: Fmu,
     path: Path,
     columns: Mapping[str, Column],
-    settings: Mapping[str, Setting],
+    reading: _Reading,
     more: Mapping[str, Any],
     at: Place,
 ) -> FmuData:
@@ -557,12 +531,12 @@ def _rows(
     given = {}
     for name, column in model.rows.items():
         with located(at / "rows" / name):
-            fmu.adjustable(name)
-            given[name] = _column(column, fmu.number(name))
+            reading.fmu.adjustable(name)
+            given[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [*columns.values(), *given.values()], 1)
     count = len(table.rows)
     each: list[dict[str, Setting]] = [
-        {**settings, **{name: float(table.columns[column.name][i]) for name, column in given.items()}}
+        {**reading.settings, **{name: float(table.columns[column.name][i]) for name, column in given.items()}}
         for i in range(count)
     ]
     measured = {name: table.columns[column.name] for name, column in columns.items()}

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from commonrail.base.errors import InputError
-from commonrail.cli.console import Stage, print_json, print_table
-from commonrail.cli.fit import end_if_stopped, reported
+from commonrail.cli.console import print_json, print_table
+from commonrail.cli.fit import end_if_stopped, reported, stage_of
 from commonrail.cli.options import free_run_folder, stem_of
 from commonrail.cli.study_kind import RunOptions, StudyKind
-
-if TYPE_CHECKING:
-    from commonrail.calibration.search import Progress
-    from commonrail.plugins.foreign_fmu.fit import FmuFit
-    from commonrail.runs.fit import Listener
 
 
 def _refuse_workers(options: RunOptions) -> None:
@@ -36,43 +32,34 @@ def _calibrate(study: Path, out: Path | None, options: RunOptions) -> None:
     folder, fmu = out or free_run_folder(stem_of(study)), load_fmu_study(study)
     fmu = fmu if options.seed is None else replace(fmu, seed=options.seed)
 
-    def calibrated(listener: Listener) -> FmuFit:
-        return calibrate_fmu_into(folder, fmu, processes=options.threads, listener=listener)
-
-    _run(fmu.title, folder, calibrated, options.json)
+    _run(fmu.title, folder, partial(calibrate_fmu_into, folder, fmu, processes=options.threads), options.json)
 
 
 def _resume(folder: Path, options: RunOptions) -> None:
     from commonrail.plugins.foreign_fmu.run import resume_fmu
 
     _refuse_workers(options)
-    if options.generations:
-        raise InputError(f"--generations: {folder} is the run of an FMU; state them in a new study file.")
-
-    def resumed(listener: Listener) -> FmuFit:
-        return resume_fmu(folder, as_begun=options.as_begun, processes=options.threads, listener=listener)
-
-    _run(f"resuming {folder}", folder, resumed, options.json)
+    how: dict[str, Any] = {
+        "generations": options.generations,
+        "as_begun": options.as_begun,
+        "processes": options.threads,
+    }
+    _run(f"resuming {folder}", folder, partial(resume_fmu, folder, **how), options.json)
 
 
 STUDY = StudyKind(_resume, _calibrate)
 
 
-def _stage_of(p: Progress) -> Stage:
-    speed = p.simulated / p.seconds if p.seconds > 0.0 else 0.0
-    figures = f"best {p.best:.4g}, mean {p.mean:.4g}, {speed:.0f} simulations/s"
-    return Stage(p.phase, p.generation, p.generations, figures)
-
-
-def _run(title: str, folder: Path, search: Callable[[Listener], FmuFit], json: bool) -> None:
+def _run(title: str, folder: Path, search: Callable[..., object], json: bool) -> None:
     """Search with progress on stderr, and print the record or its figures; exit status 130 if it was stopped."""
     from commonrail.plugins.foreign_fmu.page import fmu_lines, fmu_tables
-    from commonrail.plugins.foreign_fmu.run import read_fmu_run
 
-    report, _ = reported(title, folder, search, _stage_of)
-    record = read_fmu_run(folder)
+    stage = partial(stage_of, counted="simulations")
+    outcome = reported(title, folder, lambda listener: search(listener=listener), stage)
+    record = outcome.record
     if json:
-        print_json({"kind": "fmu calibration", "run": str(folder), "report": str(report), "result": record})
+        places = {"run": str(folder), "report": str(outcome.report)}
+        print_json({"kind": "fmu calibration", **places, "result": record})
     else:
         if record["synthetic"]:
             click.echo(f"SYNTHETIC: {record['synthetic']}")
@@ -80,5 +67,5 @@ def _run(title: str, folder: Path, search: Callable[[Listener], FmuFit], json: b
             print_table(table)
         for line in fmu_lines(record):
             click.echo(line)
-        click.echo(f"report: {report}")
-    end_if_stopped(record["status"], folder)
+        click.echo(f"report: {outcome.report}")
+    end_if_stopped(outcome)

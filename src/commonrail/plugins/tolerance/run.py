@@ -66,7 +66,7 @@ def tolerance(
     with held_interrupts() as request:
         found, shares, done = _all(simulated, nominal, report, lambda: request.asked)
         if not done:
-            request.heed()
+            request.check()
         spreads = [
             spread_of(found.quantities[:done, k], found.codes[:done, k], limits[k], sure) for k in range(len(limits))
         ]

@@ -1,0 +1,58 @@
+"""Sections of a page that all kinds of fit share: the course of the search, and facts on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from commonrail.base.chart import Figure
+from commonrail.base.text import duration, significant
+from commonrail.calibration.optimisers.registry import size_in_words
+from commonrail.data.records import Record
+from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.figures import convergence_figure
+
+Fact = tuple[str, str]
+
+_FIRST = {
+    "feasible": "drawn from what is feasible",
+    "uniform": "drawn from the whole box",
+    "reference": "the start values, the rest drawn from what is feasible",
+}
+
+
+def convergence_section(record: Record) -> tuple[Figure, str] | None:
+    """Figure of the objective over the generations, and its HTML; None of fewer than two."""
+    if len(record["generations"]) < 2:
+        return None
+    figure = convergence_figure(record["generations"])
+    return figure, figure_html(figure, "convergence")
+
+
+def search_facts(record: Record, counted: str = "injections", more: Sequence[Fact] = ()) -> list[Fact]:
+    """Numbers that say how the result came about; `counted` are the simulations, `more` stand before the software."""
+    counts, clock, objective = record["evaluations"], record["clock"], record["objective"]
+    names = {"slots": "candidates proposed", "simulated": "simulated", "failed": "failed"}
+    evaluations = [f"{counts[key]:,} {words}" for key, words in names.items()]
+    speed = f"{significant(clock['simulations_per_second'], 3)} {counted}/s"
+    scale = record.get("loss_scale")
+    robust = [("Loss", f"soft L1 of scale {significant(scale, 4)}")] if scale else []
+    return [
+        ("Search", _search(record["optimiser"])),
+        *robust,
+        ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
+        ("Evaluations", "; ".join(evaluations)),
+        ("Simulations", f"{counts[counted]:,} {counted}; {speed}"),
+        ("Time of the search", duration(clock["seconds"])),
+        ("Ended", f"{record['status']}: {record['reason'] or 'the optimiser was done'}"),
+        ("Seed", str(record["seed"])),
+        *more,
+        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+    ]
+
+
+def _search(settings: Mapping[str, Any]) -> str:
+    polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
+    initial = settings.get("initial", "")
+    first = f"; first population {_FIRST.get(initial, initial)}" if initial else ""
+    return f"{settings['method']}, {size_in_words(settings)}{first}{polish}"
