@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -118,6 +119,17 @@ def test_a_sparse_file_is_refused_by_its_size_and_not_read(tmp_path: Path, monke
     assert fingerprint(path) == UNREADABLE
     with pytest.raises(InputError, match="the file has 20000 MB, more than the 100 MB"):
         read_plain(path)
+
+
+def test_a_small_file_takes_no_memory_for_the_largest_one(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"abc")
+    tracemalloc.start()
+    try:
+        assert read_plain(path, 1_000_000_000) == b"abc"
+        assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(

@@ -13,6 +13,7 @@ from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
+from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.parameters import Domain
 from commonrail.readers.injector.file import load_injector
@@ -102,6 +103,16 @@ def test_a_pipe_that_rubs_more_than_is_resolved_is_told(
         warnings.simplefilter("always")
         plan.prepare(regulated.with_values(dict(zip(names, pipe, strict=True))), [OperatingPoint(160e6, 700e-6)], 1e-6)
     assert len([each for each in told if "feed pipe" in str(each.message)]) == count
+
+
+def test_another_batch_at_the_same_point_judges_no_pipe_anew(
+    regulated: Injector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The speed of sound takes as long as a twentieth of a batch of 512."""
+    point = OperatingPoint(160e6, 700e-6)
+    plan.prepare(regulated, [point], 1e-6)
+    monkeypatch.setattr(Fuel, "sound_speed", None)  # to compute it is a fault
+    plan.prepare(regulated.with_values({"nozzle.holes": 8.0}), [point], 1e-6)
 
 
 def test_no_pipe_of_the_catalogue_rubs_so_much() -> None:

@@ -50,7 +50,10 @@ def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
     was read before inside the same `noting_files` and held other bytes then.
     """
     with _as_input_error(path), opened(path, largest) as stream:
-        data = stream.read(largest + 1)  # a file may grow, and those of the system say that they are empty
+        size = min(os.fstat(stream.fileno()).st_size, largest)
+        data = stream.read(size + 1)  # as many bytes as are asked for are reserved before the first is read
+        if len(data) > size:  # a file may grow, and those of the system say that they are empty
+            data += stream.read(largest - size)
     if len(data) > largest:
         raise _too_large(path, f"more than {largest / 1e6:g} MB", largest)
     noted = _noted.get()

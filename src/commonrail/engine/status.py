@@ -17,6 +17,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import note
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.components import feed_pipe, nozzle
+from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import DRIVE, RETURN, reader_of, unread_inputs
 
@@ -176,12 +177,17 @@ def pipe_loss(injector: Injector, rail_pressure: float) -> float:
     `rail_pressure`: at time zero [Pa], which the nozzle then has before it.
     """
     parts, temperature = injector.parameters, injector.values[FUEL_TEMPERATURE]
-    density = float(injector.fuel.density(rail_pressure, temperature))
-    speed = float(injector.fuel.sound_speed(rail_pressure, temperature))
+    density, speed = _density_and_speed(injector.fuel, rail_pressure, temperature)
     pipe = feed_pipe.coefficients(parts.feed_pipe, density, speed)
     holes = nozzle.coefficients(parts.nozzle, rail_pressure, 0.0)
     flow = nozzle.discharge(holes, holes.lift_maximum) * math.sqrt(2.0 * holes.area_squared * density * rail_pressure)
     return pipe.resistance * flow * pipe.admittance
+
+
+@functools.lru_cache(maxsize=64)
+def _density_and_speed(fuel: Fuel, pressure: float, temperature: float) -> tuple[float, float]:
+    """Density [kg/m³] and speed of sound [m/s]: 2 ms, cached for the next batch at the same point."""
+    return float(fuel.density(pressure, temperature)), float(fuel.sound_speed(pressure, temperature))
 
 
 @functools.cache

@@ -117,9 +117,9 @@ class Injector:
     @property
     def parameters(self) -> Any:
         """Values as the NamedTuple that the physics reads."""
-        kind = MODELS[self.variant.actuation].Parameters
+        kind, components = _components(self.variant.actuation)
         flat = iter([self.values[path] for path in parameter_paths(self.variant.actuation)])
-        return kind(**{component: _take(one, flat) for component, one in get_type_hints(kind).items()})
+        return kind(**{component: _take(one, flat) for component, one in components.items()})
 
     def wired(self, names: Iterable[str] = ()) -> Variant:
         """Variant that computes this injector: with the extended laws if a value or a varying name needs them.
@@ -146,6 +146,13 @@ class Injector:
             If a name is unknown, or a value is of another kind or outside its domain.
         """
         return replace(self, values={**self.values, **_named(values)})
+
+
+@functools.cache
+def _components(actuation: Actuation) -> tuple[Any, Mapping[str, Any]]:
+    """Class of the parameters and those of its components, whose type hints take as long to look up as all values."""
+    kind = MODELS[actuation].Parameters
+    return kind, get_type_hints(kind)
 
 
 def _take(kind: Any, flat: Iterator[float]) -> Any:
