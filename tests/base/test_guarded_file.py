@@ -44,7 +44,7 @@ ALLOWED = {
     "plugins/export/fmu.py": "what it has just written into a temporary folder of its own",
     "plugins/export/sources.py": "files of the installed package",
     "plugins/export/texts.py": "files of the installed package",
-    "plugins/page/page.py": "files of the installed package",
+    "plugins/paper/claims.py": "a file of the installed package",
     "plugins/page/module.py": "files of the installed package, and what zig has just written into a temporary folder",
 }
 

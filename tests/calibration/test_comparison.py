@@ -113,8 +113,8 @@ def test_each_study_keeps_its_time_step() -> None:
     coarse = replace(paper(), time_step=2e-6)
     scores = compare({"a": paper().injector}, [paper(), coarse], threads=1).scores["a"]
     (alone,) = compare({"a": paper().injector}, coarse, threads=1).scores["a"]
-    np.testing.assert_array_equal(scores[1].rate, alone.rate)  # type: ignore[union-attr]
-    assert not np.array_equal(scores[0].rate, scores[1].rate)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(scores[1].values, alone.values)
+    assert not np.array_equal(scores[0].values, scores[1].values)
 
 
 def test_the_record_tells_what_differs_and_what_is_synthetic() -> None:

@@ -11,8 +11,8 @@ from commonrail.base.errors import CommonrailError
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study_file.file import load_study
 from commonrail.plugins.fleet.file import write_results
-from commonrail.plugins.fleet.journal import Journal, check_entries
-from commonrail.plugins.fleet.member import shared_files, write_study
+from commonrail.plugins.fleet.journal import Journal, entries_of
+from commonrail.plugins.fleet.member import read_shared, shared_files, write_study
 from commonrail.plugins.fleet.page import write_fleet_report
 from commonrail.plugins.fleet.run import run_fleet
 from commonrail.plugins.fleet.study import load_fleet
@@ -85,9 +85,8 @@ def read_fleet_journal(folder: Path) -> None:
     """Write the results of a fleet from its journal."""
     fleet = load_fleet(folder / "fleet.toml")
     with Journal(folder / "run") as journal:
-        journal.inputs()
-        entries = journal.entries()
-    check_entries(fleet, entries, folder)
+        inputs = {name: entry.inputs for name, entry in journal.entries().items()}  # the tables are not beside it
+        entries = entries_of(fleet, inputs, journal, read_shared(fleet.template))
     known = tuple(entries[name] for name in fleet.supply.names if name in entries)
     clock = {"seconds": 1.0, "first": 0.5, "calibrated_now": 0, "workers": 1}
     record = write_results(folder / "run", fleet, known, "finished", clock)

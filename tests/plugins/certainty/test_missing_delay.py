@@ -96,12 +96,12 @@ def test_a_delay_far_beyond_its_stated_deviation_is_found(delay: float, is_found
 
 
 def test_a_delay_of_a_few_of_its_stated_deviations_is_no_finding() -> None:
-    """4 µs where 2 µs are stated: 2.8 µs are most likely on this bench, 1.4 deviations, which have 0.16."""
+    """4 µs where 2 µs are stated: 3.5 µs are most likely on this bench, 1.7 deviations, which have 0.08."""
     benches = Benches(replace(BEDS["delay 2 us"], delay=4e-6, delay_deviation=0.0))
-    bench = benches.bench(1)
+    bench = benches.bench(3)
     test = missing_delay(bench.study, benches.fit(bench), 1)
     assert test is not None
-    assert 0.05 < test.probability < 0.3  # 0.19: the path of the parameters is curved
+    assert 0.05 < test.probability < 0.3  # 0.076
     assert 2e-6 < test.values[0] < 5e-6
 
 

@@ -20,18 +20,18 @@ from tools.coverage import BEDS, FRICTION, Benches
 
 def test_friction_that_moves_a_pinned_parameter_withdraws_it() -> None:
     benches = Benches(BEDS["friction that nobody has stated"])
-    bench = benches.bench(2)
+    bench = benches.bench(5)
     found = benches.fit(bench)
     tests = lack_of_fit(found)
     low, high = found.interval()
     verdicts = verdicts_of(found, low, high, withdrawal(found, tests))
     assert any(one.verdict is ParameterVerdict.PINNED for one in verdicts)  # the tests of the meter see nothing
     k7 = bench.truth[2]
-    assert not low[2] < k7 < high[2]  # 9 % off
+    assert not low[2] < k7 < high[2]  # 16 % off
     friction = friction_withdraws(bench.study, found, verdicts, 1)
     assert friction is not None
     test = of_missing(friction, LEVEL / 3.0)
-    assert test.found  # the fall is 73
+    assert test.found  # its probability is 1e-11
     assert "friction in the guides" in withdrawal(found, [*tests, test])
     assert abs(friction.point[2] - k7) < 0.6 * abs(found.point[2] - k7)
     unseen = [one._replace(verdict=ParameterVerdict.UNSEEN) for one in verdicts]  # which have nothing to lose

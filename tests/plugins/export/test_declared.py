@@ -9,7 +9,7 @@ import pytest
 import commonrail as cr
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.engine.status import check_inputs
-from commonrail.engine.stepper.stepper import Stepper
+from commonrail.engine.stepper.stepper import _refuse_foreign
 from commonrail.physics.variants import DRIVE, RAIL, RETURN, Variant, unread_inputs, unread_parameters
 from commonrail.plugins.export.description import AT_REST, terminals, variables
 from commonrail.plugins.export.sources import reads_of
@@ -66,7 +66,5 @@ def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None
     ],
 )
 def test_the_stepper_refuses_what_its_injector_does_not_read(variant: Variant, given: str, words: str) -> None:
-    stepper = Stepper.__new__(Stepper)  # no kernel is needed to refuse an input
-    stepper.injector, stepper._variant = injector_of(variant), variant
     with pytest.raises(cr.ConfigurationError, match=words):
-        stepper._refuse_foreign(given)
+        _refuse_foreign(injector_of(variant), given)  # no kernel is needed to refuse an input

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import InputError
+from commonrail.base.input import read_plain
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import print_json, print_rows, print_table, say
 from commonrail.cli.fit import Outcome, end_if_stopped, reported
@@ -102,7 +103,7 @@ def family(
         stated = {key: value for key, value in (("name", name), ("seed", seed)) if value is not None}
         with open_workers(workers, cluster) as crew:
             outcome = _fit(joint[0], run or free_run_folder(stem_of(joint[0])), stated, models, threads, crew)
-        write_text(out, (outcome.folder / TYPE).read_text(encoding="utf-8"))
+        write_text(out, read_plain(outcome.folder / TYPE).decode())
         _print_family(outcome, json, out)
         return
     found = _from_results(sources, name or out.stem, share)
@@ -166,7 +167,7 @@ def _fit(
         place = create_run_folder(models)
         for part in outcome.record["parts"]:
             file = f"{part['name']}.toml"
-            write_text(place / file, (folder / MODELS / file).read_text(encoding="utf-8"))
+            write_text(place / file, read_plain(folder / MODELS / file).decode())
     return outcome
 
 
