@@ -11,13 +11,11 @@ import pytest
 
 from commonrail.base.choices import Body, Drive
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.compare import Comparison, check_drive, check_labels, compare, comparison_record
+from commonrail.calibration.compare import Comparison, check_labels, compare, comparison_record
 from commonrail.calibration.result import validate
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
-from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
-from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import EXTENDING
@@ -159,19 +157,3 @@ def driven(drive: Drive) -> Injector:
 def test_a_drive_by_a_trace_needs_the_trace() -> None:
     with pytest.raises(ConfigurationError, match=r'a: the injector is driven by a current trace.*"160 MPa" has none'):
         compare({"a": driven(Drive.CURRENT)}, paper())
-
-
-@pytest.mark.parametrize(
-    ("model", "fits"),
-    [(Drive.CURRENT, True), (Drive.VOLTAGE, False), (Drive.REGULATED, True), (Drive.PWM, True)],
-)
-def test_a_measured_current_is_no_voltage(model: Drive, fits: bool) -> None:
-    (data,) = paper().data
-    assert isinstance(data, RateData)
-    point: OperatingPoint = replace(data.point, drive=Trace((0.0, 1e-3), (0.0, 20.0)))
-    study = replace(paper(), injector=driven(Drive.CURRENT), data=(replace(data, point=point),))
-    if fits:
-        check_drive(driven(model), study, "a")
-    else:
-        with pytest.raises(ConfigurationError, match="driven by a voltage trace"):
-            check_drive(driven(model), study, "a")

@@ -9,10 +9,10 @@ from os import PathLike
 from typing import Any, NamedTuple
 
 from commonrail.base.arguments import instance, instances, mapping, thread_count
-from commonrail.base.choices import Drive
 from commonrail.base.display import Shown
 from commonrail.base.errors import CommonrailError, ConfigurationError
 from commonrail.calibration.result import SCHEMA, data_records
+from commonrail.calibration.scoring import check_drive
 from commonrail.calibration.study import Study
 from commonrail.compiler.target import describe, package_versions
 from commonrail.data.base import DataSet, Missing, Score
@@ -41,9 +41,6 @@ def check_labels(labels: Sequence[str]) -> None:
             raise ConfigurationError(f'"{label}" cannot be the label of a model: results use it; choose another one.')
         if not label.strip() or not label.isprintable():
             raise ConfigurationError(f"{label!r} cannot be the label of a model; choose a short printable text.")
-
-
-_TRACES = (Drive.CURRENT, Drive.VOLTAGE)
 
 
 class Failure(NamedTuple):
@@ -143,22 +140,6 @@ def _several(studies: Sequence[Study]) -> tuple[Study, ...]:
     if not found:
         raise ConfigurationError("The studies must be at least one; its data are what the models are compared on.")
     return found
-
-
-def check_drive(injector: Injector, study: Study, label: str) -> None:
-    """Refuse (`ConfigurationError`) an injector driven by a measured trace where the data hold no such trace.
-
-    `label` is what messages call the injector.
-    """
-    drive = injector.variant.drive
-    if drive not in _TRACES:
-        return
-    for data in study.data:
-        if study.injector.variant.drive is not drive or any(point.drive is None for point in data.points):
-            raise ConfigurationError(
-                f'{label}: the injector is driven by a {drive.value}, and the data set "{data.name}" has none; '
-                "take a variant with regulated or pwm drive, or data with that trace."
-            )
 
 
 def _named_apart(studies: Sequence[Study]) -> tuple[DataSet, ...]:

@@ -37,7 +37,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "calibrate": "commonrail.cli.verbs.calibrate:calibrate",
         "resume": "commonrail.cli.verbs.calibrate:resume",
         "runs": "commonrail.cli.verbs.runs:runs",
-        "validate": "commonrail.cli.verbs.compare:validate",
+        "validate": "commonrail.cli.verbs.validate:validate",
         "certainty": "commonrail.plugins.certainty.verb:certainty",
         "next": "commonrail.plugins.next.verb:next_",
         "predict": "commonrail.plugins.prediction.verb:predict",
