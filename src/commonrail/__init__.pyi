@@ -24,12 +24,6 @@ from .base.errors import (
 from .base.errors import (
     StudyError as StudyError,
 )
-from .calibration.compare import (
-    Comparison as Comparison,
-)
-from .calibration.compare import (
-    compare as compare,
-)
 from .calibration.goal import (
     Loss as Loss,
 )
@@ -266,6 +260,12 @@ from .plugins.certainty.posterior.sample import (
 )
 from .plugins.certainty.run import (
     certify as certify,
+)
+from .plugins.compare.run import (
+    Comparison as Comparison,
+)
+from .plugins.compare.run import (
+    compare as compare,
 )
 from .plugins.family.adapt import (
     Adapted as Adapted,

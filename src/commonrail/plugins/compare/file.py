@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.output import summed
-from commonrail.calibration.compare import Comparison
 from commonrail.data.records import MEASURED
+from commonrail.plugins.compare.run import Comparison
 from commonrail.runs.folder import TRACES, rate_curves, write_record
 from commonrail.runs.traces import write_traces
 

@@ -9,13 +9,13 @@ from pathlib import Path
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
 from commonrail.data.records import MICROSECOND, Record, Traces
+from commonrail.plugins.compare.file import COMPARISON
 from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.figures import comparison_figures
 from commonrail.report.fit.record import by_kind
 from commonrail.report.fit.verdict import synthetic_notes
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
-from commonrail.runs.comparison import COMPARISON
 from commonrail.runs.folder import TRACES
 from commonrail.runs.traces import read_traces
 
@@ -72,6 +72,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
     """The page of a comparison; `folder` is its name for the command lines in it."""
     return render(
         "comparison.html",
+        __package__,
         kind="Comparison",
         record=record,
         lines=comparison_lines(record),

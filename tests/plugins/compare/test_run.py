@@ -11,7 +11,6 @@ import pytest
 
 from commonrail.base.choices import Body, Drive
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.compare import Comparison, check_labels, compare, comparison_record
 from commonrail.calibration.result import validate
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
@@ -19,8 +18,9 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import EXTENDING
+from commonrail.plugins.compare.run import Comparison, compare, comparison_record
 
-CASES = Path(__file__).resolve().parents[2] / "cases"
+CASES = Path(__file__).resolve().parents[3] / "cases"
 TAP = Status.NOT_CLOSED_AT_START
 # A valve spring that cannot hold the valve: the injector flows before it is energised.
 WEAK = {"valve.spring_preload": 1.0}
@@ -131,22 +131,6 @@ def test_the_record_tells_what_differs_and_what_is_synthetic() -> None:
 def test_the_injector_of_the_study_does_not_make_measured_data_synthetic() -> None:
     study = replace(small_map(), injector=paper().injector)
     assert comparison_record(compare({"a": plain()}, study, threads=1))["synthetic"] == ""
-
-
-@pytest.mark.parametrize(
-    ("labels", "words"),
-    [
-        ([], "not 0"),
-        ([str(i) for i in range(9)], "Between 1 and 8 models can be compared at a time, not 9"),
-        (["measured"], '"measured" cannot be the label'),
-        (["rail_pressure"], '"rail_pressure" cannot be the label'),
-        ([" "], "cannot be the label"),
-        (["a\nb"], "cannot be the label"),
-    ],
-)
-def test_labels_that_cannot_be_carried_are_refused(labels: list[str], words: str) -> None:
-    with pytest.raises(ConfigurationError, match=words):
-        check_labels(labels)
 
 
 def driven(drive: Drive) -> Injector:

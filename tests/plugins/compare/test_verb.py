@@ -13,7 +13,7 @@ from commonrail.readers.injector.file import dump_injector, load_injector
 from tests.cli.conftest import Command, check_made_again, run_command
 
 NAME = "virtual-lino-2016"
-CASE = Path(__file__).resolve().parents[2] / "cases" / "paper" / "study.toml"
+CASE = Path(__file__).resolve().parents[3] / "cases" / "paper" / "study.toml"
 
 
 @pytest.fixture(scope="module")

@@ -21,26 +21,7 @@ from commonrail.data.simulator import Simulator
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.meters import Meter
-
-# Labels of models that are compared.
-
-MOST_MODELS = 8  # colours and markers that can be told apart
-# Names that the results give to other things than models.
-_RESERVED = frozenset(
-    {"data", "dead_time", "measured", "quantity", "synthetic", "time_s"}
-    | {"rail_pressure", "cylinder_pressure", "return_pressure", "energising_time"}
-)
-
-
-def check_labels(labels: Sequence[str]) -> None:
-    """Refuse (`ConfigurationError`) no model, too many, and labels that tables and files cannot carry."""
-    if not 1 <= len(labels) <= MOST_MODELS:
-        raise ConfigurationError(f"Between 1 and {MOST_MODELS} models can be compared at a time, not {len(labels)}.")
-    for label in labels:
-        if label in _RESERVED:
-            raise ConfigurationError(f'"{label}" cannot be the label of a model: results use it; choose another one.')
-        if not label.strip() or not label.isprintable():
-            raise ConfigurationError(f"{label!r} cannot be the label of a model; choose a short printable text.")
+from commonrail.runs.model_name import check_labels
 
 
 class Failure(NamedTuple):

@@ -15,7 +15,7 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 
 if TYPE_CHECKING:
-    from commonrail.calibration.compare import Comparison
+    from commonrail.plugins.compare.run import Comparison
 
 
 @verb
@@ -59,9 +59,9 @@ def compare(
 
 
 def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None) -> tuple[Comparison, dict[str, Any]]:
-    from commonrail.calibration.compare import compare as run
-    from commonrail.calibration.compare import comparison_record
     from commonrail.calibration.study_file.file import load_study
+    from commonrail.plugins.compare.run import compare as run
+    from commonrail.plugins.compare.run import comparison_record
     from commonrail.runs.model_name import read_model_names
 
     named = read_model_names(models)
@@ -78,8 +78,8 @@ def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None)
 
 def _into(folder: Path, run: Callable[[], tuple[Comparison, dict[str, Any]]]) -> dict[str, Any]:
     """Run a comparison into a new folder, which is taken away again if nothing comes of it."""
+    from commonrail.plugins.compare.file import write_comparison
     from commonrail.report.page import write_report
-    from commonrail.runs.comparison import write_comparison
     from commonrail.runs.folder import new_run_folder
 
     with new_run_folder(folder):
@@ -91,7 +91,7 @@ def _into(folder: Path, run: Callable[[], tuple[Comparison, dict[str, Any]]]) ->
 
 
 def _print(record: dict[str, Any]) -> None:
-    from commonrail.report.compare import comparison_lines, comparison_tables
+    from commonrail.plugins.compare.page import comparison_lines, comparison_tables
 
     if record["synthetic"]:
         click.echo(f"SYNTHETIC: {record['synthetic']}")
