@@ -219,12 +219,6 @@ from .engine.solution import (
 from .engine.status import (
     Status as Status,
 )
-from .engine.stepper.linear import (
-    LinearModel as LinearModel,
-)
-from .engine.stepper.stepper import (
-    Stepper as Stepper,
-)
 from .physics.fuel import (
     Fuel as Fuel,
 )
@@ -392,6 +386,12 @@ from .plugins.sensitivity.study import (
 )
 from .plugins.sensitivity.study import (
     parameters_within as parameters_within,
+)
+from .plugins.stepper.linear import (
+    LinearModel as LinearModel,
+)
+from .plugins.stepper.run import (
+    Stepper as Stepper,
 )
 from .plugins.tolerance.file import (
     ToleranceResult as ToleranceResult,

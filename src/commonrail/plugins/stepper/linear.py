@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
-from commonrail.engine.stepper.loop import COLUMNS, Loop
+from commonrail.engine.loop import COLUMNS, Loop
 from commonrail.physics.flow import contents
 from commonrail.physics.model import Waves
 from commonrail.physics.variants import Variant

@@ -11,12 +11,7 @@ from commonrail.base.arguments import Quantity, flag, instance, number
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
 from commonrail.base.errors import ConfigurationError, SimulationError
-from commonrail.engine.operating_point import LONGEST, OperatingPoint
-from commonrail.engine.plan import coefficients_at
-from commonrail.engine.solution import all_channels
-from commonrail.engine.status import Status
-from commonrail.engine.stepper.linear import LinearModel, Operation, linearise
-from commonrail.engine.stepper.loop import (
+from commonrail.engine.loop import (
     COLUMNS,
     CoursePlan,
     Held,
@@ -26,9 +21,14 @@ from commonrail.engine.stepper.loop import (
     refuse_pressures,
     traced_input,
 )
+from commonrail.engine.operating_point import LONGEST, OperatingPoint
+from commonrail.engine.plan import coefficients_at
+from commonrail.engine.solution import all_channels
+from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step, step_advice
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import COMMAND, RAIL, RETURN, Variant, reader_of, unread_inputs
+from commonrail.plugins.stepper.linear import LinearModel, Operation, linearise
 
 # State of a stepper that its caller keeps.
 
