@@ -18,7 +18,8 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import EXTENDING
-from commonrail.plugins.compare.run import Comparison, compare, comparison_record
+from commonrail.plugins.compare.file import comparison_record
+from commonrail.plugins.compare.run import Comparison, compare
 
 CASES = Path(__file__).resolve().parents[3] / "cases"
 TAP = Status.NOT_CLOSED_AT_START

@@ -6,15 +6,16 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from commonrail.base.chart import Figure
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
-from commonrail.data.records import MICROSECOND, Record, Traces
-from commonrail.plugins.compare.file import COMPARISON
+from commonrail.data.records import MICROSECOND, Plotted, Record, Traces
+from commonrail.plugins.compare.file import RECORD
 from commonrail.report.draw.figure import drawings
-from commonrail.report.fit.figures import comparison_figures
-from commonrail.report.fit.record import by_kind
+from commonrail.report.fit.record import by_kind, shown_of
 from commonrail.report.fit.verdict import synthetic_notes
 from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 from commonrail.runs.folder import TRACES
 from commonrail.runs.traces import read_traces
@@ -61,11 +62,13 @@ def _points(failures: Sequence[Record]) -> str:
 
 
 def _page(record: Record, folder: Path) -> str:
-    return comparison_html(record, read_traces(folder / TRACES), folder.as_posix() or "DIR")
+    return comparison_html(record, read_traces(folder / TRACES), folder.as_posix())
 
 
-KEYS = ("title", "labels", "models", "differences", "studies", "data")
-RESULT = ResultKind(COMPARISON, "comparison", "compare", _page, KEYS)
+RESULT = ResultKind(
+    RECORD, "comparison", "compare", _page, ("title", "labels", "models", "differences", "studies", "data")
+)
+COMPARISON = Presenter(lambda c: [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"])
 
 
 def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
@@ -83,6 +86,12 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
         commands=comparison_commands(record, folder),
         facts=_facts(record),
     )
+
+
+def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
+    """Figures of the data of a comparison: one colour, marker and dash for each model."""
+    plotted = Plotted(shown_of(record), traces)
+    return [f for view, own in by_kind(record["data"]) for d in own for f in view.compared_figures(d, plotted)]
 
 
 def comparison_lines(record: Record) -> list[str]:
@@ -115,16 +124,16 @@ def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: 
 
     `what` is what the best model has; `names` are those of the data sets.
     """
-    won: dict[str, list[str]] = {}
-    for name, own in zip(names, errors, strict=True):
-        found = {label: value for label in labels if (value := number(own.get(label))) is not None}
-        if found:
-            won.setdefault(min(found, key=lambda label: found[label]), []).append(name)
-    if not won:
+    nearest: dict[str, list[str]] = {}
+    for name, by_label in zip(names, errors, strict=True):
+        values = {label: value for label in labels if (value := number(by_label.get(label))) is not None}
+        if values:
+            nearest.setdefault(min(values, key=values.__getitem__), []).append(name)
+    if not nearest:
         return []
-    order = sorted(won, key=lambda label: -len(won[label]))
-    first, *others = (f"“{label}”{{}} on {listed(won[label])}" for label in order)
-    return ["; ".join([first.replace("{}", f" has {what}"), *(part.replace("{}", "") for part in others)]) + "."]
+    first, *others = sorted(nearest.items(), key=lambda item: -len(item[1]))
+    parts = [f"“{first[0]}” has {what} on {listed(first[1])}"]
+    return ["; ".join(parts + [f"“{label}” on {listed(names)}" for label, names in others]) + "."]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

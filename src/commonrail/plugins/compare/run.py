@@ -6,20 +6,18 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from commonrail.base.arguments import instance, instances, mapping, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import CommonrailError, ConfigurationError
-from commonrail.calibration.result import SCHEMA, data_records
 from commonrail.calibration.scoring import check_drive
 from commonrail.calibration.study import Study
-from commonrail.compiler.target import describe, package_versions
 from commonrail.data.base import DataSet, Missing, Score
 from commonrail.data.metering import with_meters
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import Status
-from commonrail.physics.injector import Injector, parameter_quantities
+from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.runs.model_name import check_labels
 
@@ -51,7 +49,7 @@ class Comparison(Shown):
         By label and data set, the points that have no number.
     """
 
-    presenter = "commonrail.report.notebook:COMPARISON"
+    presenter = "commonrail.plugins.compare.page:COMPARISON"
 
     models: dict[str, Injector]
     studies: tuple[Study, ...]
@@ -62,8 +60,8 @@ class Comparison(Shown):
     @property
     def simulated(self) -> bool:
         """Return whether there is any number at all."""
-        failed = (zip(self.data, found, strict=True) for found in self.failures.values())
-        return any(len(points) < len(data.points) for pairs in failed for data, points in pairs)
+        pairs = (pair for failures in self.failures.values() for pair in zip(self.data, failures, strict=True))
+        return any(len(failures) < len(data.points) for data, failures in pairs)
 
 
 def compare(
@@ -93,7 +91,7 @@ def compare(
         drive does not fit the data. A simulation that fails is no error: its point has no number, and
         `Comparison.failures` says why.
     """
-    studies = (studies,) if isinstance(studies, Study) else _several(studies)
+    studies = (studies,) if isinstance(studies, Study) else _study_list(studies)
     threads = thread_count(threads)
     check_labels(list(mapping(models, "models", '{"first": injector}')))
     for label, injector in models.items():
@@ -101,26 +99,26 @@ def compare(
         for study in studies:
             check_drive(injector, study, label)
     data = _named_apart(studies)
-    origins = [study for study in studies for _ in study.data]
+    study_of_data = [study for study in studies for _ in study.data]
     scores: dict[str, tuple[Score, ...]] = {}
     failures: dict[str, tuple[tuple[Failure, ...], ...]] = {}
     for label, injector in models.items():
-        seen = with_meters(data, (meters or {}).get(label, ()))
-        judged = [
-            _judged(label, Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits), d)
-            for d, study in zip(seen, origins, strict=True)
+        metered = with_meters(data, (meters or {}).get(label, ()))
+        scored = [
+            _score(label, Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits), d)
+            for d, study in zip(metered, study_of_data, strict=True)
         ]
-        scores[label], failures[label] = tuple(score for score, _ in judged), tuple(failed for _, failed in judged)
+        scores[label], failures[label] = tuple(score for score, _ in scored), tuple(failed for _, failed in scored)
     return Comparison(dict(models), studies, data, scores, failures)
 
 
-def _several(studies: Sequence[Study]) -> tuple[Study, ...]:
+def _study_list(studies: Sequence[Study]) -> tuple[Study, ...]:
     if isinstance(studies, str | PathLike):
-        instance(studies, Study, "studies")
-    found = instances(studies, Study, "studies")
-    if not found:
+        instance(studies, Study, "studies")  # says how a study is loaded from a file
+    items = instances(studies, Study, "studies")
+    if not items:
         raise ConfigurationError("The studies must be at least one; its data are what the models are compared on.")
-    return found
+    return items
 
 
 def _named_apart(studies: Sequence[Study]) -> tuple[DataSet, ...]:
@@ -132,7 +130,7 @@ def _named_apart(studies: Sequence[Study]) -> tuple[DataSet, ...]:
     )
 
 
-def _judged(label: str, simulator: Simulator, data: DataSet) -> tuple[Score, tuple[Failure, ...]]:
+def _score(label: str, simulator: Simulator, data: DataSet) -> tuple[Score, tuple[Failure, ...]]:
     """Score, and the points without a number; those that failed are simulated again, for their status."""
     try:
         score = data.score(simulator)
@@ -140,80 +138,14 @@ def _judged(label: str, simulator: Simulator, data: DataSet) -> tuple[Score, tup
         raise type(error)(f"{label} on {data.name}: {error}") from error
     missing = score.missing()
     failed = [m.point for m in missing if not m.status]
-    found = (Status(int(status)) for status in (simulator.once(failed).status[0] if failed else ()))
-    return score, tuple(_failure(m, found) for m in missing)
+    statuses = (Status(int(status)) for status in (simulator.once(failed).status[0] if failed else ()))
+    return score, tuple(_failure(m, statuses) for m in missing)
 
 
 def _failure(missing: Missing, statuses: Iterator[Status]) -> Failure:
     pulses = missing.point.pulses
-    place = missing.point.initial_pressures()[0], pulses[0].duration if pulses else 0.0
+    point = missing.point.initial_pressures()[0], pulses[0].duration if pulses else 0.0
     if missing.status:
-        return Failure(*place, missing.status, missing.sentence)
+        return Failure(*point, missing.status, missing.sentence)
     status = next(statuses)
-    return Failure(*place, status.name, status.sentence)
-
-
-# A comparison as one JSON-able record: what its folder keeps and its report reads.
-
-
-def comparison_record(
-    comparison: Comparison, arguments: Mapping[str, str] | None = None, files: Sequence[str] = ()
-) -> dict[str, Any]:
-    """The comparison as one record, SI units; what has no number is None.
-
-    `arguments` are the texts that name the models on the command line, by label; `files` those of the studies.
-    """
-    models = comparison.models
-    data = data_records(comparison.data, comparison.scores)
-    for i, record in enumerate(data):
-        record["failures"] = {label: [f._asdict() for f in found[i]] for label, found in comparison.failures.items()}
-    return {
-        "schema": SCHEMA,
-        "kind": "comparison",
-        "software": package_versions(),
-        "target": describe().machine,
-        "title": _title(list(models)),
-        "synthetic": _synthetic(comparison),
-        "labels": {label: label for label in models},
-        "models": [_model(label, model, (arguments or {}).get(label, "")) for label, model in models.items()],
-        "differences": _differences(models),
-        "studies": [
-            {"title": study.title, "time_step": study.time_step, "file": files[i] if i < len(files) else ""}
-            for i, study in enumerate(comparison.studies)
-        ],
-        "data": data,
-    }
-
-
-def _title(labels: Sequence[str]) -> str:
-    if len(labels) > 3:
-        return f"Comparison of {len(labels)} models"
-    return f"Comparison: {', '.join(labels)}"
-
-
-def _synthetic(comparison: Comparison) -> str:
-    """Synthetic parts of the models and of the data; the injectors of the studies are not considered."""
-    texts = [m.synthetic for m in comparison.models.values()] + [d.synthetic for d in comparison.data]
-    return " ".join(dict.fromkeys(text for text in texts if text))
-
-
-def _model(label: str, injector: Injector, argument: str) -> dict[str, str]:
-    return {
-        "label": label,
-        "name": injector.name,
-        "title": injector.title,
-        "variant": injector.variant.label,
-        "fuel": injector.fuel.name,
-        "synthetic": injector.synthetic,
-        "argument": argument,
-    }
-
-
-def _differences(models: Mapping[str, Injector]) -> list[dict[str, Any]]:
-    """Parameters whose value is not the same in all the models."""
-    found = []
-    for name, q in parameter_quantities().items():
-        values = {label: model.values.get(name) for label, model in models.items()}
-        if len(set(values.values())) > 1:
-            found.append({"name": name, "unit": q.unit, "meaning": q.meaning, "values": values})
-    return found
+    return Failure(*point, status.name, status.sentence)

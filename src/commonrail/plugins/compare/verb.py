@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.base.output import writing
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
@@ -46,10 +46,16 @@ def compare(
       commonrail compare virtual-lino-2016 rigid=virtual-lino-2016@rigid --data cases/paper/study.toml
       commonrail compare runs/a runs/b --data cases/cri2-16/study.toml --out runs/a-or-b
     """
-    if out is None:
-        record = _compared(models, data, threads)[1]
-    else:
-        record = _into(out, lambda: _compared(models, data, threads))
+    from commonrail.plugins.compare.file import write_comparison
+    from commonrail.report.page import write_report
+    from commonrail.runs.folder import new_run_folder
+
+    with new_run_folder(out) if out else nullcontext():
+        comparison, record = _compared(models, data, threads)
+        if out is not None:
+            write_comparison(out, comparison, record)
+    if out is not None:
+        write_report(out)
     if json:
         print_json(record)
         return
@@ -60,34 +66,22 @@ def compare(
 
 def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None) -> tuple[Comparison, dict[str, Any]]:
     from commonrail.calibration.study_file.file import load_study
-    from commonrail.plugins.compare.run import compare as run
-    from commonrail.plugins.compare.run import comparison_record
+    from commonrail.plugins.compare.file import comparison_record
+    from commonrail.plugins.compare.run import compare as compare_models
     from commonrail.runs.model_name import read_model_names
 
     named = read_model_names(models)
     studies = [load_study(file) for file in files]
     say(SIMULATING)
     meters = {model.label: model.meters for model in named}
-    comparison = run({model.label: model.injector for model in named}, studies, threads=threads, meters=meters)
+    comparison = compare_models(
+        {model.label: model.injector for model in named}, studies, threads=threads, meters=meters
+    )
     if not comparison.simulated:
-        first = next(f for found in comparison.failures.values() for points in found for f in points)
+        first = next(f for of_model in comparison.failures.values() for failures in of_model for f in failures)
         raise SimulationError(f"No model could be simulated on any of the data. {first.sentence}")
     texts = {model.label: model.text for model in named}
     return comparison, comparison_record(comparison, texts, [str(file) for file in files])
-
-
-def _into(folder: Path, run: Callable[[], tuple[Comparison, dict[str, Any]]]) -> dict[str, Any]:
-    """Run a comparison into a new folder, which is taken away again if nothing comes of it."""
-    from commonrail.plugins.compare.file import write_comparison
-    from commonrail.report.page import write_report
-    from commonrail.runs.folder import new_run_folder
-
-    with new_run_folder(folder):
-        comparison, record = run()
-        with writing(folder):
-            write_comparison(folder, comparison, record)
-    write_report(folder)
-    return record
 
 
 def _print(record: dict[str, Any]) -> None:
