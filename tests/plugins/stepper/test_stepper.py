@@ -11,7 +11,7 @@ import commonrail as cr
 from commonrail.base.choices import Actuation, Drive
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
-from commonrail.plugins.stepper.run import _refuse_foreign
+from commonrail.plugins.stepper.inputs import refuse_unread
 from tests.conftest import wired
 
 POINT = cr.OperatingPoint("160 MPa", "700 us", horizon="1.2 ms")
@@ -149,7 +149,7 @@ def test_an_input_that_the_variant_does_not_read_is_refused(variant: Variant, gi
     name = "direct-acting-kr" if variant.actuation is Actuation.DIRECT else "cri2-16"
     injector = replace(cr.load_injector(name), variant=variant)
     with pytest.raises(cr.ConfigurationError, match=words):
-        _refuse_foreign(injector, given)  # no kernel is needed
+        refuse_unread(injector, given)  # no kernel is needed
 
 
 def test_a_step_that_is_too_long_for_the_injector_is_refused(pwm: Injector) -> None:
