@@ -26,7 +26,7 @@ from commonrail.runs.traces import read_traces
 def comparison_tables(record: Record) -> list[Table]:
     """Every table that the data sets of a comparison have something for."""
     labels = list(record["labels"])
-    tables = [table for view, own in by_kind(record["data"]) for table in view.compared_tables(own, labels)]
+    tables = [table for view, data in by_kind(record["data"]) for table in view.compared_tables(data, labels)]
     failed = failure_table(record["data"])
     return [*tables, failed] if failed.rows else tables
 
@@ -49,7 +49,7 @@ def failure_table(data: Sequence[Record]) -> Table:
             for failure in failures:
                 rows.setdefault((d["name"], label, failure["sentence"]), []).append(failure)
     heads = ("data set", "model", "points", "reason", "number of points")
-    cells = ((name, label, _points(found), reason, str(len(found))) for (name, label, reason), found in rows.items())
+    cells = ((name, label, _points(points), reason, str(len(points))) for (name, label, reason), points in rows.items())
     return table_of("Points without a number", cells, (Part(heads, lambda row: row),), "", 4)
 
 
@@ -91,7 +91,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
 def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
     """Figures of the data of a comparison: one colour, marker and dash for each model."""
     plotted = Plotted(shown_of(record), traces)
-    return [f for view, own in by_kind(record["data"]) for d in own for f in view.compared_figures(d, plotted)]
+    return [f for view, data in by_kind(record["data"]) for d in data for f in view.compared_figures(d, plotted)]
 
 
 def comparison_lines(record: Record) -> list[str]:
