@@ -21,7 +21,7 @@ TESTS := -m pytest -q -n 2 --dist worksteal tests
 test: BESIDE := for p in f64 f32; do PYTHONPATH=src $(BIN)/python -m tools.compile_ahead $$p > $(VENV)/$$p.txt 2>&1 & done;
 # Within a minute on two processors once kernels are compiled: no tests of processes, none of whole calibrations.
 QUICK := $(addprefix tests/,base/test_live.py base/test_text.py physics data report verification workers plugins/maps \
-    plugins/foreign_fmu engine/test_stepper.py engine/test_metered.py calibration/test_study_file.py cli/test_simulate.py \
+    plugins/foreign_fmu plugins/stepper/test_stepper.py engine/test_metered.py calibration/test_study_file.py cli/test_simulate.py \
     cli/test_calibrate.py calibration/test_objective.py calibration/test_differential_evolution.py runs/test_run.py) \
     $(addprefix --ignore=tests/,verification/test_direct_acting.py plugins/paper/test_plates.py data/test_standard_errors.py \
     plugins/maps/test_map.py plugins/maps/test_sweep_verb.py)

@@ -41,7 +41,7 @@ DOUBLE = (
 OTHERS = (
     "engine/test_precision.py::test_mass_is_kept",
     "engine/test_explicit.py",
-    "engine/test_stepper.py::test_stepping_gives",
+    "plugins/stepper/test_stepper.py::test_stepping_gives",
     "plugins/paper/test_virtual_bench.py",
     "runs/test_same_bits.py",
     "engine/test_reference.py",

@@ -24,12 +24,6 @@ from .base.errors import (
 from .base.errors import (
     StudyError as StudyError,
 )
-from .calibration.compare import (
-    Comparison as Comparison,
-)
-from .calibration.compare import (
-    compare as compare,
-)
 from .calibration.goal import (
     Loss as Loss,
 )
@@ -225,12 +219,6 @@ from .engine.solution import (
 from .engine.status import (
     Status as Status,
 )
-from .engine.stepper.linear import (
-    LinearModel as LinearModel,
-)
-from .engine.stepper.stepper import (
-    Stepper as Stepper,
-)
 from .physics.fuel import (
     Fuel as Fuel,
 )
@@ -266,6 +254,12 @@ from .plugins.certainty.posterior.sample import (
 )
 from .plugins.certainty.run import (
     certify as certify,
+)
+from .plugins.compare.run import (
+    Comparison as Comparison,
+)
+from .plugins.compare.run import (
+    compare as compare,
 )
 from .plugins.family.adapt import (
     Adapted as Adapted,
@@ -392,6 +386,12 @@ from .plugins.sensitivity.study import (
 )
 from .plugins.sensitivity.study import (
     parameters_within as parameters_within,
+)
+from .plugins.stepper.linear import (
+    LinearModel as LinearModel,
+)
+from .plugins.stepper.run import (
+    Stepper as Stepper,
 )
 from .plugins.tolerance.file import (
     ToleranceResult as ToleranceResult,

@@ -34,8 +34,8 @@ from commonrail.runs.folder import read_run
 from tests.fuzz import kept
 from tests.fuzz.database import spoilt_database
 from tests.fuzz.mutation import BYTES, mutated
+from tests.plugins.compare.samples import compared_maps, compared_rates, compared_traces
 from tests.report.analysis_samples import sensitivity_record, tolerance_record
-from tests.report.comparison_samples import compared_maps, compared_rates, compared_traces
 from tests.report.reproduction_sample import record as reproduction_record
 from tests.report.samples import map_record, rate_record, rate_traces
 

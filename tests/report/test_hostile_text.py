@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
+from commonrail.plugins.compare.page import comparison_html
 from commonrail.plugins.paper.page import reproduction_html
-from commonrail.report.compare import comparison_html
 from commonrail.report.page import report_html
-from tests.report.comparison_samples import compared_rates, compared_traces
+from tests.plugins.compare.samples import compared_rates, compared_traces
 from tests.report.reproduction_sample import record as record_of_a_reproduction
 from tests.report.reproduction_sample import traces as traces_of_a_reproduction
 from tests.report.samples import rate_record, rate_traces

@@ -9,7 +9,7 @@ import pytest
 from commonrail.base.choices import Body, Boundary, Drive
 from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.readers.injector.file import load_injector
-from commonrail.runs.model_name import read_model_name, read_model_names
+from commonrail.runs.model_name import check_labels, read_model_name, read_model_names
 from tests.readers.conftest import Edit
 
 NAME = "virtual-lino-2016"
@@ -101,6 +101,22 @@ def test_labels_that_cannot_stand_beside_each_other_are_refused(
 ) -> None:
     with pytest.raises(kind, match=words):
         read_model_names(texts)
+
+
+@pytest.mark.parametrize(
+    ("labels", "words"),
+    [
+        ([], "not 0"),
+        ([str(i) for i in range(9)], "Between 1 and 8 models can be compared at a time, not 9"),
+        (["measured"], '"measured" cannot be the label'),
+        (["rail_pressure"], '"rail_pressure" cannot be the label'),
+        ([" "], "cannot be the label"),
+        (["a\nb"], "cannot be the label"),
+    ],
+)
+def test_labels_that_cannot_be_carried_are_refused(labels: list[str], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        check_labels(labels)
 
 
 def test_a_flexible_body_of_a_direct_acting_injector_is_refused() -> None:

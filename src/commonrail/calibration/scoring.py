@@ -1,11 +1,12 @@
-"""Scores of a study's data sets under its start values, its calibrated ones and a rigid body."""
+"""Scores of a study's data sets under its start values, its calibrated ones, a rigid body or another injector."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from commonrail.base.choices import Body
+from commonrail.base.choices import Body, Drive
+from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Score
 from commonrail.data.metering import with_meters
@@ -49,3 +50,17 @@ def score_all(
     """
     simulator = Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)
     return tuple(d.score(simulator) for d in (study.data if data is None else data))
+
+
+def check_drive(injector: Injector, study: Study, label: str) -> None:
+    """Refuse (`ConfigurationError`) an injector driven by a measured trace where the data hold no such trace.
+
+    `label` is what messages call the injector.
+    """
+    drive = injector.variant.drive
+    for data in study.data if drive in (Drive.CURRENT, Drive.VOLTAGE) else ():
+        if study.injector.variant.drive is not drive or any(point.drive is None for point in data.points):
+            raise ConfigurationError(
+                f'{label}: the injector is driven by a {drive.value}, and the data set "{data.name}" has none; '
+                "take a variant with regulated or pwm drive, or data with that trace."
+            )

@@ -1,1 +1,1 @@
-"""Simulation of an injector: operating points, lanes, reference engines, stepper, solutions, status."""
+"""Simulation of an injector: operating points, lanes, reference engines, solutions, status."""

@@ -13,7 +13,7 @@ ELSEWHERE = {
 }
 SHIPPED: dict[str, dict[str, str]] = {
     "results": {
-        "comparison.json": "commonrail.report.compare:RESULT",
+        "comparison.json": "commonrail.plugins.compare.page:RESULT",
         "sensitivity.json": "commonrail.plugins.sensitivity.page:RESULT",
         "tolerance.json": "commonrail.plugins.tolerance.page:RESULT",
         "reproduce.json": "commonrail.plugins.paper.page:RESULT",
@@ -37,11 +37,11 @@ SHIPPED: dict[str, dict[str, str]] = {
         "calibrate": "commonrail.cli.verbs.calibrate:calibrate",
         "resume": "commonrail.cli.verbs.calibrate:resume",
         "runs": "commonrail.cli.verbs.runs:runs",
-        "validate": "commonrail.cli.verbs.compare:validate",
+        "validate": "commonrail.cli.verbs.validate:validate",
         "certainty": "commonrail.plugins.certainty.verb:certainty",
         "next": "commonrail.plugins.next.verb:next_",
         "predict": "commonrail.plugins.prediction.verb:predict",
-        "compare": "commonrail.cli.verbs.compare:compare",
+        "compare": "commonrail.plugins.compare.verb:compare",
         "fleet": "commonrail.plugins.fleet.verb:fleet",
         "family": "commonrail.plugins.family.verb:family",
         "adapt": "commonrail.plugins.family.adapt_verb:adapt",

@@ -27,7 +27,7 @@ from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 from commonrail.report.simulation import course_figure
 from commonrail.runs.folder import rate_curves
 
-# Presenters of simulations, injectors, studies, fits and comparisons: what notebooks show of them.
+# Presenters of simulations, injectors, studies and fits: what notebooks show of them.
 
 LONGEST = 100  # letters of a title within a line
 
@@ -160,7 +160,6 @@ STUDY = Presenter(_study_lines, _study_tables, arrays=_study_arrays)
 CALIBRATION = Presenter(
     _calibration_lines, _calibration_tables, lambda c: list(_calibration_figures(c)), _calibration_arrays
 )
-COMPARISON = Presenter(lambda c: [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"])
 
 
 MOST_ROWS = 24  # of a table in a notebook

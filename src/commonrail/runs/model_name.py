@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
-from commonrail.base.errors import InputError, nearest
+from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.physics.variants import Variant
@@ -17,6 +17,12 @@ from commonrail.readers.injector.file import injector_catalogue, load_injector, 
 from commonrail.readers.location import Place, located
 
 CALIBRATED = "calibrated.toml"
+MOST_MODELS = 8  # colours and markers that can be told apart
+# Names that the results give to other things than models.
+_RESERVED = frozenset(
+    {"data", "dead_time", "measured", "quantity", "synthetic", "time_s"}
+    | {"rail_pressure", "cylinder_pressure", "return_pressure", "energising_time"}
+)
 
 _FIELDS: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
 _WORDS: dict[str, tuple[str, Enum]] = {
@@ -43,8 +49,6 @@ def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
 
     `InputError` if one cannot be read, or a label is given twice.
     """
-    from commonrail.calibration.compare import check_labels  # imports all of the calibration
-
     models = [read_model_name(text) for text in texts]
     taken: set[str] = set()
     for model in models:
@@ -59,6 +63,17 @@ def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
         named.append(model._replace(label=label))
     check_labels([model.label for model in named])
     return named
+
+
+def check_labels(labels: Sequence[str]) -> None:
+    """Refuse (`ConfigurationError`) no model, too many, and labels that tables and files cannot carry."""
+    if not 1 <= len(labels) <= MOST_MODELS:
+        raise ConfigurationError(f"Between 1 and {MOST_MODELS} models can be compared at a time, not {len(labels)}.")
+    for label in labels:
+        if label in _RESERVED:
+            raise ConfigurationError(f'"{label}" cannot be the label of a model: results use it; choose another one.')
+        if not label.strip() or not label.isprintable():
+            raise ConfigurationError(f"{label!r} cannot be the label of a model; choose a short printable text.")
 
 
 def read_model_name(text: str) -> NamedModel:

@@ -1,4 +1,4 @@
-"""Inputs that an FMU, a library and the stepper of each variant declare or refuse: none is taken and ignored."""
+"""Inputs that an FMU and a library of each variant declare or refuse: none is taken and ignored."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 import commonrail as cr
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.engine.status import check_inputs
-from commonrail.engine.stepper.stepper import _refuse_foreign
 from commonrail.physics.variants import DRIVE, RAIL, RETURN, Variant, unread_inputs, unread_parameters
 from commonrail.plugins.export.description import AT_REST, terminals, variables
 from commonrail.plugins.export.sources import reads_of
@@ -54,17 +53,3 @@ def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None
                 check_inputs(injector, point)
         else:
             check_inputs(injector, point)
-
-
-@pytest.mark.parametrize(
-    ("variant", "given", "words"),
-    [
-        (Variant("rigid", "volume", "pwm"), "rail_pressure", "fed from a rail volume"),
-        (Variant("rigid", "volume", "pwm"), "current", "pwm drive, which takes no current"),
-        (Variant("rigid", "ideal", "current trace"), "command", "does not read a command; give current"),
-        (Variant(drive="regulated", actuation="direct"), "return_pressure", "without a return"),
-    ],
-)
-def test_the_stepper_refuses_what_its_injector_does_not_read(variant: Variant, given: str, words: str) -> None:
-    with pytest.raises(cr.ConfigurationError, match=words):
-        _refuse_foreign(injector_of(variant), given)  # no kernel is needed to refuse an input

@@ -1,4 +1,4 @@
-"""Figures of a calibration or a comparison as plain numbers; drawing comes later, in `draw`."""
+"""Figures of a calibration as plain numbers; drawing comes later, in `draw`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,6 @@ def figures_of(record: Record, traces: Traces) -> list[Figure]:
     """Figures of the data of a calibration."""
     plotted = Plotted(shown_of(record), traces)
     return [f for view, own in by_kind(record["data"]) for d in own for f in view.figures(d, plotted)]
-
-
-def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
-    """Figures of the data of a comparison: one colour, marker and dash for each model."""
-    plotted = Plotted(shown_of(record), traces)
-    return [f for view, own in by_kind(record["data"]) for d in own for f in view.compared_figures(d, plotted)]
 
 
 def convergence_figure(generations: Sequence[Record]) -> Figure:

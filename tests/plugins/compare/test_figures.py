@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from commonrail.base.chart import Figure
+from commonrail.plugins.compare.page import comparison_figures
 from commonrail.report.draw.figure import figure_svg
-from commonrail.report.fit.figures import comparison_figures
 from commonrail.report.fit.record import shown_of
-from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
+from tests.plugins.compare.samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
 
 
 def of_map(record: dict[str, Any]) -> list[Figure]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from commonrail.base.table import Table
-from commonrail.report.compare import comparison_tables, difference_table
-from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, fail
+from commonrail.plugins.compare.page import comparison_tables, difference_table
+from tests.plugins.compare.samples import NEW, OLD, STIFF, compared_maps, compared_rates, fail
 
 
 def table(tables: list[Table], start: str) -> Table:

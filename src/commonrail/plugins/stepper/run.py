@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,26 +12,25 @@ from commonrail.base.arguments import Quantity, flag, instance, number
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.engine.loop import CoursePlan, Loop, make_loop
 from commonrail.engine.operating_point import LONGEST, OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.solution import all_channels
 from commonrail.engine.status import Status
-from commonrail.engine.stepper.linear import LinearModel, Operation, linearise
-from commonrail.engine.stepper.loop import (
-    COLUMNS,
-    CoursePlan,
-    Held,
-    Loop,
-    make_loop,
-    names_of,
-    refuse_pressures,
-    traced_input,
-)
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step, step_advice
 from commonrail.physics.injector import Injector
-from commonrail.physics.variants import COMMAND, RAIL, RETURN, Variant, reader_of, unread_inputs
+from commonrail.physics.variants import COMMAND, Variant
+from commonrail.plugins.stepper.inputs import COLUMNS, UNITS, Held, names_of, refuse_pressures, refuse_unread
+from commonrail.plugins.stepper.linear import LinearModel, Operation, linearise
 
-# State of a stepper that its caller keeps.
+ROUNDING = 1e-6  # relative difference from a whole number of time steps that counts as rounding
+_CLOSED = ("tip", "valve_lift")  # rows that are below zero while needle and valve rest on their seats
+_PRESSURES = {
+    "control_pressure": "control_chamber.fuel.pressure",
+    "accumulation_pressure": "accumulation.fuel.pressure",
+    "sac_pressure": "sac.pressure",
+    "return_pressure": "return_line.pressure",
+}
 
 
 class Kept(NamedTuple):
@@ -39,28 +39,6 @@ class Kept(NamedTuple):
     steps: int
     memory: Floats
     held: Held
-
-
-def refuse_damaged(kept: Kept) -> None:
-    """Refuse a state that no `save` returns: one with other kinds of content, or with numbers that are not finite."""
-    memory = np.asarray(kept.memory)
-    sound = memory.dtype == np.float64 and isinstance(kept.held, Held) and isinstance(kept.steps, int)
-    if not (sound and kept.steps >= 0 and np.isfinite(memory).all()):
-        raise ConfigurationError(
-            "The state is damaged: it holds numbers that are not finite, or other content than a state of save; "
-            "restore one that save returned, unchanged."
-        )
-
-
-ROUNDING = 1e-6  # relative difference from a whole number of time steps that counts as rounding
-_UNITS = {"voltage": "V", "current": "A"}  # of the inputs; the others are pressures
-_CLOSED = ("tip", "valve_lift")  # rows that are below zero while needle and valve rest on their seats
-_PRESSURES = {
-    "control_pressure": "control_chamber.fuel.pressure",
-    "accumulation_pressure": "accumulation.fuel.pressure",
-    "sac_pressure": "sac.pressure",
-    "return_pressure": "return_line.pressure",
-}
 
 
 class Stepper:
@@ -106,7 +84,7 @@ class Stepper:
         self._ring = self._plan.ring
         self._loop: Loop = make_loop(self._variant)
         self._coefficients = coefficients_at(injector, prepared.points[0], self.time_step)
-        self._made_of = self._coefficients, self._variant, self._loop
+        self._channels = partial(_channels, self._coefficients, self._variant, self._loop)
         self._settings = np.array([*prepared.courses.settings[0], self.time_step])
         longest = longest_step(injector, self._theta[0], prepared.medium)
         if self.time_step > longest:
@@ -136,7 +114,7 @@ class Stepper:
     @property
     def channels(self) -> dict[str, float]:
         """Channels of a `Solution` at this instant, SI, by name."""
-        return _channels(*self._made_of, self._memory, self._inputs(max(self._steps - 1, 0), 1)[0])
+        return self._channels(self._memory, self._inputs(max(self._steps - 1, 0), 1)[0])
 
     def step(
         self,
@@ -200,7 +178,7 @@ class Stepper:
             "mass_rate": float(injected - before) / (count * self.time_step),
             "injected_mass": float(injected),
             "returned_mass": float(returned),
-            **_channels(*self._made_of, memory, inputs[-1]),
+            **self._channels(memory, inputs[-1]),
         }
 
     def save(self) -> Kept:
@@ -224,8 +202,14 @@ class Stepper:
             raise ConfigurationError(
                 "The state is of a stepper with another wiring, pipe or time step; make one of the same to restore it."
             )
-        refuse_damaged(kept)
-        self._steps, self._memory, self._held = kept.steps, kept.memory.copy(), kept.held.copy()
+        memory = np.asarray(kept.memory)
+        sound = memory.dtype == np.float64 and isinstance(kept.held, Held) and isinstance(kept.steps, int)
+        if not (sound and kept.steps >= 0 and np.isfinite(memory).all()):
+            raise ConfigurationError(
+                "The state is damaged: it holds numbers that are not finite, or other content than a state of save; "
+                "restore one that save returned, unchanged."
+            )
+        self._steps, self._memory, self._held = kept.steps, memory.copy(), kept.held.copy()
 
     def linearise(
         self, sample: Quantity, inputs: Sequence[str] = ("rail_pressure",), outputs: Sequence[str] = ("mass_rate",)
@@ -249,7 +233,7 @@ class Stepper:
         count = _count(sample, self.time_step)
         inputs = names_of(inputs, tuple(COLUMNS), "input")
         for name in inputs:
-            _refuse_foreign(self.injector, name)
+            refuse_unread(self.injector, name)
         outputs = names_of(outputs, ("mass_rate", *self.channels), "output")
         operation = Operation(
             self._loop,
@@ -258,7 +242,7 @@ class Stepper:
             self._steps,
             self._inputs(self._steps, count),
             self._march,
-            lambda memory, u: {"mass_rate": 0.0, **_channels(*self._made_of, memory, u)},
+            self._channels,
             self._coefficients,
             self._variant,
         )
@@ -268,10 +252,10 @@ class Stepper:
         """Inputs that are held from now on."""
         held = self._held.copy()
         for name, value in given.items():
-            _refuse_foreign(self.injector, name)
-            held.values[COLUMNS[name]] = number(value, _UNITS.get(name, "Pa"), name.replace("_", " "))
+            refuse_unread(self.injector, name)
+            held.values[COLUMNS[name]] = number(value, UNITS.get(name, "Pa"), name.replace("_", " "))
         if command is not None:
-            _refuse_foreign(self.injector, COMMAND)
+            refuse_unread(self.injector, COMMAND)
             planned = self._plan.inputs(self._steps, 1)[0]
             lasts = planned[4] if planned[4] >= 0.0 > planned[5] else -1.0
             held.command(flag(command, "command"), self.time, float(lasts))
@@ -302,27 +286,6 @@ def _count(duration: Quantity, time_step: float) -> int:
             f"and {seconds * 1e6:g} us is {steps:.4g} of them."
         )
     return count
-
-
-def _refuse_foreign(injector: Injector, name: str) -> None:
-    """Refuse an input that this injector has not."""
-    if name in _UNITS and name != traced_input(injector):
-        raise ConfigurationError(
-            f"{injector.name} has a {injector.variant.drive.value} drive, which takes no {name}; give "
-            f'command, or set the drive of the injector to "{name} trace".'
-        )
-    if name == RETURN and name in unread_inputs(injector.variant):
-        raise ConfigurationError(f"{injector.name} is a direct injector, without a return: omit {name}.")
-    if name == COMMAND and name in unread_inputs(injector.variant):
-        raise ConfigurationError(
-            f"{injector.name} is driven by a {injector.variant.drive.value} and does not read a command; give "
-            f"{traced_input(injector)}, or take {reader_of(COMMAND)}."
-        )
-    if name == RAIL and name in unread_inputs(injector.variant):
-        raise ConfigurationError(
-            f"{injector.name} is fed from a rail volume, whose pressure is simulated; set rail_boundary to "
-            '"ideal" to give it.'
-        )
 
 
 def _refuse_failed(injector: Injector, rows: Any, memory: Floats) -> None:

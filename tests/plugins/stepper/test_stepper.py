@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.base.choices import Drive
+from commonrail.base.choices import Actuation, Drive
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
+from commonrail.plugins.stepper.inputs import refuse_unread
 from tests.conftest import wired
 
 POINT = cr.OperatingPoint("160 MPa", "700 us", horizon="1.2 ms")
@@ -131,6 +134,22 @@ def test_a_failed_step_leaves_the_state_as_it_was(pwm: Injector) -> None:
 def test_what_cannot_be_used_is_a_sentence(pwm: Injector, given: dict[str, object], sentence: str) -> None:
     with pytest.raises(cr.ConfigurationError, match=sentence):
         cr.Stepper(pwm, POINT).step(**given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("variant", "given", "words"),
+    [
+        (Variant("rigid", "volume", "pwm"), "rail_pressure", "fed from a rail volume"),
+        (Variant("rigid", "volume", "pwm"), "current", "pwm drive, which takes no current"),
+        (Variant("rigid", "ideal", "current trace"), "command", "does not read a command; give current"),
+        (Variant(drive="regulated", actuation="direct"), "return_pressure", "without a return"),
+    ],
+)
+def test_an_input_that_the_variant_does_not_read_is_refused(variant: Variant, given: str, words: str) -> None:
+    name = "direct-acting-kr" if variant.actuation is Actuation.DIRECT else "cri2-16"
+    injector = replace(cr.load_injector(name), variant=variant)
+    with pytest.raises(cr.ConfigurationError, match=words):
+        refuse_unread(injector, given)  # no kernel is needed
 
 
 def test_a_step_that_is_too_long_for_the_injector_is_refused(pwm: Injector) -> None:

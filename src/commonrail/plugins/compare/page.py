@@ -6,16 +6,17 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from commonrail.base.chart import Figure
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
-from commonrail.data.records import MICROSECOND, Record, Traces
+from commonrail.data.records import MICROSECOND, Plotted, Record, Traces
+from commonrail.plugins.compare.file import RECORD
 from commonrail.report.draw.figure import drawings
-from commonrail.report.fit.figures import comparison_figures
-from commonrail.report.fit.record import by_kind
+from commonrail.report.fit.record import by_kind, shown_of
 from commonrail.report.fit.verdict import synthetic_notes
 from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
-from commonrail.runs.comparison import COMPARISON
 from commonrail.runs.folder import TRACES
 from commonrail.runs.traces import read_traces
 
@@ -25,7 +26,7 @@ from commonrail.runs.traces import read_traces
 def comparison_tables(record: Record) -> list[Table]:
     """Every table that the data sets of a comparison have something for."""
     labels = list(record["labels"])
-    tables = [table for view, own in by_kind(record["data"]) for table in view.compared_tables(own, labels)]
+    tables = [table for view, data in by_kind(record["data"]) for table in view.compared_tables(data, labels)]
     failed = failure_table(record["data"])
     return [*tables, failed] if failed.rows else tables
 
@@ -48,7 +49,7 @@ def failure_table(data: Sequence[Record]) -> Table:
             for failure in failures:
                 rows.setdefault((d["name"], label, failure["sentence"]), []).append(failure)
     heads = ("data set", "model", "points", "reason", "number of points")
-    cells = ((name, label, _points(found), reason, str(len(found))) for (name, label, reason), found in rows.items())
+    cells = ((name, label, _points(points), reason, str(len(points))) for (name, label, reason), points in rows.items())
     return table_of("Points without a number", cells, (Part(heads, lambda row: row),), "", 4)
 
 
@@ -61,17 +62,20 @@ def _points(failures: Sequence[Record]) -> str:
 
 
 def _page(record: Record, folder: Path) -> str:
-    return comparison_html(record, read_traces(folder / TRACES), folder.as_posix() or "DIR")
+    return comparison_html(record, read_traces(folder / TRACES), folder.as_posix())
 
 
-KEYS = ("title", "labels", "models", "differences", "studies", "data")
-RESULT = ResultKind(COMPARISON, "comparison", "compare", _page, KEYS)
+RESULT = ResultKind(
+    RECORD, "comparison", "compare", _page, ("title", "labels", "models", "differences", "studies", "data")
+)
+COMPARISON = Presenter(lambda c: [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"])
 
 
 def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
     """The page of a comparison; `folder` is its name for the command lines in it."""
     return render(
         "comparison.html",
+        __package__,
         kind="Comparison",
         record=record,
         lines=comparison_lines(record),
@@ -82,6 +86,12 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
         commands=comparison_commands(record, folder),
         facts=_facts(record),
     )
+
+
+def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
+    """Figures of the data of a comparison: one colour, marker and dash for each model."""
+    plotted = Plotted(shown_of(record), traces)
+    return [f for view, data in by_kind(record["data"]) for d in data for f in view.compared_figures(d, plotted)]
 
 
 def comparison_lines(record: Record) -> list[str]:
@@ -114,16 +124,16 @@ def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: 
 
     `what` is what the best model has; `names` are those of the data sets.
     """
-    won: dict[str, list[str]] = {}
-    for name, own in zip(names, errors, strict=True):
-        found = {label: value for label in labels if (value := number(own.get(label))) is not None}
-        if found:
-            won.setdefault(min(found, key=lambda label: found[label]), []).append(name)
-    if not won:
+    nearest: dict[str, list[str]] = {}
+    for name, by_label in zip(names, errors, strict=True):
+        values = {label: value for label in labels if (value := number(by_label.get(label))) is not None}
+        if values:
+            nearest.setdefault(min(values, key=values.__getitem__), []).append(name)
+    if not nearest:
         return []
-    order = sorted(won, key=lambda label: -len(won[label]))
-    first, *others = (f"“{label}”{{}} on {listed(won[label])}" for label in order)
-    return ["; ".join([first.replace("{}", f" has {what}"), *(part.replace("{}", "") for part in others)]) + "."]
+    first, *others = sorted(nearest.items(), key=lambda item: -len(item[1]))
+    parts = [f"“{first[0]}” has {what} on {listed(first[1])}"]
+    return ["; ".join(parts + [f"“{label}” on {listed(names)}" for label, names in others]) + "."]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

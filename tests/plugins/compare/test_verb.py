@@ -1,21 +1,19 @@
-"""commonrail compare, and the labels of validate."""
+"""commonrail compare."""
 
 from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from commonrail.base.choices import Drive
 from commonrail.readers.injector.file import dump_injector, load_injector
 from tests.cli.conftest import Command, check_made_again, run_command
 
 NAME = "virtual-lino-2016"
-CASE = Path(__file__).resolve().parents[2] / "cases" / "paper" / "study.toml"
+CASE = Path(__file__).resolve().parents[3] / "cases" / "paper" / "study.toml"
 
 
 @pytest.fixture(scope="module")
@@ -117,21 +115,6 @@ def test_data_must_be_named(command: Command) -> None:
     found = command("compare", NAME)
     assert found.status == 2
     assert "--data" in found.err
-
-
-def test_validate_calls_an_injector_by_its_name(command: Command) -> None:
-    found = command("validate", CASE, "--injector", NAME)
-    assert found.status == 0
-    assert NAME in found.out
-    assert "calibrated" not in found.out
-
-
-def test_validate_refuses_a_drive_that_the_data_do_not_have(command: Command, tmp_path: Path) -> None:
-    own = load_injector(NAME)
-    dump_injector(replace(own, variant=own.variant._replace(drive=Drive.VOLTAGE)), tmp_path / "driven.toml")
-    found = command("validate", CASE, "--injector", tmp_path / "driven.toml")
-    assert (found.status, found.out) == (2, "")
-    assert 'driven by a voltage trace, and the data set "160 MPa" has none' in found.sentence
 
 
 @pytest.mark.parametrize(

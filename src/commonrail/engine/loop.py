@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import sequence, shown
 from commonrail.base.arrays import Floats
-from commonrail.base.choices import Drive
-from commonrail.base.errors import ConfigurationError
 from commonrail.engine.block import (
     FUEL,
     Memory,
@@ -31,94 +27,26 @@ from commonrail.engine.status import check_inputs
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE
 from commonrail.physics.model import Inputs, Setting
-from commonrail.physics.variants import Variant, kernel_name, wiring
-
-# Inputs of the steps to come: what the operating point plans, and what the caller has said instead.
-
-
-# Inputs that a caller may hold, and their columns among `Inputs`.
-COLUMNS = {"rail_pressure": 0, "cylinder_pressure": 1, "return_pressure": 2, "voltage": 3, "current": 3}
-PRESSURES = tuple(COLUMNS)[:3]
-_TRACED = {Drive.VOLTAGE: "voltage", Drive.CURRENT: "current"}
-NEVER = -1.0  # on the clocks of an energising that has not begun or not ended [s]
-
-
-class Held:
-    """Inputs that the caller holds until he says otherwise: values by column, and the command of the energising.
-
-    Attributes
-    ----------
-    values : dict of int to float
-    on : bool or None
-        None as long as the operating point's energisings count.
-    since, until : float
-        Instants of the last rising and of the last falling edge [s], NaN before them.
-    """
-
-    def __init__(self) -> None:
-        self.values: dict[int, float] = {}
-        self.on: bool | None = None
-        self.since, self.until = math.nan, math.nan
-
-    def copy(self) -> Held:
-        """A copy that changes by itself."""
-        twin = Held()
-        twin.values, twin.on, twin.since, twin.until = dict(self.values), self.on, self.since, self.until
-        return twin
-
-    def command(self, on: bool, now: float, planned_since: float) -> None:
-        """Switch the energising on or off.
-
-        `now`: instant [s]; `planned_since`: time for which the operating point's energising lasts already [s], negative
-        where none does.
-        """
-        if self.on is None and planned_since >= 0.0:
-            self.on, self.since = True, now - planned_since
-        if on and not self.on:
-            self.since = now
-        elif not on and self.on:
-            self.until = now
-        self.on = on
-
-    def apply(self, inputs: Floats, now: Floats) -> None:
-        """Write what is held over the planned inputs.
-
-        `inputs`: (steps, 6); `now` (steps,): beginnings of the steps [s].
-        """
-        for column, value in self.values.items():
-            inputs[:, column] = value
-        if self.on is not None:
-            begun, ended = not math.isnan(self.since), not (self.on or math.isnan(self.until))
-            inputs[:, 4] = now - self.since if begun else NEVER
-            inputs[:, 5] = now - self.until if ended else NEVER
+from commonrail.physics.variants import DRIVE, Variant, kernel_name, unread_inputs, wiring
 
 
 class CoursePlan:
-    """Inputs that the operating point plans, for any step, also beyond its horizon.
+    """Inputs that the operating point plans, for any step of `dt` [s], also beyond its horizon.
 
-    Parameters
-    ----------
-    injector : Injector
-    point : OperatingPoint
-    dt : float
-        [s].
-
-    Attributes
-    ----------
-    prepared : Prepared
-        Of the point, with a trace of zeros for a drive whose trace the caller gives.
+    `prepared` is that of the point, with a trace of zeros for a drive whose trace the caller gives.
     """
 
     def __init__(self, injector: Injector, point: OperatingPoint, dt: float) -> None:
         check_inputs(injector, point)
-        if injector.variant.drive in _TRACED and point.drive is None:
+        traced = DRIVE not in unread_inputs(injector.variant)
+        if traced and point.drive is None:
             point = replace(point, drive=Trace((point.start, point.start + 1.0), (0.0, 0.0)))
         self.prepared: Prepared = prepare(injector, [point], dt)
         self._courses: tuple[Course | None, ...] = (
             point.rail_pressure,
             point.cylinder_pressure,
             point.return_pressure,
-            point.drive if injector.variant.drive in _TRACED else None,
+            point.drive if traced else None,
         )
         self._table: Floats = self.prepared.courses.inputs[0]
 
@@ -146,42 +74,6 @@ class CoursePlan:
             if self.prepared.points[0].pulses:
                 found[beyond, 4:] += (dt * (steps[beyond] - last))[:, None]
         return found
-
-
-def refuse_pressures(injector: Injector, inputs: Floats) -> None:
-    """Refuse boundary pressures that the fuel or the parts' laws do not cover.
-
-    `inputs`: (steps, 6). Raises ConfigurationError if one lies outside the fuel's range, or cylinder or return pressure
-    reach the rail's.
-    """
-    low, high = injector.fuel.pressure_range
-    for name, column in zip(PRESSURES, inputs.T, strict=False):
-        words = name.replace("_", " ")
-        if not (low <= column.min() and column.max() <= high):
-            worst = column.min() if column.min() < low else column.max()
-            raise ConfigurationError(
-                f"The {words} is {worst * 1e-6:g} MPa, but the fuel {injector.fuel.name} is declared from "
-                f"{low * 1e-6:g} to {high * 1e-6:g} MPa; give a pressure inside this range."
-            )
-        if name != PRESSURES[0] and not (column < inputs[:, 0]).all():
-            raise ConfigurationError(f"The {words} must stay below the rail pressure; correct one of them.")
-
-
-def traced_input(injector: Injector) -> str | None:
-    """Input of an injector that is driven by a measured trace, "voltage" or "current"; else None."""
-    return _TRACED.get(injector.variant.drive)
-
-
-def names_of(value: object, known: tuple[str, ...], what: str) -> tuple[str, ...]:
-    """Read a list of names; `known`: to choose from; `what`: "input" or "output"."""
-    names = sequence(value, f"{what}s", f'["{known[0]}"]')
-    for name in names:
-        if not isinstance(name, str) or name not in known:
-            raise ConfigurationError(f"There is no {what} {shown(name)}; choose from {', '.join(known)}.")
-    return tuple(names)
-
-
-# The loop that the lanes run, for one lane whose memory is its caller's: put at rest, and taken on by given inputs.
 
 
 class Loop(NamedTuple):

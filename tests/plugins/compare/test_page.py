@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.report.compare import comparison_commands, comparison_html, comparison_lines
+from commonrail.plugins.compare.page import comparison_commands, comparison_html, comparison_lines
 from commonrail.report.page import write_report
-from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces, fail
+from tests.plugins.compare.samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces, fail
 from tests.report.test_build import Page
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
-from commonrail.engine.stepper.loop import COLUMNS, Loop
+from commonrail.engine.loop import Loop
 from commonrail.physics.flow import contents
 from commonrail.physics.model import Waves
 from commonrail.physics.variants import Variant
+from commonrail.plugins.stepper.inputs import COLUMNS
 
 # Rows that are no state of the linear model: sums that nothing reads, the PWM's transistor, which jumps, and what
 # follows from the density in a volume. The density is one beside the mass, because the volume moves with its walls.
@@ -50,8 +51,7 @@ class Operation(NamedTuple):
     steps: int  # taken so far
     inputs: Floats  # (steps of a sample, 6)
     march: Callable[[Floats, Floats], None]  # function (memory, inputs)
-    # function (memory, inputs) -> mapping: outputs after a march, by name
-    outputs: Callable[[Floats, Floats], Mapping[str, float]]
+    channels: Callable[[Floats, Floats], Mapping[str, float]]  # function (memory, inputs of the last step), by name
     # of the injector
     coefficients: Any
     variant: Variant
@@ -119,23 +119,22 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
         else:
             _set(memory, o, of, memory[of.at] + change)
         o.march(memory, u)
-        found = dict(o.outputs(memory, u[-1]))
         gain = memory[o.loop.rows.injected] - o.memory[o.loop.rows.injected]
-        found["mass_rate"] = float(gain) / (len(u) * dt)
-        return np.concatenate([memory[after], [found[name] for name in outputs]])
+        values = {"mass_rate": float(gain) / (len(u) * dt), **o.channels(memory, u[-1])}
+        return np.concatenate([memory[after], [values[name] for name in outputs]])
 
     middle = course(0.0, states[0], False)
-    columns, errors, bends = [], [], []
+    columns, errors, curvatures = [], [], []
     for is_input, coordinates in ((False, states), (True, driven)):
         for one in coordinates:
             up, down, high, low = (course(k * one.step, one, is_input) for k in (1.0, -1.0, 2.0, -2.0))
             near, far = (up - down) / (2.0 * one.step), (high - low) / (4.0 * one.step)
-            bend = up - 2.0 * middle + down  # change of slope times the difference
-            # A smooth bend is four times as large over twice the difference, and does not touch a central difference.
-            jump = np.abs(4.0 * bend - (high - 2.0 * middle + low)) / (2.0 * one.step)
+            curvature = up - 2.0 * middle + down  # change of slope times the difference
+            # Without a kink it is four times as large over twice the difference, and leaves central differences alone.
+            jump = np.abs(4.0 * curvature - (high - 2.0 * middle + low)) / (2.0 * one.step)
             columns.append((4.0 * near - far) / 3.0)
             errors.append(np.abs(near - far) / 3.0 + 0.5 * jump)
-            bends.append(np.abs(bend))
+            curvatures.append(np.abs(curvature))
     coordinates = [*states, *driven]
     n = len(states)
     slopes, wrong = np.array(columns).T, np.array(errors).T
@@ -146,7 +145,7 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
         inputs,
         outputs,
         len(o.inputs) * dt,
-        _kinks(coordinates, slopes, np.array(bends).T),
+        _kinks(coordinates, slopes, np.array(curvatures).T),
     )
 
 
@@ -154,11 +153,11 @@ def _parts(whole: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 
-def _kinks(coordinates: list[_Coordinate], slopes: Floats, bends: Floats) -> tuple[str, ...]:
+def _kinks(coordinates: list[_Coordinate], slopes: Floats, curvatures: Floats) -> tuple[str, ...]:
     """Names of the coordinates in which a difference bends an output by more than `KINK` of what it moves it."""
     moved = np.abs(slopes) * np.array([one.step for one in coordinates])
     scale = np.maximum(moved.max(axis=1, keepdims=True), np.finfo(float).tiny)
-    worst = np.max(bends / scale, axis=0)
+    worst = np.max(curvatures / scale, axis=0)
     return tuple(one.name for one, share in zip(coordinates, worst, strict=True) if share > KINK)
 
 

@@ -11,18 +11,17 @@ import pytest
 
 from commonrail.base.choices import Body, Drive
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.compare import Comparison, check_drive, check_labels, compare, comparison_record
 from commonrail.calibration.result import validate
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
-from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
-from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import EXTENDING
+from commonrail.plugins.compare.file import comparison_record
+from commonrail.plugins.compare.run import Comparison, compare
 
-CASES = Path(__file__).resolve().parents[2] / "cases"
+CASES = Path(__file__).resolve().parents[3] / "cases"
 TAP = Status.NOT_CLOSED_AT_START
 # A valve spring that cannot hold the valve: the injector flows before it is energised.
 WEAK = {"valve.spring_preload": 1.0}
@@ -135,22 +134,6 @@ def test_the_injector_of_the_study_does_not_make_measured_data_synthetic() -> No
     assert comparison_record(compare({"a": plain()}, study, threads=1))["synthetic"] == ""
 
 
-@pytest.mark.parametrize(
-    ("labels", "words"),
-    [
-        ([], "not 0"),
-        ([str(i) for i in range(9)], "Between 1 and 8 models can be compared at a time, not 9"),
-        (["measured"], '"measured" cannot be the label'),
-        (["rail_pressure"], '"rail_pressure" cannot be the label'),
-        ([" "], "cannot be the label"),
-        (["a\nb"], "cannot be the label"),
-    ],
-)
-def test_labels_that_cannot_be_carried_are_refused(labels: list[str], words: str) -> None:
-    with pytest.raises(ConfigurationError, match=words):
-        check_labels(labels)
-
-
 def driven(drive: Drive) -> Injector:
     own = paper().injector
     return replace(own, variant=own.variant._replace(drive=drive))
@@ -159,19 +142,3 @@ def driven(drive: Drive) -> Injector:
 def test_a_drive_by_a_trace_needs_the_trace() -> None:
     with pytest.raises(ConfigurationError, match=r'a: the injector is driven by a current trace.*"160 MPa" has none'):
         compare({"a": driven(Drive.CURRENT)}, paper())
-
-
-@pytest.mark.parametrize(
-    ("model", "fits"),
-    [(Drive.CURRENT, True), (Drive.VOLTAGE, False), (Drive.REGULATED, True), (Drive.PWM, True)],
-)
-def test_a_measured_current_is_no_voltage(model: Drive, fits: bool) -> None:
-    (data,) = paper().data
-    assert isinstance(data, RateData)
-    point: OperatingPoint = replace(data.point, drive=Trace((0.0, 1e-3), (0.0, 20.0)))
-    study = replace(paper(), injector=driven(Drive.CURRENT), data=(replace(data, point=point),))
-    if fits:
-        check_drive(driven(model), study, "a")
-    else:
-        with pytest.raises(ConfigurationError, match="driven by a voltage trace"):
-            check_drive(driven(model), study, "a")

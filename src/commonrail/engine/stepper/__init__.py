@@ -1,1 +1,0 @@
-"""Simulation in steps of a caller, with inputs that change between them."""

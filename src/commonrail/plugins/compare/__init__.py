@@ -1,0 +1,1 @@
+"""Injectors beside one another on any data, without fitting."""

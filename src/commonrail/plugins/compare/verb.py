@@ -1,0 +1,96 @@
+"""commonrail compare: models side by side on any data, without fitting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+
+from commonrail.base.errors import SimulationError
+from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, Threads
+
+if TYPE_CHECKING:
+    from commonrail.plugins.compare.run import Comparison
+
+
+@verb
+def compare(
+    models: Annotated[
+        tuple[str, ...],
+        Argument(
+            metavar="MODEL",
+            help="One to eight models: an injector file, a name of the catalogue, or a run folder of calibrate. LABEL= "
+            "in front names a model; @rigid, @regulated,volume … behind it changes its variant.",
+        ),
+    ],
+    *,
+    data: Annotated[tuple[Path, ...], Option(metavar="STUDY.toml", help="Study file whose data are used; repeatable.")],
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="New folder for report.html, comparison.json and traces.csv.")
+    ] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Compare models on the data of studies, without fitting.
+
+    Each model is simulated at every point of the data. A simulation that fails gives no number; the last
+    table lists its reason. Without --out nothing is written.
+
+    \b
+    Examples:
+      commonrail compare virtual-lino-2016 rigid=virtual-lino-2016@rigid --data cases/paper/study.toml
+      commonrail compare runs/a runs/b --data cases/cri2-16/study.toml --out runs/a-or-b
+    """
+    from commonrail.plugins.compare.file import write_comparison
+    from commonrail.report.page import write_report
+    from commonrail.runs.folder import new_run_folder
+
+    with new_run_folder(out) if out else nullcontext():
+        comparison, record = _compared(models, data, threads)
+        if out is not None:
+            write_comparison(out, comparison, record)
+    if out is not None:
+        write_report(out)
+    if json:
+        print_json(record)
+        return
+    _print(record)
+    if out is not None:
+        click.echo(f"report: {out / 'report.html'}")
+
+
+def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None) -> tuple[Comparison, dict[str, Any]]:
+    from commonrail.calibration.study_file.file import load_study
+    from commonrail.plugins.compare.file import comparison_record
+    from commonrail.plugins.compare.run import compare as compare_models
+    from commonrail.runs.model_name import read_model_names
+
+    named = read_model_names(models)
+    studies = [load_study(file) for file in files]
+    say(SIMULATING)
+    meters = {model.label: model.meters for model in named}
+    comparison = compare_models(
+        {model.label: model.injector for model in named}, studies, threads=threads, meters=meters
+    )
+    if not comparison.simulated:
+        first = next(f for of_model in comparison.failures.values() for failures in of_model for f in failures)
+        raise SimulationError(f"No model could be simulated on any of the data. {first.sentence}")
+    texts = {model.label: model.text for model in named}
+    return comparison, comparison_record(comparison, texts, [str(file) for file in files])
+
+
+def _print(record: dict[str, Any]) -> None:
+    from commonrail.plugins.compare.page import comparison_lines, comparison_tables
+
+    if record["synthetic"]:
+        click.echo(f"SYNTHETIC: {record['synthetic']}")
+    for line in comparison_lines(record):
+        click.echo(line)
+    click.echo("")
+    for table in comparison_tables(record):
+        print_table(table)
