@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.case import POINT, candidates, injector
 from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
-from commonrail.cli.machine import Runner, ask_child, run_child
+from commonrail.cli.doctor_facts import Runner, ask_child, run_child
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch, usable_threads
 from commonrail.plugins.paper import study

@@ -15,9 +15,9 @@ from scipy.integrate import solve_ivp
 from scipy.sparse import diags
 
 from commonrail.base.arrays import Floats
-from commonrail.engine.explicit import Instants
 from commonrail.engine.operating_point import OperatingPoint, Trace, courses
 from commonrail.engine.reference import Model, Resolution, solution
+from commonrail.engine.reference_runge_kutta import Instants
 from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
 

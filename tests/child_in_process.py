@@ -8,7 +8,7 @@ from typing import IO
 
 import pytest
 
-from commonrail.readers.child import parent, program
+from commonrail.readers.guarded import parent, program
 
 __all__ = ["read_in_process"]
 
@@ -21,7 +21,7 @@ def read_in_process(monkeypatch: pytest.MonkeyPatch, *apart: str) -> None:
         reader, options, memory, _ = args
         if reader in apart:
             return start(args, data, stream)
-        read = import_module(f"commonrail.readers.child.{reader}").read
+        read = import_module(f"commonrail.readers.guarded.{reader}").read
         program.write(stream, read, data, json.loads(options), int(memory))
         return 0
 

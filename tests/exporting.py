@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.plugins.export.objects import compiler_for, own_platform, target_named
+from commonrail.plugins.export.object_files import compiler_for, own_platform, target_named
 
 
 def usable_platform() -> str:

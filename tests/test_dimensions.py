@@ -13,7 +13,7 @@ import pint
 import pytest
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
-from commonrail.physics import direct, flow, fuel_kernel
+from commonrail.physics import direct_acting, flow, fuel_kernel
 from commonrail.physics import model as servo_model
 from commonrail.physics.components import (
     contact,
@@ -107,7 +107,7 @@ def direct_model() -> DirectModel:
     p = plain._make(with_units(type(room), room) for room in plain)
     at = Setting._make(map(quantity, (20e6, 0.1e6, 0.1e6, 1e-6), ("Pa", "Pa", "Pa", "s")))
     with carried():
-        return DirectModel(p, at, direct.coefficients(p, f, at))
+        return DirectModel(p, at, direct_acting.coefficients(p, f, at))
 
 
 @functools.cache
@@ -148,7 +148,7 @@ def known() -> dict[type, Any]:
         *(uniform(plunger_needle.Nine, unit, 1.0) for unit in ("m", "m/s", "m/s"))
     )
     d = direct_model()
-    masses, load = direct.moving_masses(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
+    masses, load = direct_acting.moving_masses(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
     made[direct_needle.State] = direct_needle.State(*(uniform(direct_needle.Pair, unit, 1.0) for unit in ("m", "m/s")))
     made[direct_needle.Contacts] = direct_needle.Contacts(*4 * (with_units(contact.Contact, (40.0, 5.0)),))
     made |= {type(each): each for each in (load, masses, *nested(d.p), *nested(d.c))}

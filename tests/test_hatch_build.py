@@ -21,7 +21,7 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.target import LEVEL_3
 from commonrail.physics.injector import Injector
-from commonrail.plugins.export.objects import compiler_for, target_named
+from commonrail.plugins.export.object_files import compiler_for, target_named
 from tools.wheel_libraries import write_libraries
 
 LACKING = "hatchling, which builds wheels, is not installed"

@@ -96,10 +96,10 @@ LAZY += ("tomlkit", "xarray")
 # modules needs them.
 AT_THE_TOP = {
     "engine/reference.py": {"scipy"},
-    "readers/child/mat.py": {"scipy"},
-    "readers/child/mdf.py": {"asammdf"},
-    "readers/child/parquet.py": {"pyarrow"},
-    "readers/child/xlsx.py": {"openpyxl"},
+    "readers/guarded/mat.py": {"scipy"},
+    "readers/guarded/mdf.py": {"asammdf"},
+    "readers/guarded/parquet.py": {"pyarrow"},
+    "readers/guarded/xlsx.py": {"openpyxl"},
     "plugins/paper/plates.py": {"matplotlib"},
 }
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.influence import around
 from commonrail.data.base import DataSet, Role
-from commonrail.data.kinds import of_role
 from commonrail.data.quantities.data import QuantityData
+from commonrail.data.registry import of_role
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import estimate

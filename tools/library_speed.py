@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.plugins.export.library import Library, write_library
-from commonrail.plugins.export.objects import compiler_for, own_platform, target_named, vectors_of
+from commonrail.plugins.export.object_files import compiler_for, own_platform, target_named, vectors_of
 from commonrail.plugins.export.sources import named
 from commonrail.readers.injector.file import load_injector
 

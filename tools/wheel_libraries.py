@@ -25,7 +25,7 @@ from commonrail.engine.lanes import VECTORS
 from commonrail.engine.machine_code import COMPILERS, FOLDER, STAMP, digest, file_of, object_of, symbol_of
 from commonrail.engine.simulate import usable_threads
 from commonrail.physics.variants import Variant
-from commonrail.plugins.export.objects import compiler_for, link_shared, target_named
+from commonrail.plugins.export.object_files import compiler_for, link_shared, target_named
 
 _SERVO = tuple(
     Variant(body, boundary, drive, laws) for laws in Laws for body in Body for boundary in Boundary for drive in Drive

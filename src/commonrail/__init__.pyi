@@ -102,10 +102,10 @@ from .calibration.search import (
 from .calibration.search import (
     steps as steps,
 )
-from .calibration.seeds import (
+from .calibration.several_seeds import (
     SeedProgress as SeedProgress,
 )
-from .calibration.seeds import (
+from .calibration.several_seeds import (
     for_seeds as for_seeds,
 )
 from .calibration.space import (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.readers.survey import zero_of
+from commonrail.readers.overview import zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
 

@@ -14,8 +14,8 @@ from commonrail.calibration.run import calibrate
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import DataSet, Role
-from commonrail.data.kinds import of_role
 from commonrail.data.quantities.data import QuantityData
+from commonrail.data.registry import of_role
 from tests.map_study import map_study
 
 TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]

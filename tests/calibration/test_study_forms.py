@@ -16,7 +16,7 @@ from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import DataSet, widths_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
-from commonrail.plugins.certainty.noise import row_weights
+from commonrail.plugins.certainty.noise_fit import row_weights
 from tests.child_in_process import read_in_process
 
 STUDY = """

@@ -12,10 +12,10 @@ import pytest
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility.check import of_settings
+from commonrail.calibration.stable_time_step import longest_for_all, step_for_all
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.time_step import longest_for_all, step_for_all
 from commonrail.data.base import Role
-from commonrail.data.kinds import of_role
+from commonrail.data.registry import of_role
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP
 

@@ -11,8 +11,8 @@ import pytest
 
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
-from commonrail.data.kinds import KINDS, in_order
 from commonrail.data.quantities.data import QuantityData
+from commonrail.data.registry import KINDS, in_order
 from commonrail.physics.injector import Injector
 from tests.data import contract
 from tests.data.samples import SAMPLES

@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
-from commonrail.readers.survey import survey
+from commonrail.readers.overview import survey
 from commonrail.readers.toml import read_toml
 
 __all__ = ["BOMBS", "blank_lines", "lvm", "mat5_names", "mat73_chunk", "mdf_loop", "read", "sheet", "thousands", "xlsx"]

@@ -28,7 +28,7 @@ from commonrail.physics.injector import Injector, parameter_paths
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.tolerance.file import load_tolerances
 from commonrail.readers.injector.file import injector_text, load_injector
-from commonrail.readers.survey import survey
+from commonrail.readers.overview import survey
 from commonrail.report.page import write_report
 from commonrail.runs.folder import read_run
 from tests.fuzz import kept

@@ -18,8 +18,8 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.optimisers.base import Optimiser
 from commonrail.calibration.optimisers.registry import named, size_in_words
 from commonrail.calibration.study_file.file import load_study
-from commonrail.cli.machine import installed_plugins
-from commonrail.data.kinds import kind_of
+from commonrail.cli.doctor_facts import installed_plugins
+from commonrail.data.registry import kind_of
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector
 from commonrail.report.page import write_report

@@ -11,9 +11,9 @@ from commonrail.base.choices import Body
 from commonrail.base.errors import InputError
 from commonrail.physics.injector import Source
 from commonrail.physics.parameters import Domain, Q
-from commonrail.readers.fields import FileModel, Number, OneOf, ParameterTable, Quantities, Stated, Unit, choice
 from commonrail.readers.location import Place
 from commonrail.readers.toml import read_model
+from commonrail.readers.toml_fields import FileModel, Number, OneOf, ParameterTable, Quantities, Stated, Unit, choice
 
 MASS = Q("kg", "mass of the part", Domain.POSITIVE)
 

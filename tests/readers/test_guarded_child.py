@@ -12,10 +12,10 @@ import pytest
 
 from commonrail.base.errors import InputError
 from commonrail.readers import grid, lvm
-from commonrail.readers.child import parent, xlsx
-from commonrail.readers.child.parent import read_apart
 from commonrail.readers.columns import Column
 from commonrail.readers.grid import read_grid
+from commonrail.readers.guarded import parent, xlsx
+from commonrail.readers.guarded.parent import read_apart
 from commonrail.readers.lvm import LvmFile
 from commonrail.readers.mat import MatFile
 from commonrail.readers.mdf import MdfFile
@@ -23,7 +23,7 @@ from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process
 from tests.fuzz import bombs
 
-START = "import sys; sys.path.insert(0, sys.argv[1]); from commonrail.readers.child import program as child; "
+START = "import sys; sys.path.insert(0, sys.argv[1]); from commonrail.readers.guarded import program as child; "
 LIMIT = START + "child._limit(int(sys.argv[-2]), int(sys.argv[-1])); "
 
 

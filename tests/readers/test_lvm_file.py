@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.errors import InputError
 from commonrail.readers.columns import Column
 from commonrail.readers.lvm import LvmFile
-from commonrail.readers.survey import survey
+from commonrail.readers.overview import survey
 from commonrail.readers.tables import read_columns
 
 HEAD = """LabVIEW Measurement\t

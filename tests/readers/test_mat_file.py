@@ -11,8 +11,8 @@ from scipy.io import savemat
 
 from commonrail.base.errors import InputError
 from commonrail.plugins.maps.file import write_map_file
-from commonrail.readers.child import mat
 from commonrail.readers.columns import Column
+from commonrail.readers.guarded import mat
 from commonrail.readers.mat import MatFile, find_mat_map
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import read_columns

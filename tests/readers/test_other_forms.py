@@ -14,8 +14,8 @@ from commonrail.base.errors import InputError
 from commonrail.data.quantities.reading import found_table
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.grid import read_grid
+from commonrail.readers.overview import survey
 from commonrail.readers.quantity_matrix import GivenUnits, find_map
-from commonrail.readers.survey import survey
 from commonrail.readers.tables import read_columns
 
 WANTED = [Column("time", "s", increasing=True), Column("rate", ("m3/s", "kg/s"))]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.calibration import spread as module
+from commonrail.calibration import distributed_objective as module
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study

@@ -17,7 +17,7 @@ from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.physics.components.plunger_needle import Motion
-from commonrail.physics.direct import volumes_of
+from commonrail.physics.direct_acting import volumes_of
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
 from commonrail.readers.injector.file import load_injector

@@ -6,8 +6,8 @@ import contextlib
 
 from numba.core.registry import cpu_target
 
+import commonrail.calibration.distributed_objective
 import commonrail.calibration.run
-import commonrail.calibration.spread
 import commonrail.engine.simulate
 import commonrail.plugins.fleet.member
 import commonrail.workers.pool  # noqa: F401

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.errors import CommonrailError
-from commonrail.calibration import spread
+from commonrail.calibration import distributed_objective
 from commonrail.calibration.study_file.file import load_study
 from commonrail.runs.fit import calibrate_into
 from commonrail.workers.cluster import Cluster
@@ -200,12 +200,15 @@ def _same_bytes(folder: Path, address: str) -> bool:
     )
     study = load_study(case)
     calibrate_into(folder / "alone", study, threads=1)
-    shortest, spread.SHORTEST = spread.SHORTEST, 1e-9  # a generation is cut up, though it lasts some ms
+    shortest, distributed_objective.SHORTEST = (
+        distributed_objective.SHORTEST,
+        1e-9,
+    )  # a generation is cut up, though it lasts some ms
     try:
         with Workers.cluster(address) as workers:
             calibrate_into(folder / "run", study, threads=1, workers=workers)
     finally:
-        spread.SHORTEST = shortest
+        distributed_objective.SHORTEST = shortest
     return _timeless(folder / "run") == _timeless(folder / "alone")
 
 

@@ -13,7 +13,7 @@ from commonrail.base.errors import InputError
 from commonrail.calibration.optimisers.registry import named
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
-from commonrail.data.kinds import find_kind
+from commonrail.data.registry import find_kind
 from commonrail.readers.columns import Column
 from commonrail.readers.tables import read_columns
 

@@ -12,15 +12,15 @@ from commonrail.base import hooks, registry
 from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import PluginError
+from commonrail.calibration.ensemble import equal_ends, fitted_values
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.influence import Influence, around, influence_of
-from commonrail.calibration.members import equal_ends, fitted_values
 from commonrail.calibration.objective import FitObjective, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
 from commonrail.data.base import Role
-from commonrail.data.kinds import of_role
+from commonrail.data.registry import of_role
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned

@@ -14,7 +14,7 @@ from commonrail.base.choices import Precision
 from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.calibration.parameter import broken, distances_past
 from commonrail.data.base import DataSet, Term, is_metered
-from commonrail.data.kinds import in_order, kinds_of
+from commonrail.data.registry import in_order, kinds_of
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status

@@ -18,9 +18,9 @@ from commonrail.calibration.search import Searched, SearchResult
 from commonrail.calibration.study import Method, Study
 from commonrail.compiler.target import describe, package_versions
 from commonrail.data.base import DataSet, Role, Score
-from commonrail.data.kinds import of_role
 from commonrail.data.metering import meter_records, with_meters
 from commonrail.data.records import JUDGED, LABELS
+from commonrail.data.registry import of_role
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter, known_quantity
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from commonrail.base.arguments import flag, function, instance, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import StudyError
-from commonrail.calibration.members import injector_of, mean_scores
+from commonrail.calibration.ensemble import injector_of, mean_scores
 from commonrail.calibration.plausibility.check import after_fit, of_settings, of_start
 from commonrail.calibration.plausibility.finding import Finding
 from commonrail.calibration.plausibility.fit import Fit

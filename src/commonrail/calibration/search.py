@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
+from commonrail.calibration.distributed_objective import SpreadObjective
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import FitObjective, Objective
 from commonrail.calibration.optimisers.base import (
@@ -34,11 +35,10 @@ from commonrail.calibration.optimisers.polish import Refinement, RefinementSetti
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
-from commonrail.calibration.spread import SpreadObjective
+from commonrail.calibration.stable_time_step import longest_for_all
 from commonrail.calibration.study import Method, Study
-from commonrail.calibration.time_step import longest_for_all
 from commonrail.data.base import Role
-from commonrail.data.kinds import of_role
+from commonrail.data.registry import of_role
 from commonrail.engine.time_step import nice_step
 from commonrail.workers.interrupt import StopRequest
 from commonrail.workers.workers import Workers

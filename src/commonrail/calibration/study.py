@@ -30,16 +30,16 @@ from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.parameter import Condition, Mark, Parameter, percent_bounds
 from commonrail.calibration.space import Space
-from commonrail.calibration.time_step import step_for_all
+from commonrail.calibration.stable_time_step import step_for_all
 from commonrail.data.base import DataSet, Role
-from commonrail.data.kinds import ANY_KIND, of_role
 from commonrail.data.metering import check_meters, meters_of
+from commonrail.data.quantities.cross_validation import levels
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.quantities.folds import levels
+from commonrail.data.registry import ANY_KIND, of_role
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import QUANTITIES, Meter
-from commonrail.readers.fields import UNSTATED
+from commonrail.readers.toml_fields import UNSTATED
 
 # Further searches by which a study's fit is judged.
 

@@ -17,9 +17,9 @@ from scipy.integrate import solve_ivp
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.base.errors import ConfigurationError
-from commonrail.engine.explicit import Fixed, Instants, Problem, march
 from commonrail.engine.operating_point import OperatingPoint, courses, segments, value_at, values_at
 from commonrail.engine.plan import coefficients_at, reference_density
+from commonrail.engine.reference_runge_kutta import Fixed, Instants, Problem, march
 from commonrail.engine.solution import Solution, all_channels, relative_to_injected
 from commonrail.engine.status import Status, check_point, note_limits
 from commonrail.physics.components import drive

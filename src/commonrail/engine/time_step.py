@@ -12,7 +12,7 @@ import numpy as np
 from commonrail.base.arguments import Limits, Quantity, amount
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Actuation, Body, Boundary
-from commonrail.engine import direct_stability
+from commonrail.engine import direct_acting_time_step
 from commonrail.physics.components.plunger_needle import Seven, around
 from commonrail.physics.flow import pipe_area
 from commonrail.physics.fuel import Fuel
@@ -67,8 +67,8 @@ LENGTHENS = (
 
 
 _EITHER = (  # of either actuation: which of them an injector has is a matter of its values
-    {*SHORTENS, *direct_stability.SHORTENS},
-    {*LENGTHENS, *direct_stability.LENGTHENS},
+    {*SHORTENS, *direct_acting_time_step.SHORTENS},
+    {*LENGTHENS, *direct_acting_time_step.LENGTHENS},
 )
 
 
@@ -126,7 +126,7 @@ def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
         NaN anywhere counts as too long.
     """
     if variant.actuation is Actuation.DIRECT:
-        return direct_stability.bears(values, medium.modulus, medium.speed, dt)
+        return direct_acting_time_step.bears(values, medium.modulus, medium.speed, dt)
     moves = _chain_bears if variant.body is Body.FLEXIBLE else _rigid_bears
     fluid = _waves_bear(values, medium, dt) & _volumes_bear(variant.boundary, values, medium, dt)
     return moves(values, medium, dt) & _valve_bears(values, dt) & fluid
@@ -201,7 +201,7 @@ def _volumes_bear(boundary: Boundary, values: Values, medium: Medium, dt: float)
 def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parameters that shorten the longest step as they grow, and those that do as they shrink."""
     if actuation is Actuation.DIRECT:
-        return direct_stability.SHORTENS, direct_stability.LENGTHENS
+        return direct_acting_time_step.SHORTENS, direct_acting_time_step.LENGTHENS
     return SHORTENS, LENGTHENS
 
 

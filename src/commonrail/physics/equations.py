@@ -25,7 +25,7 @@ from commonrail.physics import connections
 from commonrail.physics.components import direct_needle, drive, nozzle, plunger_needle, solenoid, valve
 from commonrail.physics.components.guide_friction import bench_friction
 from commonrail.physics.components.plunger_needle import Motion, Nine
-from commonrail.physics.direct import moving_masses, needle_pressure
+from commonrail.physics.direct_acting import moving_masses, needle_pressure
 from commonrail.physics.flow import Contents, Flow, contents, jet, orifice
 from commonrail.physics.law import layout_of, physics
 from commonrail.physics.model import Coefficients, CumulativeFlows, ambient_density, control_volume, seat_contact

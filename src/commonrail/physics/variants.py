@@ -13,7 +13,7 @@ from commonrail.base import registry
 from commonrail.base.arguments import chosen, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.physics import connections, direct, model, step
+from commonrail.physics import connections, direct_acting, model, step
 from commonrail.physics.components import (
     direct_needle,
     drive,
@@ -149,7 +149,7 @@ EXTENDING = (
 )
 
 # Modules that hold `Parameters`, `Coefficients` and `State` of each actuation.
-MODELS: dict[Actuation, Any] = {Actuation.SERVO: model, Actuation.DIRECT: direct}
+MODELS: dict[Actuation, Any] = {Actuation.SERVO: model, Actuation.DIRECT: direct_acting}
 
 _NOZZLE_LAWS = "nozzle_laws"  # group of the registry
 
@@ -216,20 +216,20 @@ def _servo(variant: Variant) -> Wiring:
 
 def _direct(variant: Variant) -> Wiring:
     discharge, _ = _flow_laws(variant)
-    laws = direct.DirectLaws(_DRIVES[variant.drive], step.ideal_rail, discharge)
+    laws = direct_acting.DirectLaws(_DRIVES[variant.drive], step.ideal_rail, discharge)
     return Wiring(
         body=direct_needle,
         laws=laws,
         accelerations=direct_needle.accelerations,
-        setup=direct.coefficients,
-        rest=direct.rest,
-        step=direct.make_step(laws),
-        volumes=direct.volumes_of,
-        longest_contact=direct.longest_contact,
-        farthest=direct.farthest_lift,
-        parameters=layout_of(direct.Parameters),
-        state=layout_of(direct.State),
-        coefficients=layout_of(direct.Coefficients),
+        setup=direct_acting.coefficients,
+        rest=direct_acting.rest,
+        step=direct_acting.make_step(laws),
+        volumes=direct_acting.volumes_of,
+        longest_contact=direct_acting.longest_contact,
+        farthest=direct_acting.farthest_lift,
+        parameters=layout_of(direct_acting.Parameters),
+        state=layout_of(direct_acting.State),
+        coefficients=layout_of(direct_acting.Coefficients),
         positions=layout_of(direct_needle.Positions),
     )
 

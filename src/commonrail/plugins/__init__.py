@@ -4,7 +4,7 @@ from __future__ import annotations
 
 # Groups whose shipped parts are in lists of the core, with their names.
 ELSEWHERE = {
-    "data": "commonrail.data.kinds:KINDS",
+    "data": "commonrail.data.registry:KINDS",
     "features": "commonrail.data.features.table:FEATURES",
     "fuels": "commonrail.readers.fuel:shipped_fuels",
     "injectors": "commonrail.readers.injector.file:shipped_injectors",

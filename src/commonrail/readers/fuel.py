@@ -17,9 +17,9 @@ from pydantic_core import CoreSchema, core_schema
 from commonrail.base.arguments import plain_text
 from commonrail.physics.fuel import Fuel, Law, Origin, Polynomial
 from commonrail.readers.catalogue import Catalogue
-from commonrail.readers.fields import MARKS, FileModel, Mark, OneOf, fault
 from commonrail.readers.location import Place
 from commonrail.readers.toml import parse_toml, read_model
+from commonrail.readers.toml_fields import MARKS, FileModel, Mark, OneOf, fault
 
 _CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fuel "{}"', "", "fuels")
 

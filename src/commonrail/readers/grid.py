@@ -19,8 +19,8 @@ import numpy as np
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import fits
-from commonrail.readers.child.parent import read_apart
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.guarded.parent import read_apart
 from commonrail.readers.limits import LONGEST_LINE, Shape
 
 LONGEST_NUMBER = 100  # [characters]

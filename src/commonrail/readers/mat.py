@@ -14,8 +14,8 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.text import counted
 from commonrail.readers.channels import ChannelSheet
-from commonrail.readers.child.parent import read_apart
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, find_column, finite
+from commonrail.readers.guarded.parent import read_apart
 from commonrail.readers.limits import MOST_COLUMNS
 from commonrail.readers.quantity_matrix import (
     KINDS,

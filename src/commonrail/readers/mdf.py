@@ -14,8 +14,8 @@ import numpy as np
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.readers.channels import Channel, ChannelSheet
-from commonrail.readers.child.parent import read_apart
 from commonrail.readers.columns import PLAIN, FileForm
+from commonrail.readers.guarded.parent import read_apart
 
 
 class MdfFile(ChannelSheet):

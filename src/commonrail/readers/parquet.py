@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE, read_plain
-from commonrail.readers.child.parent import read_apart
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, finite, name_and_unit
+from commonrail.readers.guarded.parent import read_apart
 from commonrail.readers.limits import Groups
 
 LARGEST_FLEET = 1_000_000_000  # [bytes] of the file

@@ -14,9 +14,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from commonrail.base.errors import InputError
-from commonrail.readers.fields import FileModel
 from commonrail.readers.limits import Reach, read_text
 from commonrail.readers.location import Place
+from commonrail.readers.toml_fields import FileModel
 
 # Checking the tables of a file: the first fault as one sentence with its dotted key.
 

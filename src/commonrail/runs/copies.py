@@ -16,9 +16,9 @@ from commonrail.base.input import fingerprint, read_plain, sha256
 from commonrail.base.output import SUMS, listed, replacing, write_text, writing
 from commonrail.readers.limits import read_text
 from commonrail.readers.toml import LARGEST_TOML
+from commonrail.runs.checksums import rows_of
 from commonrail.runs.folder import LIKELY, MEMBER, RESULT, STUDY, TRACES
 from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, opened_to_read
-from commonrail.runs.seals import rows_of
 from commonrail.runs.tables import RUN
 
 # Changes of a run's files since it was begun.

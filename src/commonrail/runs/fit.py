@@ -23,7 +23,7 @@ from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.plausibility.finding import Finding
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched, objective_of
-from commonrail.calibration.seeds import refits_of
+from commonrail.calibration.several_seeds import refits_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
 from commonrail.runs.copies import check_files, copy_files, places_of, set_in_text

@@ -13,7 +13,7 @@ from commonrail.calibration.space import Space
 from commonrail.data.noise import NOISE, Noise
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import Block
+from commonrail.plugins.certainty.noise_fit import Block
 from commonrail.plugins.certainty.nuisance import Nuisance
 
 Floats = NDArray[np.float64]

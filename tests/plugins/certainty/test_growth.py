@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.noise import EVEN, Block, Growth, fit_noise, growth_of, with_shots
+from commonrail.plugins.certainty.noise_fit import EVEN, Block, Growth, fit_noise, growth_of, with_shots
 from tests.plugins.certainty.linear import TRUTH, Floats, design, fitted, likelihood
 
 WHITE = Noise(correlation=Correlation.WHITE)

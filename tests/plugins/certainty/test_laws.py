@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from commonrail.data.noise import Law
-from commonrail.plugins.certainty.noise import (
+from commonrail.plugins.certainty.noise_fit import (
     FREEDOM,
     LAWS,
     Autoregression,

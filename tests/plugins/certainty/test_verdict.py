@@ -12,7 +12,7 @@ from commonrail.data.noise import Correlation, Law, Noise
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import Block
+from commonrail.plugins.certainty.noise_fit import Block
 from commonrail.plugins.certainty.verdict import Judged, verdicts_of, withdrawal
 from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, linear, space
 

@@ -23,7 +23,7 @@ from commonrail.physics.variants import Variant
 from commonrail.plugins.export.description import AT_REST
 from commonrail.plugins.export.fmu import write_fmu
 from commonrail.plugins.export.library import write_library
-from commonrail.plugins.export.objects import target_named
+from commonrail.plugins.export.object_files import target_named
 from commonrail.readers.injector.file import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.native import BlockRun, Floats, Native, Run

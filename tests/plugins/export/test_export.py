@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.plugins.export import objects
+from commonrail.plugins.export import object_files
 from tests.cli.conftest import Command
 from tests.exporting import usable_platform
 
@@ -43,8 +43,8 @@ def test_what_cannot_be_written_is_refused_before_any_work(command: Command, mon
 def test_without_compiler_and_zig_the_sentence_says_what_to_install(
     command: Command, tmp_path: Path, monkeypatch
 ) -> None:
-    monkeypatch.setattr(objects.shutil, "which", lambda name: None)
-    monkeypatch.setattr(objects.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(object_files.shutil, "which", lambda name: None)
+    monkeypatch.setattr(object_files.importlib.util, "find_spec", lambda name: None)
     for platform, words in (("linux64", "linux64"), ("win64", "needs zig")):
         done = command("export", "library", "virtual-lino-2016", "--platforms", platform, "--out", str(tmp_path / "x"))
         assert done.status == 2

@@ -11,7 +11,7 @@ import pytest
 from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.export.c_source import kernel_source
 from commonrail.plugins.export.library import Library
-from commonrail.plugins.export.objects import compiler_for, link_shared, target_named
+from commonrail.plugins.export.object_files import compiler_for, link_shared, target_named
 from tests.plugins.export.native import BlockRun, Native, Run
 from tests.plugins.export.test_library import BOUNDARY
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.plugins.export.objects import archive, compile_source, compiler_for, link_shared, run, target_named
+from commonrail.plugins.export.object_files import archive, compile_source, compiler_for, link_shared, run, target_named
 
 
 def test_a_relative_folder_is_that_of_the_caller(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,7 +30,7 @@ def test_the_first_link_for_a_target_says_that_a_c_library_is_built(
 ) -> None:
     monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(tmp_path / "zig"))
     said: list[str] = []
-    monkeypatch.setattr("commonrail.plugins.export.objects.note", said.append)
+    monkeypatch.setattr("commonrail.plugins.export.object_files.note", said.append)
     for target in ("aarch64-linux-gnu.2.17", "aarch64-linux-gnu.2.17", "wasm32-freestanding", "x86_64-windows-gnu"):
         run([sys.executable, "-c", "", "-target", target], tmp_path)
     assert ["aarch64-linux-gnu.2.17" in said[0], "x86_64-windows-gnu" in said[1], len(said)] == [True, True, 2]

@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.export import library
 from commonrail.plugins.export.library import placed, write_library
-from commonrail.plugins.export.objects import target_named
+from commonrail.plugins.export.object_files import target_named
 from commonrail.readers.injector.file import load_injector
 from tests.conftest import DRAWN
 

@@ -141,8 +141,8 @@ def test_the_size_of_a_parquet_table_is_checked_before_it_is_read(
 ) -> None:
     pytest.importorskip("pyarrow.parquet")
     read_in_process(monkeypatch)
-    monkeypatch.setattr("commonrail.readers.child.parquet.LARGEST_CONTENT", 100)  # its pages have some hundred bytes
-    monkeypatch.setattr("commonrail.readers.child.parquet._saved", None)  # to read is a fault
+    monkeypatch.setattr("commonrail.readers.guarded.parquet.LARGEST_CONTENT", 100)  # its pages have some hundred bytes
+    monkeypatch.setattr("commonrail.readers.guarded.parquet._saved", None)  # to read is a fault
     with pytest.raises(InputError, match="GB uncompressed, and at most"):
         read_table(parquet_table(tmp_path))
 

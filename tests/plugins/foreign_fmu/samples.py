@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import commonrail.plugins.export
-from commonrail.plugins.export.objects import compiler_for, run, target_named
+from commonrail.plugins.export.object_files import compiler_for, run, target_named
 from commonrail.plugins.foreign_fmu.data import FmuData, fmu_curve
 
 HERE = Path(__file__).parent

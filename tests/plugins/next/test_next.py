@@ -14,7 +14,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.data.noise import Law
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import estimate
-from commonrail.plugins.certainty.noise import Block
+from commonrail.plugins.certainty.noise_fit import Block
 from commonrail.plugins.next.file import plan_record, write_plan
 from commonrail.plugins.next.problem import common_loads, posterior_draws
 from commonrail.plugins.next.study import grid, place_of, usual_axes

@@ -15,7 +15,7 @@ from commonrail.base.choices import Drive
 from commonrail.base.errors import InputError
 from commonrail.calibration.objective import Objective
 from commonrail.data.base import Role
-from commonrail.data.kinds import of_role
+from commonrail.data.registry import of_role
 from commonrail.engine.plan import candidate_matrix
 from commonrail.physics.variants import Variant
 from commonrail.plugins.certainty.posterior.file import POSTERIOR

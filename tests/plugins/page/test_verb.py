@@ -12,7 +12,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.hooks import ALL_ENTRIES, duration
 from commonrail.cli import console
 from commonrail.physics.variants import Variant
-from commonrail.plugins.export import fmu, library, objects
+from commonrail.plugins.export import fmu, library, object_files
 from commonrail.plugins.page import module, page
 from tests.cli.conftest import run_command
 
@@ -51,7 +51,7 @@ def test_without_zig_it_names_what_to_install(monkeypatch: pytest.MonkeyPatch, t
     def missing(name: str, *rest: Any) -> None:
         return None
 
-    monkeypatch.setattr(objects.importlib.util, "find_spec", missing)
+    monkeypatch.setattr(object_files.importlib.util, "find_spec", missing)
     monkeypatch.setattr(module, "kept_or_made", lambda name, make: make())  # as on the first day
     done = run_command("page", "virtual-lino-2016", "--out", tmp_path / "bench.html")
     assert done.status == 2

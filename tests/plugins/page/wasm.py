@@ -14,7 +14,7 @@ import commonrail as cr
 from commonrail.engine.loop import CoursePlan
 from commonrail.engine.plan import candidate_matrix
 from commonrail.engine.recorder import Outcome
-from commonrail.plugins.export.entries import channels
+from commonrail.plugins.export.entry_points import channels
 from commonrail.plugins.page.module import wasm_module
 
 NODE = shutil.which("node")

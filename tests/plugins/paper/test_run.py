@@ -14,7 +14,7 @@ import pytest
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
-from commonrail.calibration.seeds import SeedProgress
+from commonrail.calibration.several_seeds import SeedProgress
 from commonrail.calibration.study import Method, Study
 from commonrail.plugins.paper import run, study
 from commonrail.plugins.paper.bench import Bench

@@ -12,8 +12,8 @@ from commonrail.base.units import to_text
 from commonrail.calibration.plausibility import finding
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
+from commonrail.calibration.stable_time_step import longest_for_all
 from commonrail.calibration.study import Study
-from commonrail.calibration.time_step import longest_for_all
 from commonrail.data.base import DataSet, widths_of
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.time_step import step_advice

@@ -15,6 +15,7 @@ from commonrail.calibration.constraints import parse_products
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.parameter import Condition, Parameter, Prior, percent_bounds
 from commonrail.calibration.space import Space
+from commonrail.calibration.stable_time_step import step_for_all
 from commonrail.calibration.study import Judgement, Method, Study
 from commonrail.calibration.study_file.keys import (
     MOST_CONSTRAINTS,
@@ -26,10 +27,9 @@ from commonrail.calibration.study_file.keys import (
 )
 from commonrail.calibration.study_file.meter import free_parameters
 from commonrail.calibration.study_file.type import read_type, with_type
-from commonrail.calibration.time_step import step_for_all
 from commonrail.data.base import DataSet
-from commonrail.data.kinds import kind_of
 from commonrail.data.quantities.reading import AFTER_ENERGISING
+from commonrail.data.registry import kind_of
 from commonrail.data.study_block import Context, DataModel
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
@@ -38,13 +38,13 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
 from commonrail.physics.variants import reader_of, unread_parameters
-from commonrail.readers.fields import UNSTATED
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.injector.meters import installed_meters, meters_of_tables
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place, located
 from commonrail.readers.logo import read_logo
 from commonrail.readers.toml import read_model_file
+from commonrail.readers.toml_fields import UNSTATED
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 

@@ -43,8 +43,8 @@ def inspect(
       commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
     """
     from commonrail.readers.columns import FileForm, check_encoding
+    from commonrail.readers.overview import survey
     from commonrail.readers.quantity_matrix import GivenUnits
-    from commonrail.readers.survey import survey
 
     check_file(out, "--out")
     if part := registry.find("inspectors", file.suffix.lower().removeprefix(".")):

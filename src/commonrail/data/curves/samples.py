@@ -12,9 +12,9 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import convert, to_text
 from commonrail.data.study_block import Course, DataModel, DriveModel
 from commonrail.readers.columns import Table
-from commonrail.readers.fields import FileModel, Unit
 from commonrail.readers.location import Place
 from commonrail.readers.tables import LEAST_SAMPLES
+from commonrail.readers.toml_fields import FileModel, Unit
 
 # Shape of the block of an injection curve in a study file.
 

@@ -23,8 +23,8 @@ from commonrail.data.study_block import Context, drive_unit, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.injector import Injector
-from commonrail.readers.fields import FileModel, Unit, fault
 from commonrail.readers.location import Place, located
+from commonrail.readers.toml_fields import FileModel, Unit, fault
 
 RETURNED = "return_quantity"  # of the whole stroke, and of no trace
 SAMPLE = 2e-6  # of a simulated trace that no measured one gives samples for [s]

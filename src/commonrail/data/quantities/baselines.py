@@ -18,7 +18,7 @@ from commonrail.data.records import MM3
 from commonrail.data.study_block import Context
 from commonrail.physics.parameters import Domain
 from commonrail.readers.columns import Column, FormModel
-from commonrail.readers.fields import Unit
+from commonrail.readers.toml_fields import Unit
 
 # Interpolation of a quantity map: the trivial model that a calibrated one has to beat.
 

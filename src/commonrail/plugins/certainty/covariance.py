@@ -17,7 +17,7 @@ from scipy import special
 from commonrail.base.arrays import Bools, Floats
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import stated_courses, unequal
+from commonrail.plugins.certainty.noise_fit import stated_courses, unequal
 
 NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direction counts as unseen
 

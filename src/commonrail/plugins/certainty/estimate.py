@@ -20,7 +20,7 @@ from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
 from commonrail.plugins.certainty.covariance import Covariance, covariance_of, moved_by, student
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import sample_count
+from commonrail.plugins.certainty.noise_fit import sample_count
 from commonrail.plugins.certainty.nuisance import SIDES, Nuisance
 from commonrail.plugins.certainty.outliers import with_integration
 

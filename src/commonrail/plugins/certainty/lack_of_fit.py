@@ -28,7 +28,7 @@ from commonrail.data.noise import Correlation
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.missing import Missing
-from commonrail.plugins.certainty.noise import Block, agreed, as_normal, fit_noise, spread, unequal
+from commonrail.plugins.certainty.noise_fit import Block, agreed, as_normal, fit_noise, spread, unequal
 from commonrail.plugins.certainty.nuisance import with_uncertain_free
 
 # Slow drift of a record: what it explains of the residuals, and what it moves the estimates by.

@@ -22,8 +22,8 @@ from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role
-from commonrail.data.kinds import of_role
-from commonrail.plugins.certainty.noise import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
+from commonrail.data.registry import of_role
+from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
 from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
 
 # Step of a one-sided difference, in positions between the bounds, on the way to the optimum: valleys of many parameters

@@ -27,7 +27,7 @@ from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
-from commonrail.data.kinds import of_role
+from commonrail.data.registry import of_role
 from commonrail.physics.meters import Meter, is_of_meter, parts_of
 from commonrail.plugins.certainty.ascent import Ascent, climb, covariance_at
 from commonrail.plugins.certainty.covariance import Covariance

@@ -29,8 +29,8 @@ from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
-from commonrail.data.kinds import of_role
 from commonrail.data.noise import OF_METER, TEMPERATURE, uncertain_unit
+from commonrail.data.registry import of_role
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import QUANTITIES, Meter, known_quantity
 from commonrail.physics.parameters import Domain

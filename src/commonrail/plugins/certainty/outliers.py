@@ -23,7 +23,7 @@ from commonrail.base.arrays import Floats
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.covariance import Covariance, combined_freedom
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import LAWS
+from commonrail.plugins.certainty.noise_fit import LAWS
 
 FREEDOMS = np.exp(np.linspace(0.0, math.log(30.0), 12))  # of Student's t: from a Cauchy to nearly a normal distribution
 SCALES = 41  # tried about the fitted one

@@ -16,7 +16,7 @@ from commonrail.physics.meters import is_of_meter, parts_of
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit, meter_changes
-from commonrail.plugins.certainty.noise import spread
+from commonrail.plugins.certainty.noise_fit import spread
 
 # Sensitivity of the estimates to what the bench may be off by, whether a study states it or not.
 

@@ -16,7 +16,7 @@ from commonrail.engine.operating_point import OTHER_PRESSURES, RAIL_PRESSURES
 from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS
 from commonrail.physics import variants
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
-from commonrail.plugins.export.entries import channels
+from commonrail.plugins.export.entry_points import channels
 from commonrail.plugins.export.sources import Model, bounds_of
 
 PLANNED = 4  # energisings that parameters plan; c/fmu.h

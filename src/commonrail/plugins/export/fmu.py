@@ -29,7 +29,7 @@ from commonrail.plugins.export.description import (
     variables,
 )
 from commonrail.plugins.export.library import write_sources, write_texts
-from commonrail.plugins.export.objects import Compiler, Target, compiler_for, emit, link_shared
+from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, emit, link_shared
 from commonrail.plugins.export.sources import Model, model_of, named, source_file, template
 from commonrail.report.html import render
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import ALL_ENTRIES, lasting
 from commonrail.physics.injector import Injector
-from commonrail.plugins.export.entries import LANES, sizes
-from commonrail.plugins.export.objects import (
+from commonrail.plugins.export.entry_points import LANES, sizes
+from commonrail.plugins.export.object_files import (
     Compiler,
     Target,
     archive,

@@ -28,8 +28,8 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_pa
 from commonrail.physics.parameters import Domain
 from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, unread_inputs
 from commonrail.plugins.export.c_source import kernel_source
-from commonrail.plugins.export.entries import channels, sizes
-from commonrail.plugins.export.objects import linked_text
+from commonrail.plugins.export.entry_points import channels, sizes
+from commonrail.plugins.export.object_files import linked_text
 
 # The condition on the time step as C, from its Python source.
 #

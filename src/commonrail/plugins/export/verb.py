@@ -15,7 +15,7 @@ from commonrail.cli.options import Json, check_file, check_folder
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
-    from commonrail.plugins.export.objects import Target
+    from commonrail.plugins.export.object_files import Target
 
 
 class Form(StrEnum):
@@ -80,7 +80,7 @@ def export(
 
 
 def _targets(platforms: str | None) -> list[Target]:
-    from commonrail.plugins.export.objects import TARGETS, own_platform, target_named
+    from commonrail.plugins.export.object_files import TARGETS, own_platform, target_named
 
     if platforms is None:
         names = list(own_platform()[:1])

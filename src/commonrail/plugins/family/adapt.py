@@ -20,9 +20,9 @@ from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space, sample_priors
+from commonrail.calibration.stable_time_step import step_for_all
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.study_file.type import load_type
-from commonrail.calibration.time_step import step_for_all
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.reading import AFTER_ENERGISING, QuantitiesModel
 from commonrail.data.study_block import Context

@@ -10,9 +10,9 @@ import numpy as np
 
 from commonrail.base.arguments import function, instance, thread_count
 from commonrail.base.arrays import Floats
+from commonrail.calibration.ensemble import mean_of, members_of
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
-from commonrail.calibration.members import mean_of, members_of
 from commonrail.calibration.scoring import score_all
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.calibration.study import Study

@@ -29,14 +29,14 @@ from commonrail.calibration.study_file.file import load_study, method_of
 from commonrail.calibration.study_file.keys import Optimisers, read_optimisers
 from commonrail.calibration.study_file.type import load_type
 from commonrail.data.base import Role
-from commonrail.data.kinds import of_role
+from commonrail.data.registry import of_role
 from commonrail.data.study_block import Name
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.family.adapt import FLOW
-from commonrail.readers.fields import FileModel, Text, Unit
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import read_model_file
+from commonrail.readers.toml_fields import FileModel, Text, Unit
 
 # Parameters of parts that are fitted together: what is common, what is each part's own, what scatters about a mean.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.output import replacing, summed, write_csv
 from commonrail.compiler.target import describe, package_versions
-from commonrail.data.kinds import kind_of
+from commonrail.data.registry import kind_of
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.certainty.linear import ESTIMATOR
 from commonrail.plugins.fleet.journal import FAILED, FINISHED, Entry

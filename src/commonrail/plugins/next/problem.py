@@ -20,7 +20,7 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import Block, FittedNoise, block_of
+from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of
 from commonrail.plugins.certainty.nuisance import nuisances_of
 from commonrail.plugins.next.study import Candidate, Criterion, Problem, place_of, planned
 

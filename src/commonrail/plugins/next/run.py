@@ -15,12 +15,12 @@ from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
-from commonrail.data.kinds import in_order, of_role
 from commonrail.data.quantities.data import QuantityData
+from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import FittedNoise
+from commonrail.plugins.certainty.noise_fit import FittedNoise
 from commonrail.plugins.next.problem import (
     Responder,
     Response,

@@ -34,7 +34,7 @@ from commonrail.engine.recorder import Outcome
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import Meter, given_values, is_of_meter, low_pass
-from commonrail.plugins.export.entries import channels, sizes
+from commonrail.plugins.export.entry_points import channels, sizes
 from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
 from commonrail.plugins.page.subject import (
     ONE,

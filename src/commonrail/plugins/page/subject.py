@@ -21,9 +21,9 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
 from commonrail.data.curves.data import RateData
-from commonrail.data.kinds import of_role
 from commonrail.data.metering import with_meters
 from commonrail.data.quantities.data import QuantityData
+from commonrail.data.registry import of_role
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import candidate_matrix
 from commonrail.engine.simulate import simulate_batch

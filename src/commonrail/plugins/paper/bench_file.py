@@ -35,7 +35,12 @@ from commonrail.plugins.paper.bench import (
     bench_curve,
 )
 from commonrail.readers.catalogue import Catalogue
-from commonrail.readers.fields import (
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.model import COMPONENTS, component_quantities
+from commonrail.readers.limits import Reach, read_text
+from commonrail.readers.location import Place, located
+from commonrail.readers.toml import LARGEST_TOML, parse_toml, read_model
+from commonrail.readers.toml_fields import (
     FileModel,
     Number,
     ParameterTable,
@@ -47,11 +52,6 @@ from commonrail.readers.fields import (
     choice,
     fault,
 )
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.model import COMPONENTS, component_quantities
-from commonrail.readers.limits import Reach, read_text
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import LARGEST_TOML, parse_toml, read_model
 
 _CATALOGUE = Catalogue("commonrail.plugins.paper", "truths", 'There is no truth "{}" of the virtual test bench')
 _RESOLUTION = Resolution((480, 120), method="explicit")

@@ -13,7 +13,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.covariance import covariance_of
 from commonrail.plugins.certainty.estimate import Estimate, wider, with_outliers
-from commonrail.plugins.certainty.noise import sample_count, scale_of, stated_courses
+from commonrail.plugins.certainty.noise_fit import sample_count, scale_of, stated_courses
 
 LEAST = 8  # values held out, from which their scatter is believed
 HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is

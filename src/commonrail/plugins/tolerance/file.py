@@ -35,11 +35,11 @@ from commonrail.plugins.tolerance.study import (
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
-from commonrail.readers.fields import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import read_model, read_toml
+from commonrail.readers.toml_fields import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault
 
 SCHEMA = 1
 

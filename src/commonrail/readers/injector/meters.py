@@ -13,9 +13,9 @@ from commonrail.physics.injector import Source
 from commonrail.physics.meters import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
 from commonrail.physics.parameters import Q
 from commonrail.readers.catalogue import installed_text
-from commonrail.readers.fields import UNSTATED, FileModel, Sourced, Text, Unit, choice, fault
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import parse_toml, read_model
+from commonrail.readers.toml_fields import UNSTATED, FileModel, Sourced, Text, Unit, choice, fault
 from commonrail.readers.toml_writer import key_text
 
 MOST_METERS = 100

@@ -18,7 +18,12 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
 from commonrail.physics.variants import MODELS, Variant, reader_of, unread_parameters
-from commonrail.readers.fields import (
+from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
+from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place, located
+from commonrail.readers.toml import read_model, read_toml
+from commonrail.readers.toml_fields import (
     FileModel,
     Given,
     Number,
@@ -30,11 +35,6 @@ from commonrail.readers.fields import (
     choice,
     fault,
 )
-from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
-from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import read_model, read_toml
 
 # Drawing of plunger and needle in an injector's file: seven cylinders, from which Eq. (8) gives stiffness and mass.
 

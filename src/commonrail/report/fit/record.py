@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from commonrail.base.text import listed
 from commonrail.base.units import to_text
 from commonrail.data.base import View
-from commonrail.data.kinds import kind_of, kinds_of
 from commonrail.data.records import LABELS, Record, Shown
+from commonrail.data.registry import kind_of, kinds_of
 
 # Meters in reports: a sentence on each, from the record of a result.
 

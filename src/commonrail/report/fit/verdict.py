@@ -10,8 +10,8 @@ from commonrail.base.table import Column, Part, Table, table_of, tabulated
 from commonrail.base.text import MISSING, counted, fixed, listed, number, signed, significant
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.base import DataSet
-from commonrail.data.kinds import kind_of
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
+from commonrail.data.registry import kind_of
 from commonrail.report.fit.certainty import difference
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
 from commonrail.runs.folder import LIKELY

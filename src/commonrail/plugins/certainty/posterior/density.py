@@ -16,7 +16,7 @@ from commonrail.base.arrays import Floats
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.noise import FittedNoise, sample_count, stated_courses
+from commonrail.plugins.certainty.noise_fit import FittedNoise, sample_count, stated_courses
 
 _TURNS = 3  # of reweighting, for laws that are not Gaussian
 

@@ -15,9 +15,9 @@ from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.scoring import Scores, score_all
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role, Score
-from commonrail.data.kinds import of_role
 from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.data.records import MEAN
+from commonrail.data.registry import of_role
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import is_of_meter
 

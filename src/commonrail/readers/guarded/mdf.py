@@ -11,7 +11,7 @@ import numpy as np
 from asammdf import MDF
 
 from commonrail.base.errors import InputError
-from commonrail.readers.child.program import Save
+from commonrail.readers.guarded.program import Save
 
 MOST_SAMPLES = 20_000_000  # of a channel
 MOST_VALUES = 100_000_000  # of all channels

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from commonrail.base.errors import ConfigurationError, StudyError
-from commonrail.calibration import spread as module
+from commonrail.calibration import distributed_objective as module
+from commonrail.calibration.distributed_objective import BLOCK, LONGEST, SHORTEST, SpreadObjective, cut
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.spread import BLOCK, LONGEST, SHORTEST, SpreadObjective, cut
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import Role
-from commonrail.data.kinds import of_role
+from commonrail.data.registry import of_role
 from commonrail.workers.pool import Limits
 from commonrail.workers.workers import Workers
 from tests.calibration.misbehaving import Misbehaving

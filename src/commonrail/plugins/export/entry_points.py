@@ -234,7 +234,7 @@ def _observe_direct(c, s, top, out):  # type: ignore[no-untyped-def]
 # ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.recorder.Outcome` of all lanes
 # ========================  ==========================================================================================
 #
-# A block is put together from single injectors (`export.entries`): a lane has the rows that an injector has alone.
+# A block is put together from single injectors (`export.entry_points`): a lane has the rows that an injector has alone.
 
 LANES = 8  # numbers in the widest registers there are, and cylinders of most engines
 

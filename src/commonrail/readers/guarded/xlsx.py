@@ -10,7 +10,7 @@ from typing import Any
 from openpyxl import load_workbook
 
 from commonrail.base.errors import InputError, nearest
-from commonrail.readers.child.program import Save
+from commonrail.readers.guarded.program import Save
 from commonrail.readers.limits import MOST_COLUMNS, Shape
 
 MOST_ROWS = 1_048_576  # of a sheet, by the format

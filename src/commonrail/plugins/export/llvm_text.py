@@ -97,7 +97,7 @@ def refuse_foreign(text: str) -> None:
 def _optimised(variant: Variant, which: str) -> dict[str, str]:
     """Compile the entries in this process."""
     from commonrail.compiler.lower import module_text
-    from commonrail.plugins.export.entries import make_block_entries, make_entries
+    from commonrail.plugins.export.entry_points import make_block_entries, make_entries
 
     make = make_block_entries if which == _BLOCK else make_entries
     plain = Processor(_PLAIN.get(platform.machine(), "generic"), exact=True)

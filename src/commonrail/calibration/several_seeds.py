@@ -17,11 +17,11 @@ from commonrail.base.units import to_text
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.study import NO_JUDGEMENT, Judgement, Study
 from commonrail.data.base import DataSet, Role
-from commonrail.data.kinds import of_role
 from commonrail.data.quantities.baselines import interpolated
+from commonrail.data.quantities.cross_validation import Fold, folded_record, levels, without
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.quantities.folds import Fold, folded_record, levels, without
 from commonrail.data.records import JUDGED, MEAN
+from commonrail.data.registry import of_role
 from commonrail.engine.simulate import usable_threads
 from commonrail.workers.interrupt import StopRequest, held_interrupts
 from commonrail.workers.workers import Workers

@@ -10,9 +10,9 @@ import pytest
 
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import ConfigurationError
-from commonrail.engine.explicit import march
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution, simulate_reference
+from commonrail.engine.reference_runge_kutta import march
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.physics.variants import Variant
-from commonrail.plugins.export.texts import block_texts, entry_texts, refuse_foreign
+from commonrail.plugins.export.llvm_text import block_texts, entry_texts, refuse_foreign
 
 
 class Target(NamedTuple):
@@ -63,7 +63,7 @@ def target_named(name: str) -> Target:
 
 
 def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
-    """Object file with the entries of `export.entries`, each named ``PREFIX_ENTRY`` and hidden.
+    """Object file with the entries of `export.entry_points`, each named ``PREFIX_ENTRY`` and hidden.
 
     The entries follow Numba's calling convention: ``int32_t f(void *result, void **exception, arguments …)`` returns 0;
     `result` receives a pointer, and `exception` is not written. Prefixes let the objects of two models be linked into

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
-from commonrail.readers.child.program import NAME
+from commonrail.readers.guarded.program import NAME
 
 # Limits of a child: memory of the whole process, of which asammdf takes 0.2 GB, and processor time besides the import
 # of the library. Each byte of the file adds 4 (itself, values twice as long, a copy) and 3 us: openpyxl, the slowest,
@@ -35,7 +35,7 @@ _ROOT = str(Path(__file__).resolve().parents[3])
 # The package of the parent, also where another one is installed; its folder must not hide modules of Python.
 _PROGRAM = (
     "import sys; sys.path.insert(0, sys.argv[1]); import commonrail; del sys.path[0]; "
-    "from commonrail.readers.child.program import main; main(*sys.argv[2:])"
+    "from commonrail.readers.guarded.program import main; main(*sys.argv[2:])"
 )
 # One thread: more take memory for themselves and finish no sooner. Arrow's default allocator reserves memory ahead.
 _SETTINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
@@ -49,7 +49,7 @@ class Content(NamedTuple):
 
 
 def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
-    """Content of a file, read by `commonrail.readers.child.<reader>` in a child process.
+    """Content of a file, read by `commonrail.readers.guarded.<reader>` in a child process.
 
     Parameters
     ----------

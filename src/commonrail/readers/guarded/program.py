@@ -30,7 +30,7 @@ def main(reader: str, options: str, memory: str, seconds: str) -> None:
     """Read from the standard input and write to the standard output as it was when the program started."""
     output = os.fdopen(os.dup(1), "w+b")
     os.dup2(2, 1)  # what libraries print must not come between the arrays
-    module = importlib.import_module(f"commonrail.readers.child.{reader}")
+    module = importlib.import_module(f"commonrail.readers.guarded.{reader}")
     with suppress(ImportError, ValueError):  # beyond POSIX, or what a system does not limit: the parent limits the time
         _limit(int(memory), int(seconds))
     with output:

@@ -21,7 +21,7 @@ from commonrail.base.errors import CommonrailError
 from commonrail.calibration.optimisers.registry import named
 from commonrail.compiler import cache, target
 from commonrail.data.features.table import find_feature
-from commonrail.data.kinds import find_kind
+from commonrail.data.registry import find_kind
 from commonrail.engine.lanes import VECTORS, compiled
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
 from commonrail.engine.operating_point import OperatingPoint
@@ -65,7 +65,7 @@ def _reason(done: subprocess.CompletedProcess[str]) -> str:
     return f"the process ended with status {done.returncode}: {last[0]}"
 
 
-# The first simulation of a fresh process: ``python -m commonrail.cli.machine`` prints JSON.
+# The first simulation of a fresh process: ``python -m commonrail.cli.doctor_facts`` prints JSON.
 #
 # It tells whether the machine code came from the cache, how long that took, and what the simulation gave.
 
@@ -253,7 +253,7 @@ def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fac
 
 def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fact]:
     """First simulation of the paper's injector in a fresh process: from the cache or not, and plausible or not."""
-    probe = run or (lambda: ask_child("commonrail.cli.machine", [], PATIENCE))
+    probe = run or (lambda: ask_child("commonrail.cli.doctor_facts", [], PATIENCE))
     first = probe()
     if "failed" in first:
         yield Fact("first simulation", "failed", f"Nothing can be simulated: {first['failed']}.", True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from commonrail.base.errors import InputError
-from commonrail.readers.child.program import Save
+from commonrail.readers.guarded.program import Save
 from commonrail.readers.limits import MOST_VALUES
 
 MOST_VARIABLES = 10_000

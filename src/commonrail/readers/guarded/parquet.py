@@ -13,7 +13,7 @@ import pyarrow
 from pyarrow import parquet, types
 
 from commonrail.base.errors import InputError
-from commonrail.readers.child.program import Save
+from commonrail.readers.guarded.program import Save
 from commonrail.readers.limits import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS
 
 LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to some hundred times as much
