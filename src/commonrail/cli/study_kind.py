@@ -57,7 +57,7 @@ def kind_of_run(folder: Path) -> StudyKind | None:
     """Kind of the study whose run a folder holds; None for that of an injector."""
     from commonrail.runs.journal import JOURNAL
 
-    if not (folder / JOURNAL).is_file():
+    if not (folder / JOURNAL).is_file() or (folder / "study.toml").is_file():  # whose injector may have any name
         return None
     parts = registry.entries("studies").items()
     return next((part.load() for name, part in parts if (folder / f"{name}.toml").is_file()), None)
