@@ -1,6 +1,6 @@
 """The loop over blocks, steps and lanes that the lanes run.
 
-Travelling waves wait in three ring buffers behind one pointer, the other rows of `rows.Working` behind another.
+Travelling waves wait in three ring buffers behind one pointer, the other rows of `recorder.Working` behind another.
 Parameters are read once, through the rings' memory, before the first wave is written. How many lanes there are, and in
 which precision, is a choice of the machine: see `Vector`.
 """
@@ -102,7 +102,7 @@ def gather_number(target, to, source, where):  # type: ignore[no-untyped-def]
 def make_wave_transport(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, Law]:
     """Functions that bring the waves that arrive in step k, and take those that leave, from and into their rings.
 
-    `copy` (function (target, to, source, first)): copies a row; `gather`: as `registers.row_gatherer`; needed for
+    `copy` (function (target, to, source, first)): copies a row; `gather`: as `entry.row_gatherer`; needed for
     several lanes.
     """
 
@@ -142,7 +142,7 @@ class Inlets(NamedTuple):
 
 
 def make_clocks(rows: Any, read: Law) -> Inlets:
-    """Inlets from `Courses`; `read`: as `registers.clock_reader`."""
+    """Inlets from `Courses`; `read`: as `entry.clock_reader`."""
 
     @physics
     def clock_of(courses, points):  # type: ignore[no-untyped-def]
@@ -195,7 +195,7 @@ class Machine(NamedTuple):
 
     real: Any  # of the numbers that it computes in
     copy: Law  # function (target, to, source, first) that copies a row
-    gather: Law  # as `registers.row_gatherer`
+    gather: Law  # as `entry.row_gatherer`
     inlets: Callable[[Any], Inlets]  # function (rows) -> Inlets
     keep: Law  # function (work, rows, trace, block, k) that copies a state into a trace
     vectors: Law  # `compiler.numba.widest_vectors` where lanes are vectors

@@ -1,4 +1,4 @@
-"""Longest time step of the fast engines for a direct-acting injector; see `stability` for the servo injector.
+"""Longest time step of the fast engines for a direct-acting injector; see `time_step` for the servo injector.
 
 Armature and needle are judged as two masses with all contacts closed that can be at once: the armature on its stop and
 on the needle, the needle on its seat and on the fuel enclosed in the SAC. Leapfrog bears the largest eigenvalue λ of

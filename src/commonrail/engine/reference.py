@@ -1,7 +1,7 @@
 """The reference engine: the same equations by SciPy's LSODA, error-controlled, restarted at every switching.
 
 Slow and obvious; the lanes are judged by it. Where LSODA shrinks its step to nothing behind a kink, DOP853 does the
-segment. Pipes are resolved by `cells` finite volumes. On request the explicit march of `explicit` solves instead.
+segment. Pipes are resolved by `cells` finite volumes. On request `reference_runge_kutta` solves instead.
 """
 
 from __future__ import annotations

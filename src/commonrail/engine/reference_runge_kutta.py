@@ -125,7 +125,7 @@ def compiled_march(variant: Variant) -> Callable[..., bool]:
 def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
     """Boundary courses at time t between stops k and k + 1, linear.
 
-    `outside`: fields of `rates.Outside`, to be set; `t`: [s].
+    `outside`: fields of `equations.Outside`, to be set; `t`: [s].
     """
     stops, courses = plan.stops, plan.courses
     share = (t - stops[k]) / (stops[k + 1] - stops[k])

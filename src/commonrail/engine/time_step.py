@@ -22,15 +22,15 @@ from commonrail.physics.variants import Variant
 # Longest time step of the fast engines for an injector: stability of what moves, travel times of the waves.
 #
 # Leapfrog with dampers at the extrapolated velocity (3 v_{n−1/2} − v_{n−3/2})/2 is stable for M z̈ + C ż + K z = 0 as
-# long as 4 M − dt² K − 4 dt C is positive definite: there the fastest mode, of period 2 dt, begins to grow. The needle
-# chain is judged in contact with seat and stop and pressed on by the fuel enclosed in its chambers, whose stiffness is
-# K_f A²/V each. The matrix has three diagonals: its pivots decide. A volume that is drawn on before its own pressure
-# answers must hold more than a wave draws from it in a step.
+# long as 4 M − dt² K − 4 dt C is positive definite; where it is not, the mode of period 2 dt grows. Numerov's
+# correction does not shorten that limit. The needle chain is judged in contact with seat and stop and pressed on by
+# the fuel enclosed in its chambers, whose stiffness is K_f A²/V each. The matrix has three diagonals: its pivots
+# decide. A volume that is drawn on before its own pressure answers must hold more than a wave draws from it in a step.
 
 Values = Mapping[str, Any]
 
-# Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The
-# contact's damping counts at this speed of impact [m/s].
+# Largest ω dt of the valve on its seat or stop: leapfrog's correction of third order (`contact_over_step`) needs it
+# well below one. The contact's damping counts at this speed of impact [m/s].
 RESOLVED, IMPACT = 0.35, 1.0
 RIGID = 0.7  # largest ω dt of one rigid mass on its seat and stop: of second order, and all its energy in that mode
 # Share of the accumulation volume that a wave may draw through the seat's bore in a step: with a SAC as large as the

@@ -31,7 +31,7 @@ class Volumes(NamedTuple):
 
 
 class Drain(NamedTuple):
-    """(c_d A)² Δp of A-hole and valve [m⁴ Pa], and its derivatives in the pressure before and behind them [m⁴]."""
+    """(c_d A)² Δp of A-hole and valve [m⁴ Pa], its derivative in the pressure before, minus that behind [m⁴]."""
 
     cda2_dp: float
     cda2: float
@@ -53,7 +53,7 @@ def middle(a: float, b: float) -> float:
 
 @physics
 def seat_pressure(c: Coefficients, gap_cda2: float, upstream: float, behind: float) -> float:
-    """Pressure [Pa] that opens the valve: what A-hole and seat, in series, leave in front of the seat.
+    """Pressure difference over the valve's seat [Pa], which opens it: what A-hole and seat in series leave before it.
 
     `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `upstream`, `behind`: pressures in the control chamber and behind the
     valve [Pa].
@@ -76,7 +76,7 @@ def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
 
 @physics
 def seat_cda2(c: Any, upstream: float, sac_pressure: float, tip: float) -> Restriction:
-    """Restriction of the needle seat's gap, and its derivative in either pressure; of either actuation.
+    """Restriction of the needle seat's gap, and its derivative; of either actuation.
 
     `upstream`, `sac_pressure`: pressures in front of the seat and in the SAC [Pa]; `tip`: lift of the needle's tip [m].
     """
@@ -111,7 +111,10 @@ def nozzle_flow(c: Any, sac: Contents, cylinder: float, discharge: float) -> Flo
 
 @physics
 def guide_leak(c: Coefficients, conductance: float, pressure: float, low: float) -> Flow:
-    """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure."""
+    """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure.
+
+    `conductance`: of `gap_conductance` [m³]; `pressure`, `low`: at both ends [Pa].
+    """
     slope = leakage_slope(conductance, fuel.fluidity(c.fuel, middle(pressure, low)))
     return Flow(slope * (pressure - low), slope)
 

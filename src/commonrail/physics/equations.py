@@ -9,6 +9,8 @@ all pressures are taken at one time. Numbers of equations are the paper's; (3) i
     q_Z, q_A, q_seat, q_nozzle: orifices (4), c_d of the nozzle (9); q_leak: guides (5)
     feed pipe and return line                                                                   (6)
     M z̈ = Σ F of plunger and needle                                                             (10)
+    M ẍ = F_ev − spring + pressure + contact of armature and shutter                            Newton's law
+    dm/dt (rail volume)     = −q_inlet − x q_Z                                                   (3)
     N dφ/dt = v − R i, F_ev of the solenoid                                                     (11), (12)
 
 with x the share of the Z-hole that is fed from the pipe's inlet. A direct-acting injector has neither Z- and A-hole nor
@@ -160,7 +162,7 @@ def feed(c: Coefficients, law: Any, at: Inlet, accumulation: float, control: flo
 def past_limit(c: Any, peak: float, conducting: float, flux: float, gap: float) -> float:
     """Positive once the PWM's current has passed the limit at which it switches; relative to its band.
 
-    `flux`: linked by the coil [Wb]; `gap`: air gap that the armature leaves [m]; `peak`, `conducting`: as in `Outside`.
+    `flux`: φ through one turn [Wb]; `gap`: air gap that the armature leaves [m]; `peak`, `conducting`: as in `Outside`.
     """
     in_peak = peak > 0.5
     mean = c.drive.peak_current if in_peak else c.drive.hold_current

@@ -227,8 +227,12 @@ def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geome
 def _not_past_accumulation(here: Contents, upstream: float, density: float, mass: float, volume: float) -> float:
     """A SAC that draws near to the pressure of the accumulation volume stops at it, from either side.
 
-    The linearised root of Eq. (4) carries a drop of pressure that is four times its balance to the other side of the
-    seat, and from there back again: through a wide seat the two would swing about one another, more and more.
+    Linearised, Eq. (4) carries a drop of pressure over the seat that is more than four times the one at which seat and
+    nozzle pass equal flows to the other side of the seat, and back again: through a wide seat the two would swing about
+    one another, more and more.
+
+    `upstream`: pressure in the accumulation volume [Pa]; `density`: there [kg/m³]; `mass`: of the SAC, not yet limited
+    [kg]; `volume`: of the SAC after the step [m³].
     """
     alike = density * volume
     below, above = min(mass, max(alike, here.mass)), max(mass, min(alike, here.mass))
@@ -237,7 +241,10 @@ def _not_past_accumulation(here: Contents, upstream: float, density: float, mass
 
 @physics
 def _not_past_cylinder(c: Any, here: Contents, cylinder: float, mass: float, geometry: StepGeometry) -> float:
-    """A SAC that empties stops at cylinder pressure; the linearised root of Eq. (4) would pass it."""
+    """A SAC that empties stops at cylinder pressure; the linearised root of Eq. (4) would pass it.
+
+    `cylinder`: pressure [Pa]; `mass`: not yet limited [kg].
+    """
     rest = ambient_density(c.cylinder, cylinder) * geometry.after.sac
     emptying = here.pressure >= cylinder and geometry.after.sac <= geometry.before.sac
     return max(mass, min(rest, here.mass)) if emptying else mass

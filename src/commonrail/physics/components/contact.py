@@ -8,7 +8,10 @@ from commonrail.physics.law import physics
 
 
 class Contact(NamedTuple):
-    """Elastic force [N], pushing only, and its damping coefficient [N s/m], acting against the approach."""
+    """Elastic force [N], never pulling, and damping coefficient [N s/m] against approach and parting alike.
+
+    Bodies that part faster than 1/β would be held back.
+    """
 
     force: float
     damping: float
@@ -33,7 +36,7 @@ def contact(depth: float, stiffness: float, damping_factor: float) -> Contact:
 def mean_overlap(depth: float, move: float) -> float:
     """Mean of max(δ, 0) [m] over a path from `depth` − `move` to `depth` + `move`, weighted 1 − |s| as leapfrog does.
 
-    Midpoint rule on the four quarters of the path: exact where the bodies touch or part at none of them.
+    Midpoint rule on the four quarters of the path: exact where the bodies neither touch nor part on it.
 
     `depth`: overlap δ in the middle of the path [m]; `move`: half the path [m]; its sign does not matter.
     """

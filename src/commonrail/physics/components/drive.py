@@ -55,7 +55,7 @@ class Parameters(NamedTuple):
 
 
 class State(NamedTuple):
-    """Voltage of the PWM: 2 boost (first rise), 1 supply, 0 off."""
+    """Voltage of the PWM: 2 +boost (first rise), 1 +supply, 0 −quench."""
 
     conducting: float
 
@@ -135,7 +135,7 @@ def relaxed(rate: Rate, dt: float) -> float:
     by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
     (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
 
-    `rate`: rate at the start of the step, its value with the gap of the end, and its decay.
+    `rate`: for the flux at the start of the step and the gap of mid-step; its value with the gap of the end; its decay.
     """
     return risen(rate, dt) / damped(rate, dt)
 

@@ -15,7 +15,7 @@ from commonrail.physics.components import plunger_needle, rigid_body
 from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, Nine, SeatContact
 from commonrail.physics.law import physics, reciprocals
 
-ROUNDED = 0.01  # v_0: half of the dry friction acts at this speed [m/s]
+ROUNDED = 0.01  # v_0 [m/s]: half of the dry friction acts at this speed; 76 % of that of the bench
 
 
 @physics

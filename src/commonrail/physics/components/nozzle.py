@@ -10,7 +10,7 @@ from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
 
 # Eq. (9) shuts the holes at zero lift, which would cut a full SAC off from the cylinder. They are held
-# open as at this lift, far below z0.
+# open as at this lift [m], far below z0.
 RESIDUAL_LIFT = 1e-6
 
 # Rail pressure at which c_d(zM) has the value of `discharge_maximum` [Pa]: catalogue flows are measured there.
@@ -22,7 +22,7 @@ MEMORY = 15e-6
 
 
 _KNOT, _SHAPE = "lift of knot", "relative change of c_d(z) of Eq. (9) at knot"
-_USUAL_KNOT, _USUAL_SHAPE = (2e-6, 2e-3), (-0.6, 0.6)  # [m], [1]: see `furniture.Q`
+_USUAL_KNOT, _USUAL_SHAPE = (2e-6, 2e-3), (-0.6, 0.6)  # [m], [1]: see `parameters.Q`
 _MEMORY = "time in which c_d forgets the largest lift once needle and SAC are at rest"
 _USUAL_GROWTH = (-8e-9, 8e-9)  # [1/Pa]: 0.2 from 10 to 35 MPa, the range of direct-acting injectors
 

@@ -119,7 +119,7 @@ def nodal_forces(s: Seven, joint: float) -> Nine:
 
 
 _MASS = "mass of cylinder"
-_USUAL_STIFFNESS, _USUAL_MASS = (2e6, 5e9), (2e-5, 0.3)  # [N/m], [kg]: see `furniture.Q`
+_USUAL_STIFFNESS, _USUAL_MASS = (2e6, 5e9), (2e-5, 0.3)  # [N/m], [kg]: see `parameters.Q`
 _STIFFNESS = "axial stiffness E A/l of cylinder"
 
 
@@ -357,12 +357,12 @@ _springs = each(Seven, lambda k, stretch: k * stretch)
 
 @physics
 def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Nine:
-    """dt²/12 d²F/dt² of the springs of plunger and needle, of the joint and of the seat [N], not of the upper stop.
+    """dt²/12 d²F/dt² [N] of k1 to k7, of the joint and of the seat's elastic force; not of needle spring or upper stop.
 
     Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger rings on after an injection;
     the phase of its waves decides the pressure in the control chamber at which the next one begins.
 
-    `z`: positions [m]; `gain`: dt times the accelerations [m/s].
+    `z`: positions [m]; `gain`: dt times the accelerations at t_n, without contact damping [m/s].
     """
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
     rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0

@@ -32,7 +32,7 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Coefficients of the line; all are zero but the last without a line."""
+    """Coefficients of the line; all are zero without one."""
 
     impedance: float  # Z [Pa s/kg]
     per_cavity: float  # Z/dt, pressure that fills a cavity within a step, per missing mass [Pa/kg]

@@ -53,7 +53,7 @@ class Coefficients(NamedTuple):
 
 
 class State(NamedTuple):
-    """Flux linked by the coil and flux that pulls, behind the eddy currents [Wb]."""
+    """Flux φ through one turn of the coil and flux φ_f that pulls, behind the eddy currents [Wb]."""
 
     flux: float
     pulling_flux: float

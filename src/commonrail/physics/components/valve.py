@@ -186,5 +186,5 @@ def land_resistance(c: Coefficients, lift: float, fluidity: float) -> float:
 
     `lift`: lift [m]; `fluidity`: 1/ν of the fuel in the film [s/m²].
     """
-    h = max(lift, TINY_GAP)
-    return c.land / (fluidity * h * h * h)
+    z = max(lift, TINY_GAP)  # sin³ θ of h = z sin θ is in c.land
+    return c.land / (fluidity * z * z * z)

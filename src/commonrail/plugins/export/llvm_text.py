@@ -59,7 +59,7 @@ def _file_name(variant: Variant, which: str) -> str:
 def _own_stamp(which: str) -> str:
     """Digest of the sources of this package that decide over the text; those of the physics name the folder."""
     digest = hashlib.sha256()
-    for name in ("entries.py", "texts.py"):
+    for name in ("entry_points.py", "llvm_text.py"):
         digest.update(Path(__file__).with_name(name).read_bytes())
     return digest.hexdigest()
 
