@@ -18,10 +18,15 @@ from tests.distribution import distribution
 
 @pytest.fixture
 def plugin(tmp_path: Path) -> Iterator[None]:
-    """Distribution with a reader that works, one whose module cannot be imported and one that does not exist."""
-    modules = {"example_tdms": "SHEET = 'sheet of TDMS'\n", "example_broken": "raise OSError('no driver')\n"}
+    """Distribution with a reader that works, two whose modules cannot be imported and one that does not exist."""
+    modules = {
+        "example_tdms": "SHEET = 'sheet of TDMS'\n",
+        "example_broken": "raise OSError('no driver')\n",
+        "example_leaves": "import sys\nsys.exit(7)\n",
+    }
     parts = (
         "[commonrail.readers]\ntdms = example_tdms:SHEET\nbroken = example_broken:SHEET\nabsent = example_tdms:OTHER\n"
+        "leaves = example_leaves:SHEET\n"
     )
     with distribution(tmp_path, modules, parts):
         yield
@@ -36,7 +41,7 @@ def test_a_part_of_an_installed_package_is_loaded_by_its_name() -> None:
 
 
 @pytest.mark.usefixtures("plugin")
-@pytest.mark.parametrize(("name", "reason"), [("broken", "no driver"), ("absent", "OTHER")])
+@pytest.mark.parametrize(("name", "reason"), [("broken", "no driver"), ("absent", "OTHER"), ("leaves", "sys.exit.7")])
 def test_a_broken_plug_in_is_named_with_its_reason(name: str, reason: str) -> None:
     entry = registry.find("readers", name)
     assert entry is not None

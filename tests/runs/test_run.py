@@ -27,6 +27,7 @@ from commonrail.calibration.identifiability import identify
 from commonrail.calibration.space import Space
 from commonrail.calibration.study_file.file import load_study
 from commonrail.runs.fit import Listener, calibrate_into, resume
+from commonrail.runs.folder import read_fit
 from commonrail.runs.journal import Journal
 from commonrail.runs.listing import list_runs
 from tests.runs.conftest import (
@@ -217,6 +218,16 @@ def test_changed_data_are_refused(stopped: Stop, study_file: Path) -> None:
     data.write_text(data.read_text(encoding="utf-8").replace("0.0", "0.1", 1), encoding="utf-8")
     with pytest.raises(StudyError, match=r"small/data/evi\.csv has been changed since .*--as-begun"):
         resume(run)
+
+
+def test_data_of_a_run_that_changed_after_the_fit_are_refused(whole: Whole, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(whole.run, run)
+    read_fit(run)
+    data = run / "data" / "evi.csv"
+    data.write_text(data.read_text(encoding="utf-8").replace("0.0", "0.1", 1), encoding="utf-8")
+    with pytest.raises(InputError, match=r"evi\.csv: the file was changed after the fit"):
+        read_fit(run)
 
 
 def test_two_at_once_are_told_of_each_other(stopped: Stop) -> None:

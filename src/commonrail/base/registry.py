@@ -118,7 +118,10 @@ class Entry(NamedTuple):
         Raises `PluginError` if the import of an installed plug-in fails, whatever its reason.
         """
         with self.blamed(f"cannot be loaded from {self.target}"):
-            return load(self.target)
+            try:
+                return load(self.target)
+            except SystemExit as error:  # a package that leaves by sys.exit takes no other one with it
+                raise ImportError(f"sys.exit({error})") from error
 
     def call(self, *args: Any) -> Any:
         """Load the function and call it; `PluginError` for what one of an installed plug-in raises."""

@@ -11,6 +11,7 @@ from typing import Any
 from commonrail.base.arguments import file_path, instance, mapping
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
+from commonrail.base.input import read_plain, sha256
 from commonrail.base.output import check_sum, summed, write_text, writing
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
@@ -209,6 +210,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     folder = file_path(folder, "folder")
     record = read_result(folder)
     note_stopped(folder, record)
+    _refuse_changed_data(folder, record)
     study = load_study(folder / STUDY)
     refuse_foreign(folder, record)
     try:
@@ -238,6 +240,18 @@ def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
         raise InputError(
             f"{folder}: {RESULT} is not the result of {STUDY} beside it, it has {other[0]}; take the files of one run."
         )
+
+
+def _refuse_changed_data(folder: Path, record: Mapping[str, Any]) -> None:
+    """Refuse (`InputError`) a folder whose copy of a data file is not what the fit has read."""
+    read = {str(file["name"]): str(file["sha256"]) for file in record.get("files", ())}
+    for name in read:
+        copy = folder / "data" / name
+        # a copy of a TOML file names the copies of others
+        if copy.suffix != ".toml" and copy.is_file() and sha256(read_plain(copy)) not in read.values():
+            raise InputError(
+                f"{copy}: the file was changed after the fit; bring it back as it was, or calibrate again."
+            )
 
 
 def members_of(folder: Path) -> list[str]:

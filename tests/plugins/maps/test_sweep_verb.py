@@ -33,6 +33,12 @@ def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> Non
     assert "Dwell" not in facts  # it is varied
 
 
+def test_an_option_that_states_what_is_varied_is_refused(command: Command) -> None:
+    done = command("sweep", "virtual-lino-2016", "--vary", "rail_pressure=80,120MPa", "--rail-pressure", "20MPa")
+    assert done.status == 2
+    assert "--rail-pressure: --vary rail_pressure gives its values" in done.err
+
+
 def test_a_sweep_of_parameters_and_temperature_as_json(command: Command) -> None:
     done = command(
         "sweep",
@@ -54,7 +60,7 @@ def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -
     done = command(
         "sweep",
         "virtual-lino-2016",
-        *("--vary", "dwell=1000,2000us", "--vary", "rail_pressure=100,160MPa", "--hold", "2,5mm3", *TWO),
+        *("--vary", "dwell=1000,2000us", "--vary", "rail_pressure=100,160MPa", "--hold", "2,5mm3", *TWO[:4]),
         *("--longest", "600us", "--out", dcm, "--out", csv, "--report", report),
     )
     assert done.status == 0, done.err

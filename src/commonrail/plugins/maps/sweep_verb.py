@@ -6,6 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import click
+from click.core import ParameterSource
+
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
@@ -82,6 +85,7 @@ def sweep(
     from commonrail.plugins.maps.sweep import sweep as run
     from commonrail.runs.model_name import read_model_name
 
+    _refuse_varied(vary)
     for path in out:
         check_file(path, "--out")
         if hold is not None:
@@ -119,6 +123,14 @@ class _Outcome(NamedTuple):
     html: Callable[[], str]
     record: Callable[[], dict[str, Any]]
     show: Callable[[], None]
+
+
+def _refuse_varied(vary: tuple[str, ...]) -> None:
+    """Refuse an option that states what `--vary` varies."""
+    context = click.get_current_context()
+    for name in (text.partition("=")[0].strip() for text in vary):
+        if name in context.params and context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise InputError(f"--{name.replace('_', '-')}: --vary {name} gives its values; omit one of the two.")
 
 
 def _variable(text: str) -> Variable:
