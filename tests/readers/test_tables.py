@@ -144,9 +144,9 @@ HEADERS = {
     "long line": ("x" * 100_001 + GOOD, "line 1: the line has 100024 characters, more than the 100000"),
     "digits without end": (GOOD.replace("3,2", "3," + "2" * 5000), 'line 3, column "rate": "2{40}" is not a finite'),
     "beyond a float": (GOOD.replace("3,2", "3,1e400"), '"1e400" is not a finite number'),
-    "beyond a float in its unit": (
+    "beyond all that is measured": (
         GOOD.replace("[mm3/ms]", "[m3/us]").replace("3,2", "3,1e305"),
-        'line 3, column "rate": the number is too large for its unit',
+        'line 3, column "rate": "1e305" is larger than any measured value',
     ),
     "quote without end": (GOOD.replace("3,2", '3,"2'), "line 3: the row cannot be read"),
 }

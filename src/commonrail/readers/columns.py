@@ -184,12 +184,19 @@ def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:
     return Place(str(path), f'{word} {row}, column "{column}"')
 
 
+LARGEST = 1e100  # number that is read from a file; the squares of larger numbers overflow
+
+
 def finite(table: Table, wanted: Sequence[Column], sentence: str) -> Table:
-    """The table, refused with a sentence at the first number that is not finite; NaN is one where none is required."""
+    """The table, refused with a sentence at the first number that is not finite or beyond `LARGEST`.
+
+    NaN passes where no number is required.
+    """
     for column in wanted:
         if column.unit:
             values = table.columns[column.name]
-            wrong = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
+            sound = np.abs(values) <= LARGEST
+            wrong = np.flatnonzero(~sound if column.required else ~(sound | np.isnan(values)))
             if len(wrong):
                 raise table.place(column.name, int(wrong[0])).error(sentence)
     return table

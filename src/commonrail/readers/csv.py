@@ -23,7 +23,16 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 from commonrail.base.output import restored, restored_note
 from commonrail.base.units import fits
-from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.columns import (
+    LARGEST,
+    PLAIN,
+    Column,
+    FileForm,
+    Table,
+    cell_place,
+    find_column,
+    name_and_unit,
+)
 from commonrail.readers.limits import LONGEST_NAME, check_columns, read_lines
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
@@ -105,9 +114,11 @@ class CsvFile:
             value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
         except ValueError:
             value = math.nan
-        if math.isfinite(value) and "_" not in text:
+        if abs(value) <= LARGEST and "_" not in text:
             return value
         at = cell_place(self.path, line, column.name)
+        if math.isfinite(value) and "_" not in text:
+            raise at.error(f'"{text}" is larger than any measured value')
         if not text:
             raise at.error("the cell is empty, and a number is expected")
         if re.fullmatch(r"[+-]?\d+,\d+", text):

@@ -139,11 +139,8 @@ def _kind(column: Column, given: str, at: Place) -> str:
 
 
 def _check(table: Table, column: Column) -> None:
-    """Refuse what has grown too large for a number when it became SI, or lies outside the domain."""
+    """Refuse what lies outside the domain of its column."""
     values = table.columns[column.name]
-    beyond = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
-    if len(beyond):
-        raise table.place(column.name, int(beyond[0])).error("the number is too large for its unit")
     if column.domain is not Domain.ANY:
         outside = np.flatnonzero(~(column.domain.admits(values) | np.isnan(values)))
         if len(outside):
