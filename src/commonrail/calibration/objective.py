@@ -33,7 +33,7 @@ class Scores(NamedTuple):
 
 
 class FitObjective(Protocol):
-    """What a fit makes small: for candidates (n, names), SI, their costs and residuals."""
+    """Function that a fit minimises: costs and residuals of candidates (n, names), SI."""
 
     @property
     def statuses(self) -> type[IntEnum]:

@@ -265,7 +265,7 @@ def objective_of(study: Study, threads: int | None) -> Objective:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult:
-    """What a search has found: the part that the results of all kinds of fit share.
+    """Result of a search: the part that the results of all kinds of fit share.
 
     Attributes
     ----------

@@ -220,7 +220,7 @@ class Space:
 
 
 class _Limits(NamedTuple):
-    """What a space needs again and again of its bounds and straight constraints."""
+    """Arrays of bounds and linear constraints that a space uses repeatedly."""
 
     span: Floats  # (d,), distance of the bounds, SI
     log_span: Floats  # (d,), ln(upper/lower) of logarithmic parameters, 0 of linear ones

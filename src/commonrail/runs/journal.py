@@ -177,7 +177,7 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
 
 
 def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> bool:
-    """Whether a file holds a journal of which every row is the one that was written; False if it is empty.
+    """True if a file holds a journal of which every row is the one that was written; False if it is empty.
 
     `with_log`: there is a write-ahead log beside it.
     """

@@ -46,7 +46,7 @@ class Schema:
         connection.executescript(f"BEGIN; {self.text} PRAGMA user_version = {VERSION}; COMMIT;")
 
     def check(self, connection: sqlite3.Connection, path: Path) -> bool:
-        """Whether a file holds the tables; False if it is empty.
+        """True if a file holds the tables; False if it is empty.
 
         `StudyError` if another version of commonrail wrote it, or it is another kind of file.
         """

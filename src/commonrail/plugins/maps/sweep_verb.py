@@ -117,7 +117,7 @@ def sweep(
 
 
 class _Outcome(NamedTuple):
-    """What is made of a result: a file, a page, a record, and text in the terminal."""
+    """Outputs of a result: a file, a page, a record, and text in the terminal."""
 
     write: Callable[[Path], None]
     html: Callable[[], str]

@@ -77,7 +77,7 @@ KEPT = 0.999  # share of a discrepancy's variance that its loads hold
 
 
 def has_discrepancy(block: Block) -> bool:
-    """Whether a data set states a discrepancy that is correlated."""
+    """True if a data set states a discrepancy that is correlated."""
     return bool(block.noise.discrepancy and block.noise.length)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass
 from enum import Enum
 from typing import Any, NamedTuple
@@ -31,12 +32,12 @@ from commonrail.readers.toml_fields import UNSTATED
 # Distributions of a dimension over parts, as values at shares of the parts.
 
 
-class Distribution:
+class Distribution(ABC):
     """Distribution of a dimension, a data class of numbers [SI]."""
 
+    @abstractmethod
     def at(self, shares: Floats) -> Floats:
         """Value below which a share of the parts lies, for shares between 0 and 1."""
-        raise NotImplementedError
 
     @property
     def kind(self) -> str:
