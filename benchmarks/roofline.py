@@ -26,10 +26,10 @@ import numpy as np
 from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, time_best
 from commonrail.base.choices import Precision
-from commonrail.compiler import lower
 from commonrail.compiler.target import own_processor
 from commonrail.engine import lanes, plan
-from commonrail.engine.entry import make_entry
+from commonrail.engine.job import VECTORS
+from commonrail.engine.machine_code import assembly
 from commonrail.engine.plan import candidate_matrix
 from commonrail.plugins.paper import study
 
@@ -194,7 +194,7 @@ def figures(block: list[str], steps: int, times: Times, bound: float | None) -> 
 def measure(precision: Precision) -> dict[str, Any]:
     """The step of one precision, measured on this machine."""
     variant = injector().variant
-    vector = lanes.VECTORS[precision]
+    vector = VECTORS[precision]
     values = candidates(8 * vector.lanes)
     steps = round(POINT.duration / TIME_STEP)
     theta = candidate_matrix(injector(), study.NAMES, values)
@@ -202,7 +202,7 @@ def measure(precision: Precision) -> dict[str, Any]:
     lanes.run(job, variant, precision=precision)
     seconds = _best(lambda: lanes.run(job, variant, precision=precision), 30)
     hertz = clock()
-    text = lower.assembly(make_entry(variant, vector), "kernel", own_processor(), vector.real)
+    text = assembly(variant, vector, own_processor())
     block = step_block(text)
     times = Times(seconds, measured_bound(block), hertz)
     return {

@@ -14,7 +14,7 @@ from contextlib import suppress
 import commonrail
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.compiler.target import own_processor
-from commonrail.engine.lanes import VECTORS
+from commonrail.engine.job import VECTORS
 from commonrail.engine.machine_code import object_of
 from commonrail.physics.variants import Variant
 

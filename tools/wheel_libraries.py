@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.base.errors import ConfigurationError
-from commonrail.compiler.cache import sources_stamp
-from commonrail.compiler.target import LEVEL_3, LEVEL_4, Processor, lane_settings, package_version
-from commonrail.engine.lanes import VECTORS
+from commonrail.compiler.cache import files_stamp, sources_stamp
+from commonrail.compiler.target import LEVEL_3, LEVEL_4, Processor, package_version
+from commonrail.engine.job import VECTORS
 from commonrail.engine.machine_code import COMPILERS, FOLDER, STAMP, digest, file_of, object_of, symbol_of
 from commonrail.engine.simulate import usable_threads
 from commonrail.physics.variants import Variant
@@ -82,7 +82,7 @@ def write_libraries(
             os.replace(shutil.copy(library, folder / f".{library.name}"), made[-1])
     stamp = {
         "sources": sources_stamp(),
-        "settings": lane_settings(),
+        "files": files_stamp(),
         "libraries": {path.name: digest(path) for path in made},
         **{package: package_version(package) for package in COMPILERS},
     }

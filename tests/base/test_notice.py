@@ -11,11 +11,7 @@ import pytest
 from commonrail.base import hooks
 from commonrail.base.hooks import note, quiet, tell_notes, tell_of_compiling
 from commonrail.compiler.cache import cache_folder
-from commonrail.compiler.numba import kernel
-
-
-def double(x: float) -> float:
-    return 2.0 * x
+from tests.compiler.doubled import value
 
 
 def test_the_first_use_alone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,12 +28,11 @@ def test_the_first_use_alone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     before = tell_of_compiling(told)
     try:
         for _ in range(2):  # as two processes: kernels of their own, and one folder
-            run = kernel(double, "a kernel of a test")
-            said += [run(1.0), run(2.0)]
+            said += [value(1.0), value(2.0)]
     finally:
         tell_of_compiling(before)
         cache_folder.cache_clear()
-    assert said == ["begin", "end", 2.0, 4.0, 2.0, 4.0]
+    assert said == ["begin", "begin", "end", "end", 2.0, 4.0, 2.0, 4.0]
 
 
 def test_notes_inside_a_quiet_block_are_not_told() -> None:

@@ -14,10 +14,10 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.choices import Precision
-from commonrail.compiler import exact, lower
+from commonrail.compiler import lower, target
 from commonrail.compiler.target import describe
 from commonrail.engine import lanes, machine_code
-from commonrail.engine.entry import make_entry
+from commonrail.engine.job import VECTORS
 from commonrail.physics.variants import Variant
 from tests.cli.conftest import run_command
 from tests.runs.conftest import write_small
@@ -26,43 +26,22 @@ ROOT = Path(__file__).resolve().parents[2]
 POINT = cr.OperatingPoint(160e6, 300e-6)
 
 
-def test_exact_texts_give_the_compiler_no_leave_to_reorder() -> None:
-    """Flags of operations, comparisons and calls; a name of a value that reads like one stays."""
-    written = """
-        %.1 = fmul arcp contract nsz reassoc double %a, %b
-        %.2 = fcmp contract nsz ogt double %.1, %b
-        %.3 = call arcp contract nsz reassoc double @llvm.fabs.f64(double %.1)
-        %.4 = fneg nsz float %c
-        %arcp = fadd double %.1, %contract
-    """
-    assert lower.without_liberties(written).split("\n")[1:-1] == [
-        "        %.1 = fmul double %a, %b",
-        "        %.2 = fcmp ogt double %.1, %b",
-        "        %.3 = call double @llvm.fabs.f64(double %.1)",
-        "        %.4 = fneg float %c",
-        "        %arcp = fadd double %.1, %contract",
-    ]
-
-
 @pytest.mark.slow
-def test_no_leave_is_left_in_what_numba_writes() -> None:
-    entry = make_entry(Variant("rigid"), lanes.VECTORS[Precision.F64])
-    left, seen = [lower._recorded(entry, lower._OF_A_TABLE, False)[0]], []
-    while left:
-        one = left.pop()
-        seen += [text for _, text in one.texts]
-        left += [other for other in one._linking_libraries if isinstance(other, lower._Recorded)]
-    flags = re.compile(r" (nsz|arcp|contract|reassoc|fast|nnan|ninf|afn) ")
-    assert sum(len(flags.findall(text)) for text in seen) > 1000
-    assert not any(flags.search(lower.without_liberties(text)) for text in seen)
+def test_no_leave_to_fuse_or_reorder_is_in_an_exact_text() -> None:
+    flags = re.compile(r" (?:nsz|arcp|contract|reassoc|fast|nnan|ninf|afn) ")
+    vector = VECTORS[Precision.F64]
+    for exact in (False, True):
+        (text,) = lower.texts(machine_code.source_of(Variant("rigid"), vector, exact)).values()
+        assert (len(flags.findall(text)) > 1000) is not exact
+        assert bool(flags.search(text)) is not exact
 
 
 def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(platform, "machine", lambda: "x86_64")
-    assert exact.missing() is None
+    assert target.missing() is None
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
     with pytest.raises(cr.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
-        exact.exact_processor()
+        target.exact_processor()
 
 
 def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -88,7 +67,7 @@ def test_other_engines_do_not_promise_bits(monkeypatch: pytest.MonkeyPatch, engi
         cr.simulate(rigid, POINT, engine, same_bits=True)
 
 
-@pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
+@pytest.mark.skipif(target.missing() is not None, reason="this machine is no x86-64")
 def test_the_result_is_that_of_this_machine_to_rounding(rigid: cr.Injector) -> None:
     names, values = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
     one, two, own = (
@@ -123,7 +102,7 @@ LEVELS = {
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
+@pytest.mark.skipif(target.missing() is not None, reason="this machine is no x86-64")
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 def test_code_for_other_processors_gives_the_same_bits(precision: str) -> None:
     """Registers of 128, 256 and 512 bits, with and without fused operations, of the same source."""

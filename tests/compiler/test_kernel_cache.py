@@ -12,14 +12,16 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
-import numba
+import numpy as np
 import pytest
-from numba.core.config import _OptLevel
 
 from commonrail.base import hooks
 from commonrail.base.hooks import tell_notes
 from commonrail.compiler import cache as kernel_cache
-from commonrail.compiler.numba import kernel
+from commonrail.compiler.load import load, object_of
+from commonrail.compiler.table import address, fill
+from commonrail.compiler.target import own_processor
+from tests.compiler import doubled
 
 POSIX = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes of files are POSIX's")
 
@@ -27,8 +29,10 @@ POSIX = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes o
 Answer = tuple[float, int, str]
 
 
-def double(x: float) -> float:
-    return 2.0 * x
+def fresh() -> None:
+    """Forget which folder is used, as another process would not know it."""
+    for known in (kernel_cache.cache_folder, kernel_cache._home):
+        known.cache_clear()
 
 
 @pytest.fixture
@@ -40,15 +44,21 @@ def answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     before = hooks._note
 
     def use() -> Answer:
-        kernel_cache.cache_folder.cache_clear()
+        fresh()
         notes: list[str] = []
         tell_notes(notes.append)
-        run = kernel(double, "a kernel of a test")
-        return run(21.0), sum(run.compiled.stats.cache_hits.values()), "\n".join(notes)
+        content, made = object_of(doubled.source(), {"double": "double"}, own_processor())
+        call, holder = load(content, "double")
+        out = np.zeros(1)
+        table, given = fill(doubled.GIVEN, (21.0, out))
+        result = np.zeros(2, np.int64)
+        call(address(result), address(result) + 8, address(table))
+        del holder, given
+        return float(out[0]), int(not made), "\n".join(notes)
 
     yield use
     tell_notes(before)
-    kernel_cache.cache_folder.cache_clear()
+    fresh()
 
 
 def kept(cache: Path) -> Path:
@@ -74,16 +84,34 @@ def test_a_kernel_with_a_flipped_bit_is_compiled_anew_once_with_a_note(
     kept(tmp_path).write_bytes(content)
     *said, noted = answer()
     assert said == [42.0, 0]
-    assert "is damaged; this simulation is compiled anew" in noted
+    assert "is damaged; it is made anew" in noted
     assert answer() == (42.0, 1, "")
 
 
-def test_a_kernel_compiled_with_other_settings_is_not_taken(
-    answer: Callable[[], Answer], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for level, hits in ((3, 0), (1, 0), (3, 1)):
-        monkeypatch.setattr(numba.config, "OPT", _OptLevel(level))
-        assert answer() == (42.0, hits, "")
+def test_a_kernel_of_another_processor_or_kind_is_not_taken(answer: Callable[[], Answer]) -> None:
+    assert answer()[1] == 0
+    for source, processor in (
+        (doubled.source(), own_processor()._replace(name="x86-64")),
+        (doubled.source(kind="exact"), own_processor()),
+        (doubled.source()._replace(key="another law"), own_processor()),
+    ):
+        assert object_of(source, {"double": "double"}, processor)[1]
+    assert answer()[1] == 1
+
+
+WITH_WORDS = """
+def law(x):
+    \"\"\"Words.\"\"\"
+    return 2.0 * x  # more words
+"""
+
+
+def test_comments_and_docstrings_are_no_part_of_a_stamp(tmp_path: Path) -> None:
+    path, stamps = tmp_path / "law.py", []
+    for text in (WITH_WORDS, WITH_WORDS.replace("ords", "ay"), WITH_WORDS.replace("2.0", "2.1")):
+        path.write_text(text, encoding="utf-8")
+        stamps.append(kernel_cache._meaning((path,)))
+    assert stamps[0] == stamps[1] != stamps[2]
 
 
 def test_no_flipped_bit_and_no_lost_end_is_read(tmp_path: Path) -> None:
@@ -160,7 +188,10 @@ def test_a_folder_that_somebody_else_could_write_to_is_left_with_a_note(
 OVERTAKEN = """
 import os, subprocess, sys
 from contextlib import contextmanager
-from commonrail.compiler.numba import kernel
+from commonrail.compiler.load import load, object_of
+from commonrail.compiler.table import address, fill
+from commonrail.compiler.target import own_processor
+from tests.compiler import doubled
 from commonrail.base.hooks import tell_of_compiling
 
 @contextmanager
@@ -171,19 +202,15 @@ def told():
 
 tell_of_compiling(told)
 
-def double(x):
-    return 2.0 * x
-
-run = kernel(double, "a kernel of a test")
-run(1.0)
-print("OTHER" in os.environ, sum(run.compiled.stats.cache_hits.values()), flush=True)
+made = object_of(doubled.source(), {"double": "double"}, own_processor())[1]
+print("OTHER" in os.environ, int(not made), flush=True)
 """
 
 
 def test_a_kernel_that_another_process_has_just_compiled_is_taken_from_it(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(OVERTAKEN, encoding="utf-8")
-    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True", "0", "False", "1"]
 

@@ -282,7 +282,7 @@ def test_a_loop_refuses_a_table_that_was_made_for_another(
     use: pytest.MonkeyPatch, rigid: cr.Injector, wrong: str
 ) -> None:
     """It writes nothing then: a loop of the wrong wiring would write past the end of its memory."""
-    shape = lanes.shape_of(rigid.wired(), lanes.VECTORS[Precision.F64])
+    shape = lanes.shape_of(rigid.wired(), job.VECTORS[Precision.F64])
     other = shape._replace(**{wrong: getattr(shape, wrong) - 1})
     use.setattr(lanes, "shape_of", lambda variant, vector: other)
     with pytest.raises(SimulationError, match="made for another injector"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -12,13 +13,15 @@ import pytest
 
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
-from commonrail.compiler import numba as jit
+from commonrail.compiler import laws as jit
+from commonrail.compiler import lower
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.physics import law as laws
 from commonrail.physics.injector import Injector
 from commonrail.plugins.verification.run import difference
+from tests.compiler import doubled
 from tests.engine.test_batch import POINTS, K, failing, same_bits, stiffnesses
 
 compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the JIT is switched off: all numbers are double")
@@ -182,21 +185,8 @@ def test_a_twin_has_its_closure_in_single() -> None:
     assert twin(2.0) == 2.0 * float(np.float32(0.1)) + 2
 
 
-@laws.physics
-def users_law(x: float) -> float:
-    """From outside the package, with a constant of its own and one of its module."""
-    return RATIO + 0.3 * x
-
-
-@compiled
-def test_a_law_from_outside_the_package_works_in_single_too() -> None:
-    def loop(x):  # type: ignore[no-untyped-def]
-        return users_law(x)
-
-    single = jit.kernel(loop, "a user's law, f32", (users_law,), real=np.float32)
-    x = np.float32(0.7)
-    single(x)
-    (signature,) = single.compiled.signatures
-    assert str(single.compiled.overloads[signature].signature.return_type) == "float32"
-    assert single(x) == np.float32(RATIO) + np.float32(0.3) * x or abs(single(x) - 0.31) < 1e-7  # fused or not
-    assert jit.kernel(loop, "a user's law, f64", (users_law,))(0.7) == pytest.approx(users_law(0.7), rel=1e-15)
+def test_a_law_is_compiled_with_constants_of_the_precision_of_its_arguments() -> None:
+    """Constants in double would draw everything that they touch along; so would that of a module."""
+    (text,) = lower.texts(doubled.source("single", "f32")).values()
+    assert "fmul" in text
+    assert not re.search(r"\bdouble\b", text)

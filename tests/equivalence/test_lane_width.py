@@ -15,9 +15,9 @@ CODE = """
 import sys
 import numpy as np
 import commonrail as cr
-from commonrail.engine import lanes
-double = lanes.Precision.F64
-lanes.VECTORS[double] = lanes.VECTORS[double]._replace(lanes=int(sys.argv[1]))
+from commonrail.base.choices import Precision
+from commonrail.engine.job import VECTORS
+VECTORS[Precision.F64] = VECTORS[Precision.F64]._replace(lanes=int(sys.argv[1]))
 from commonrail.calibration.objective import Objective
 study = cr.load_study(sys.argv[2])
 objective = Objective(study.injector, study.space.names, study.data, study.time_step, 1)

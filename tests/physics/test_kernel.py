@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-import commonrail.compiler.numba  # noqa: F401 - laws can be compiled from here on
+from commonrail.compiler.laws import declare_laws
 from commonrail.physics import fuel_kernel
 from commonrail.physics.fuel_kernel import FuelCoefficients, fuel_coefficients
 from commonrail.readers.fuel import load_fuel
@@ -120,6 +120,8 @@ def test_a_density_that_is_not_a_number_stays_visible() -> None:
 def test_laws_run_inside_a_compiled_loop_over_lanes() -> None:
     f = fuel_coefficients(load_fuel("iso4113"), 353.15)
     pressures = np.linspace(-20e6, 300e6, 33)
+
+    declare_laws("f64")
 
     @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
     def there_and_back(f: FuelCoefficients, p: np.ndarray, out: np.ndarray) -> None:

@@ -20,14 +20,14 @@ import pytest
 
 from commonrail.base.errors import StudyError
 from commonrail.calibration.study_file.file import load_study
-from commonrail.compiler import exact
+from commonrail.compiler import target
 from commonrail.runs.fingerprint import content_of
 from commonrail.runs.fit import calibrate_into, resume
 from tests.runs.conftest import Whole, stopped_run, write_small
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES = ROOT / "cases"
-pytestmark = pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
+pytestmark = pytest.mark.skipif(target.missing() is not None, reason="this machine is no x86-64")
 
 
 class Machine(NamedTuple):

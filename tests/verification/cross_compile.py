@@ -1,4 +1,4 @@
-"""Compile a kernel for the processor that Numba's settings name, without running it, and write its assembly text.
+"""Compile a kernel for the processor that is named, without running it, and write its assembly text.
 
 ``python -m tests.verification.cross_compile PRECISION FILE [same_bits]``, with ``NUMBA_CPU_NAME`` and
 ``NUMBA_CPU_FEATURES`` set: they are for this process alone.
@@ -10,20 +10,16 @@ import sys
 from pathlib import Path
 
 from commonrail.base.choices import Precision
-from commonrail.compiler import lower
-from commonrail.compiler.exact import exact_processor
-from commonrail.compiler.target import own_processor
-from commonrail.engine.entry import make_entry
-from commonrail.engine.lanes import VECTORS
-from commonrail.engine.machine_code import symbol_of
+from commonrail.compiler.target import exact_processor, own_processor
+from commonrail.engine import machine_code
+from commonrail.engine.job import VECTORS
 from commonrail.physics.variants import Variant
 
 
 def assembly(precision: Precision, same_bits: bool = False) -> str:
     """Return the text of the regulated variant's kernel."""
-    variant, vector = Variant(), VECTORS[precision]
     processor = exact_processor() if same_bits else own_processor()
-    return lower.assembly(make_entry(variant, vector), symbol_of(variant, precision), processor, vector.real)
+    return machine_code.assembly(Variant(), VECTORS[precision], processor)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import pytest
 
 from commonrail.base.choices import Precision
 from commonrail.compiler.target import LEVEL_3, may_compile, own_processor
-from commonrail.engine.lanes import VECTORS
+from commonrail.engine.job import VECTORS
 from commonrail.engine.machine_code import object_of
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch

@@ -15,19 +15,13 @@ USE = """
 import os
 import sys
 
-from commonrail.compiler.numba import kernel
-
-def poly(x):
-    return 2.0 * x * x + 3.0 * x - 7.0
-
-def other(x):
-    return x + 1.0
+from tests.compiler.doubled import value
 
 def use():
-    print(kernel(poly, "attacked")(5.0), flush=True)
+    print(value(5.0, "poly"), flush=True)
 
 if sys.argv[1:]:  # a start for each line: a process that has not seen the attacked kernel, only the compiler at work
-    kernel(other, "warm")(5.0)
+    value(5.0, "double")
     for line in sys.stdin:
         child = os.fork()
         if not child:

@@ -17,7 +17,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import StudyError
 from commonrail.calibration.objective import Objective, Scores
-from commonrail.engine.lanes import VECTORS
+from commonrail.engine.job import VECTORS
 from commonrail.physics.meters import known_quantity
 from commonrail.workers.task import Answer, Lost, Task, pack
 from commonrail.workers.workers import Workers

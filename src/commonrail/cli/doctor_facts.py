@@ -22,7 +22,8 @@ from commonrail.calibration.optimisers.registry import named
 from commonrail.compiler import cache, target
 from commonrail.data.features.table import find_feature
 from commonrail.data.registry import find_kind
-from commonrail.engine.lanes import VECTORS, compiled
+from commonrail.engine.job import VECTORS
+from commonrail.engine.lanes import compiled
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, usable_threads

@@ -1,20 +1,22 @@
 """Cache of compiled kernels on disk: files of this user alone, each with a digest that is compared before it is loaded.
 
-A kernel is kept under a stamp of all physics sources: editing any law recompiles, which Numba's own cache (one file at
-a time) would miss. A kernel is machine code, so nobody else may be able to write here.
+A kernel is kept under a stamp of what all physics sources mean: editing a law recompiles whatever may call it, and
+editing a comment or a docstring does not. A kernel is machine code, so nobody else may be able to write here.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import functools
 import hashlib
+import importlib.util
 import os
 import platform
 import sqlite3
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from commonrail.base.hooks import compiling, note
@@ -22,6 +24,7 @@ from commonrail.compiler.target import package_version
 
 LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 ENDING = ".kernel"
+_STAMPS = "stamps"
 LARGEST = 100_000_000  # of a file that is read [bytes]; the largest that was kept has 0.5 MB, a sparse one any size
 _HEADER = b"commonrail kernel 2\n"
 _DIGEST = hashlib.sha256().digest_size  # [bytes]
@@ -122,25 +125,37 @@ def turn(path: Path) -> Iterator[None]:
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles).
+    """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles)."""
+    home = _home()
+    if home is None:
+        return None
+    folder = home / f"kernels-{physics_stamp()[:20]}"
+    return folder if _is_usable(folder) else None
 
-    A place that others can write to is refused with a note: who can write a kernel can run code here.
+
+@functools.cache
+def _home() -> Path | None:
+    """Place of all that is kept, the first that can be used."""
+    return next((place for place in places() if _is_usable(place / _STAMPS)), None)
+
+
+def _is_usable(folder: Path) -> bool:
+    """True for a folder that is there now and can be written to.
+
+    One that others can write to is refused with a note: who can write a kernel can run code here.
     """
-    for place in places():
-        folder = place / f"kernels-{physics_stamp()[:20]}"
-        try:
-            place.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            for level in (place, folder):
-                level.mkdir(mode=0o700, exist_ok=True)
-            fault = objection(folder)
-            if fault:
-                note(f"No compiled simulations are kept in {folder}: {fault}.")
-                continue
-            tempfile.TemporaryFile(dir=folder).close()
-        except OSError:
-            continue
-        return folder
-    return None
+    try:
+        folder.parent.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for level in (folder.parent, folder):
+            level.mkdir(mode=0o700, exist_ok=True)
+        fault = objection(folder)
+        if fault:
+            note(f"No compiled simulations are kept in {folder.parent}: {fault}.")
+            return False
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
 
 
 def places() -> tuple[Path, Path]:
@@ -207,8 +222,57 @@ def physics_stamp() -> str:
 
 @functools.cache
 def sources_stamp() -> str:
-    """Digest of the sources that kernels are compiled from."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
-    for source in (path for package in _COMPILED for path in sorted((root / package).rglob("*.py"))):
-        digest.update(source.name.encode() + source.read_bytes())
+    """Digest of what the sources mean that kernels are compiled from."""
+    return _meaning(_sources())
+
+
+@functools.cache
+def files_stamp() -> str:
+    """Digest of these sources as they stand, comments and all."""
+    return _digest(path.read_bytes() for path in _sources())
+
+
+@functools.cache
+def stamp_of(module: str) -> str:
+    """Digest of what the sources mean that decide over a kernel which a module makes."""
+    package, _, rest = module.partition(".")
+    if package == __name__.partition(".")[0] and rest.partition(".")[0] in _COMPILED:
+        return sources_stamp()
+    found = importlib.util.find_spec(module)
+    return _digest([sources_stamp().encode(), _meaning((Path(found.origin),)).encode()])  # type: ignore[union-attr, arg-type]
+
+
+def _sources() -> tuple[Path, ...]:
+    root = Path(__file__).parents[1]
+    return tuple(path for package in _COMPILED for path in sorted((root / package).rglob("*.py")))
+
+
+def _digest(parts: Iterable[bytes]) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(hashlib.sha256(part).digest())
     return digest.hexdigest()
+
+
+def _meaning(paths: tuple[Path, ...]) -> str:
+    """Digest of sources without comments and docstrings; to parse them takes longer than a start may, so it is kept."""
+    contents = [path.read_bytes() for path in paths]
+    home = _home()
+    kept = home / _STAMPS / _digest([platform.python_version().encode(), *contents]) if home else None
+    found, _ = read(kept) if kept else (None, "")
+    if found is not None:
+        return found.decode()
+    made = _digest(_without_words(content).encode() for content in contents)
+    if kept:
+        with contextlib.suppress(OSError):
+            write(kept, made.encode())
+    return made
+
+
+def _without_words(source: bytes) -> str:
+    """Text of a syntax tree without docstrings; comments are in none."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node, clean=False):
+            node.body = node.body[1:]
+    return ast.dump(tree)

@@ -36,8 +36,6 @@ class CompileTarget(NamedTuple):
         Processor that LLVM compiles for.
     features : str
         Instruction sets that LLVM may (+) or must not (-) use, by name.
-    settings : str
-        Numba's settings that change machine code: optimisation level, vectorisers, JIT.
     processor : str
         Architecture and model of this machine's processor, as the system names it: NumPy, SciPy's linear algebra and
         the C library choose their code by it.
@@ -48,7 +46,6 @@ class CompileTarget(NamedTuple):
     triple: str
     cpu: str
     features: str
-    settings: str
     processor: str
     versions: tuple[tuple[str, str], ...]
 
@@ -96,7 +93,7 @@ def own_processor() -> Processor:
     llvm = _llvm()
     if llvm is None:
         return _stated_level()
-    named, features = numba_setting("CPU_NAME"), numba_setting("CPU_FEATURES")
+    named, features = os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES")
     has: Mapping[str, bool] = llvm.get_host_cpu_features()
     if named is None and features is None:
         levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
@@ -157,58 +154,42 @@ def describe() -> CompileTarget:
         f"{platform.machine()}-unknown-linux-gnu" if llvm is None else str(llvm.get_process_triple()),
         own.name,
         ",".join(sorted(own.features.split(","), key=lambda feature: feature[1:])),
-        lane_settings(),
         f"{platform.machine()} {processor()}".strip(),
         tuple(package_versions().items()),
     )
 
 
-def lane_settings() -> str:
-    """Numba's settings that change the machine code of the lanes, as text."""
-    settings = {
-        "opt": numba_setting("OPT") or "3",
-        "loop vectorizer": numba_setting("LOOP_VECTORIZE") or "1",
-        "slp vectorizer": numba_setting("SLP_VECTORIZE") or "0",
-        "jit": "1" if may_compile() else "0",
-    }
-    return ", ".join(f"{name} {value}" for name, value in settings.items())
-
-
 def may_compile() -> bool:
     """False where ``NUMBA_DISABLE_JIT`` forbids it."""
-    return (numba_setting("DISABLE_JIT") or "0") == "0"
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 
 
-def numba_setting(name: str) -> str | None:
-    """One of Numba's settings as text, None where it has its default; Numba is loaded where a file may hold it.
-
-    Parameters
-    ----------
-    name : str
-        As in the environment, without ``NUMBA_``.
-    """
-    if not Path(".numba_config.yaml").exists():
-        return os.environ.get(f"NUMBA_{name}")
-    from numba import config
-
-    value = getattr(config, name)
+def missing() -> str | None:
+    """Sentence on why no bits are promised on this machine; None where they are."""
+    if is_x86():
+        return None
     return (
-        None if value is None else str(int(value) if isinstance(value, bool) else getattr(value, "_raw_value", value))
+        f"The same bits are promised for x86-64 processors, and this machine is of kind {platform.machine()}; "
+        "omit same_bits."
     )
 
 
-def compiler_settings() -> str:
-    """Numba's settings that change machine code of any kernel, as text; loads Numba."""
-    from numba import config
+def exact_processor() -> Processor:
+    """This machine's processor, for kernels whose bits are those of every other; loads llvmlite.
 
-    settings = {
-        "opt": config.OPT._raw_value,
-        "loop vectorizer": config.LOOP_VECTORIZE,
-        "slp vectorizer": config.SLP_VECTORIZE,
-        "svml": int(config.USING_SVML),
-        "jit": int(not config.DISABLE_JIT),
-    }
-    return ", ".join(f"{name} {value}" for name, value in settings.items())
+    Additions, products, divisions and roots are rounded alike by every processor (IEEE 754). Processors give other
+    bits where the compiler fuses a product and a sum, or reorders operations, as it finds best for each: such a kernel
+    is compiled without either.
+
+    Raises
+    ------
+    ConfigurationError
+        If this machine is of another kind.
+    """
+    fault = missing()
+    if fault is not None:
+        raise ConfigurationError(fault)
+    return own_processor()._replace(exact=True)
 
 
 def package_versions() -> dict[str, str]:

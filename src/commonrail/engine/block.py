@@ -102,8 +102,7 @@ def gather_number(target, to, source, where):  # type: ignore[no-untyped-def]
 def make_wave_transport(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, Law]:
     """Functions that bring the waves that arrive in step k, and take those that leave, from and into their rings.
 
-    `copy` (function (target, to, source, first)): copies a row; `gather`: as `entry.row_gatherer`; needed for
-    several lanes.
+    `copy` and `gather`: as of `Machine`.
     """
 
     @physics
@@ -142,7 +141,7 @@ class Inlets(NamedTuple):
 
 
 def make_clocks(rows: Any, read: Law) -> Inlets:
-    """Inlets from `Courses`; `read`: as `entry.clock_reader`."""
+    """Inlets from `Courses`; `read`: as `compiler.laws.clock_reader`."""
 
     @physics
     def clock_of(courses, points):  # type: ignore[no-untyped-def]
@@ -195,10 +194,9 @@ class Machine(NamedTuple):
 
     real: Any  # of the numbers that it computes in
     copy: Law  # function (target, to, source, first) that copies a row
-    gather: Law  # as `entry.row_gatherer`
+    gather: Law  # as `compiler.laws.row_gatherer`
     inlets: Callable[[Any], Inlets]  # function (rows) -> Inlets
     keep: Law  # function (work, rows, trace, block, k) that copies a state into a trace
-    vectors: Law  # `compiler.numba.widest_vectors` where lanes are vectors
 
 
 @physics
@@ -260,11 +258,6 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
 
 
 @physics
-def any_vectors():  # type: ignore[no-untyped-def]
-    """In place of `compiler.numba.widest_vectors` where there are none."""
-
-
-@physics
 def same_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
     """Inputs that are those of all lanes."""
     return inputs
@@ -282,11 +275,10 @@ def make_own_inputs() -> Law:
     return own_inputs  # type: ignore[no-any-return]
 
 
-def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs_of: Law = same_inputs) -> Law:
+def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs) -> Law:
     """Function (work, count, inputs, dt) that takes all lanes one step on; the compiler vectorises the loop in it.
 
-    `vectors` (function): `compiler.numba.widest_vectors` where lanes are vectors; `inputs_of`: function (inputs, work,
-    rows, lane) that gives the `Inputs` of a lane.
+    `inputs_of`: function (inputs, work, rows, lane) that gives the `Inputs` of a lane.
     """
     wired = wiring(variant)
     load_coefficients, load_state, store_state = wired.coefficients.load, wired.state.load, wired.state.store
@@ -294,7 +286,6 @@ def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs
 
     @physics
     def advance(work, count, inputs, dt):  # type: ignore[no-untyped-def]
-        vectors()
         for lane in range(rows.lanes):
             c = load_coefficients(work, lane, rows.lanes)
             u = inputs_of(inputs, work, rows, lane)
@@ -325,15 +316,14 @@ def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
 
 def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     """Function (memory, job, samples, block, trace, out) that simulates one block."""
-    real, keep, vectors = machine.real, machine.keep, machine.vectors
+    real, keep = machine.real, machine.keep
     begin = make_begin(variant, rows, make_settings(real))
-    advance = make_advance(variant, rows, vectors, make_own_inputs())
+    advance = make_advance(variant, rows, make_own_inputs())
     arrive, leave = make_wave_transport(rows, machine.copy, machine.gather)
     row_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
 
     @physics
     def simulate(memory, job, samples, block, trace, out):  # type: ignore[no-untyped-def]
-        vectors()
         work, points, dt = memory.work, job.points[block], real(job.dt)
         candidates = job.candidates[block]
         alike = begin(memory, job.theta, candidates, (job.courses.settings, points, dt), out) or rows.lanes == 1

@@ -15,8 +15,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.block import FUEL
-from commonrail.engine.job import Job
-from commonrail.engine.lanes import VECTORS, Misfit, tabled, trace_paths
+from commonrail.engine.job import VECTORS, Job
+from commonrail.engine.lanes import Misfit, tabled, trace_paths
 from commonrail.engine.recorder import Outcome
 from commonrail.physics.variants import Variant, wiring
 

@@ -20,19 +20,17 @@ import numpy as np
 from numba import cuda
 
 from commonrail.base.choices import Precision
-from commonrail.compiler.numba import offer_overloads
+from commonrail.compiler.laws import offer_overloads
 from commonrail.engine.block import (
     INPUTS,
     Inlets,
     Machine,
     Memory,
-    any_vectors,
     copy_number,
     gather_number,
     make_simulate,
 )
-from commonrail.engine.job import Job, Samples
-from commonrail.engine.lanes import VECTORS
+from commonrail.engine.job import VECTORS, Job, Samples
 from commonrail.engine.recorder import at, make_rows, record
 from commonrail.physics.law import physics
 from commonrail.physics.model import Inputs
@@ -123,7 +121,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
     """
     rows, real = make_rows(variant, 1), VECTORS[precision].real
     keep = keep_state if traced else keep_nothing
-    machine = Machine(real, copy_number, gather_number, make_table_reader, keep, any_vectors)
+    machine = Machine(real, copy_number, gather_number, make_table_reader, keep)
     simulate, count, kind = make_simulate(variant, rows, machine), rows.end, numba.from_dtype(np.dtype(real))
 
     def march(job, samples, rings, trace, out):  # type: ignore[no-untyped-def]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive, Precision
 from commonrail.base.errors import ConfigurationError
+from commonrail.compiler.table import REAL, WHOLE, Array, address, floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, Trace, courses
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import CACHE_LINE
@@ -29,6 +30,13 @@ class Vector(NamedTuple):
     def precision(self) -> Precision:
         """Name of the type."""
         return Precision.F64 if self.real is np.float64 else Precision.F32
+
+
+# One register of 512 bits: docs/decisions/0011-the-widest-registers.md.
+VECTORS = {
+    Precision.F64: Vector(8, np.float64),
+    Precision.F32: Vector(16, np.float32),
+}
 
 
 class Courses(NamedTuple):
@@ -94,19 +102,6 @@ class Samples(NamedTuple):
     density: Floats  # (1 or candidates, points): as in `lanes.Misfit`
 
 
-# Table of addresses and numbers through which a loop over blocks is called, the same from a library and from Numba.
-#
-# Every entry is a whole number of 64 bits, in the order of the fields of `Given`: of an array its address and its
-# lengths, in C order; a real number as its bits.
-
-
-class Array(NamedTuple):
-    """Kind of an array's numbers, "float64", "int64" or "real" (those that the loop computes in), and dimensions."""
-
-    kind: str
-    dimensions: int
-
-
 class Shape(NamedTuple):
     """Sizes that a kernel was made for; one that is given others refuses."""
 
@@ -138,53 +133,36 @@ class Given(NamedTuple):
     stride: Any
 
 
-_NUMBER: Any = "whole"
-_REAL: Any = "real"
-
-
-def _floats(dimensions: int) -> Any:
-    return Array("float64", dimensions)
-
-
-def _wholes(dimensions: int) -> Any:
-    return Array("int64", dimensions)
-
-
 GIVEN = Given(
-    shape=Shape(*[_NUMBER] * 4),
+    shape=Shape(*[WHOLE] * 4),
     job=Job(
-        theta=_floats(2),
+        theta=floats(2),
         courses=Courses(
-            settings=_floats(2),
-            steps=_wholes(1),
-            earliest_end=_wholes(1),
-            times=_floats(2),
-            clock=_wholes(1),
-            first=_wholes(1),
-            turns=_wholes(1),
-            origins=_floats(2),
-            trace=_wholes(1),
-            traces=_floats(3),
+            settings=floats(2),
+            steps=wholes(1),
+            earliest_end=wholes(1),
+            times=floats(2),
+            clock=wholes(1),
+            first=wholes(1),
+            turns=wholes(1),
+            origins=floats(2),
+            trace=wholes(1),
+            traces=floats(3),
         ),
-        points=_wholes(2),
-        candidates=_wholes(2),
-        dt=_REAL,
-        ring=_NUMBER,
-        check_every=_NUMBER,
-        checks_at_rest=_NUMBER,
+        points=wholes(2),
+        candidates=wholes(2),
+        dt=REAL,
+        ring=WHOLE,
+        check_every=WHOLE,
+        checks_at_rest=WHOLE,
     ),
-    samples=Samples(_wholes(1), _wholes(2), _floats(3), _floats(2)),
-    trace=_floats(4),
-    out=_floats(3),
-    scratch=Scratch(Array("real", 1), Array("real", 1), _floats(1)),
-    first=_NUMBER,
-    stride=_NUMBER,
+    samples=Samples(wholes(1), wholes(2), floats(3), floats(2)),
+    trace=floats(4),
+    out=floats(3),
+    scratch=Scratch(Array(REAL, 1), Array(REAL, 1), floats(1)),
+    first=WHOLE,
+    stride=WHOLE,
 )
-
-
-def address(array: NDArray[Any]) -> int:
-    """Address of an array's first number."""
-    return int(array.__array_interface__["data"][0])
 
 
 def scratch_for(shape: Shape, ring: int, real: Any) -> Scratch:
@@ -205,36 +183,6 @@ def _aligned(count: int, real: Any) -> NDArray[Any]:
     whole = np.empty(count + CACHE_LINE // size, real)
     first = -(address(whole) // size) % (CACHE_LINE // size)
     return whole[first : first + count]
-
-
-def fill(given: Given, real: Any) -> tuple[Ints, list[NDArray[Any]]]:
-    """Table of arguments, and arrays that must outlive it; `real`: that the loop computes in."""
-    entries: list[int] = []
-    kept: list[NDArray[Any]] = []
-    for described, value in zip(_LEAVES, _flat(given), strict=True):
-        if isinstance(described, Array):
-            kind = real if described.kind == "real" else described.kind
-            # in place where the loop writes: those arrays are contiguous and of that kind
-            array = np.ascontiguousarray(value, kind)
-            if array.ndim != described.dimensions:
-                raise TypeError(f"an array of {array.ndim} dimensions in place of {described.dimensions}")
-            kept.append(array)
-            entries += (address(array), *array.shape)
-        elif described == _REAL:
-            entries.append(int(np.float64(value).view(np.int64)))
-        else:
-            entries.append(int(value))
-    return np.array(entries, np.int64), kept
-
-
-def _flat(given: Given) -> tuple[Any, ...]:
-    """All that is no tuple in it, in order; the same of its description."""
-    job = given.job
-    whole = (*given.shape, job.theta, *job.courses, *job[2:], *given.samples, given.trace, given.out)
-    return *whole, *given.scratch, given.first, given.stride
-
-
-_LEAVES = _flat(GIVEN)
 
 
 # Boundary conditions of operating points as `Courses`.

@@ -21,8 +21,9 @@ import numpy as np
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
+from commonrail.compiler.table import address, fill
 from commonrail.engine.block import shape_of
-from commonrail.engine.job import Given, Job, Samples, Vector, address, fill, scratch_for
+from commonrail.engine.job import GIVEN, VECTORS, Given, Job, Samples, scratch_for
 from commonrail.engine.machine_code import MachineCode, machine_code
 from commonrail.engine.recorder import Outcome
 from commonrail.physics.model import Waves
@@ -91,13 +92,6 @@ def side_by_side(work: Callable[[int], None], items: Sequence[int]) -> None:
             raise error
 
 
-# One register of 512 bits: docs/decisions/0011-the-widest-registers.md.
-VECTORS = {
-    Precision.F64: Vector(8, np.float64),
-    Precision.F32: Vector(16, np.float32),
-}
-
-
 _FIRST_CALL = threading.Lock()
 
 
@@ -148,7 +142,7 @@ def _no_samples(points: int) -> Samples:
 def compiled(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
     """The block loop of a variant.
 
-    `same_bits`: exact, so that its bits are those of any processor: see `commonrail.compiler.numba`. Raises
+    `same_bits`: exact, so that its bits are those of any processor: see `compiler.target.exact_processor`. Raises
     ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     with _FIRST_CALL:
@@ -204,7 +198,7 @@ def run(
 
 def _call(loop: MachineCode, given: Given, real: Any) -> None:
     """Run the loop of one thread, without Python's lock."""
-    table, kept = fill(given._replace(scratch=scratch_for(given.shape, given.job.ring, real)), real)
+    table, kept = fill(GIVEN, given._replace(scratch=scratch_for(given.shape, given.job.ring, real)), real)
     ended = np.zeros(2, np.int64)  # what the loop returns, and room for an exception that it never has
     result = address(ended)
     if loop.call(result, result + 8, address(table)) or ended[0]:

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
+from commonrail.compiler.load import Kernel
+from commonrail.compiler.lower import Source
+from commonrail.compiler.table import WHOLE, floats
 from commonrail.engine.block import (
     FUEL,
     Memory,
-    any_vectors,
     copy_number,
     make_advance,
     make_begin,
@@ -92,35 +94,45 @@ class Loop(NamedTuple):
         return int(self.rows.end) + max(3 * ring, self.parameters)
 
 
+# memory, ring, first, theta, settings, inputs, out: of `Loop.march`, then figures of no use
+_MARCH = (floats(1), WHOLE, WHOLE, floats(2), floats(1), floats(2), floats(2))
+
+
 @functools.cache
 def make_loop(variant: Variant) -> Loop:
     """`Loop` of a variant, compiled (or loaded from the cache) at its first call."""
     wired, rows = wiring(variant), make_rows(variant, 1)
-    from commonrail.compiler.numba import kernel
+    source = Source(f"{__name__}:entries", variant.words, "f64", kernel_name(variant))
+    march = Kernel(source, "march", _MARCH)
+    return Loop(
+        lambda *arguments: march(*arguments, np.empty((1, 12))),
+        rows,
+        wired.state.paths,
+        len(wired.parameters.paths) + len(FUEL.paths),
+    )
 
-    march = kernel(make_march(variant, rows), f"stepper: {kernel_name(variant)}")
-    return Loop(march, rows, wired.state.paths, len(wired.parameters.paths) + len(FUEL.paths))
 
+def entries(*words: str) -> dict[str, Any]:
+    """The loop over steps of one lane, of the `Variant` of the `words`; for `lower.Source`."""
+    from commonrail.compiler.laws import TABLE, exchange_rounding, of_table
 
-def make_march(variant: Variant, rows: Any) -> Callable[..., None]:
-    """The loop over steps, to be compiled; `rows`: of one lane."""
-    from commonrail.compiler.numba import exchange_rounding
-
-    begin, advance = make_begin(variant, rows), make_advance(variant, rows, any_vectors)
+    variant = Variant(*words)
+    rows = make_rows(variant, 1)
+    begin, advance = make_begin(variant, rows), make_advance(variant, rows)
     arrive, leave = make_wave_transport(rows, copy_number)
     size, order = rows.end, (0, 0)  # point and candidate of the one lane
 
-    def march(memory, ring, first, theta, settings, inputs):  # type: ignore[no-untyped-def]
+    def march(memory, ring, first, theta, settings, inputs, out):  # type: ignore[no-untyped-def]
         mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
         held, dt = Memory(memory[:size], memory[size:], ring), settings[3]
         if inputs.shape[0] == 0:
-            at_rest = Setting(settings[0], settings[1], settings[2], dt)
-            begin(held, theta, order, at_rest, np.empty((1, 12)))
+            begin(held, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
         for i in range(inputs.shape[0]):
             u = inputs[i]
             arrive(held, first + i, True)
             advance(held.work, float(first + i + 1), Inputs(u[0], u[1], u[2], u[3], u[4], u[5]), dt)
             leave(held, first + i)
         exchange_rounding(mode, KEEP_NONE)
+        return 0
 
-    return march
+    return {"march": (of_table(march, _MARCH), TABLE)}

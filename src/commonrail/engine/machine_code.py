@@ -8,23 +8,24 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base.choices import Precision
-from commonrail.base.errors import ConfigurationError
-from commonrail.compiler.cache import ENDING, kept_or_made, sources_stamp
-from commonrail.compiler.exact import exact_processor
+from commonrail.compiler import emit, lower
+from commonrail.compiler.cache import files_stamp, sources_stamp
+from commonrail.compiler.emit import System
+from commonrail.compiler.load import Call, callable_at, load
+from commonrail.compiler.load import object_of as compiled_object
+from commonrail.compiler.lower import Source
 from commonrail.compiler.target import (
     LEVEL_3,
     LEVEL_4,
     SWITCH,
     Processor,
+    exact_processor,
     is_x86,
     kernels_switch,
-    lane_settings,
-    may_compile,
     own_processor,
     package_version,
 )
@@ -88,7 +89,7 @@ def objection() -> str:
     stamp = made_by()
     if stamp is None:
         return "none came with this package"
-    if stamp.get("sources") != sources_stamp():
+    if stamp.get("files") != files_stamp() and stamp.get("sources") != sources_stamp():
         return "the sources were changed since they were built"
     for package in COMPILERS:  # the installed ones are named in results, and may round differently
         own = package_version(package)
@@ -142,8 +143,7 @@ def _opened(path: Path) -> Any:
 class MachineCode(NamedTuple):
     """A loop that can be called."""
 
-    # function (result, exception, table) -> int: of ctypes, with addresses as arguments; see `targets.compile_object`
-    call: Callable[[int, int, int], int]
+    call: Call
     origin: str  # "library", "cache" or "compiled"
     processor: str  # that it was compiled for
     holder: Any  # keeps the code in memory
@@ -151,24 +151,39 @@ class MachineCode(NamedTuple):
 
 def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> str:
     """Name of a loop in an object or a library; `exact`: of one that is compiled for a `Processor` that is exact."""
-    words = "_".join(filter(None, (str(getattr(choice, "value", choice)) for choice in variant)))
+    words = "_".join(filter(None, variant.words))
     return f"cr_{'exact_' if exact else ''}{precision.value}_{re.sub('[^a-z]+', '_', words)}"
 
 
 def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCode:
     """Machine code of a loop.
 
-    `same_bits`: exact, so that its bits are those of any processor: see `commonrail.compiler.numba`. Raises
+    `same_bits`: exact, so that its bits are those of any processor: see `compiler.target.exact_processor`. Raises
     ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     symbol = symbol_of(variant, vector.precision, same_bits)
     shared = find(symbol)
     if shared is not None:
-        return MachineCode(_callable(shared.address), "library", shared.processor, shared.holder)
+        return MachineCode(callable_at(shared.address), "library", shared.processor, shared.holder)
     processor = exact_processor() if same_bits else own_processor()
     found, made = object_of(variant, vector, processor)
-    address, holder = _load(found, symbol)
-    return MachineCode(_callable(address), "compiled" if made else "cache", processor.name, holder)
+    call, holder = load(found, symbol)
+    return MachineCode(call, "compiled" if made else "cache", processor.name, holder)
+
+
+def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:
+    """Source of a loop."""
+    precision = vector.precision.value
+    kind = "exact" if exact else precision
+    return Source(
+        "commonrail.engine.entry:entries", (precision, str(vector.lanes), *variant.words), kind, kernel_name(variant)
+    )
+
+
+def assembly(variant: Variant, vector: Vector, processor: Processor) -> str:
+    """Assembly text of a loop, to be read."""
+    names = {"lanes": symbol_of(variant, vector.precision, processor.exact)}
+    return emit.assembly(lower.texts(source_of(variant, vector, processor.exact)), names, System.here(processor))
 
 
 def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[bytes, bool]:
@@ -176,44 +191,5 @@ def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[b
 
     Raises ConfigurationError if it is not in the cache and ``NUMBA_DISABLE_JIT`` forbids to compile.
     """
-    made = []
-
-    def make() -> bytes:
-        if not may_compile():
-            raise ConfigurationError(
-                "The fast engine needs its compiler, which NUMBA_DISABLE_JIT switches off; unset it, or use the engine "
-                '"reference".'
-            )
-        from commonrail.compiler.lower import compile_object
-        from commonrail.engine.entry import make_entry
-
-        made.append(True)
-        return compile_object(make_entry(variant, vector), symbol, processor, vector.real)
-
     symbol = symbol_of(variant, vector.precision, processor.exact)
-    key = repr((symbol, kernel_name(variant), vector.lanes, processor, lane_settings()))
-    return kept_or_made(hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING, make), bool(made)
-
-
-@functools.cache
-def _llvm() -> Any:
-    """LLVM, made ready for this machine."""
-    import llvmlite.binding as llvm
-
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    return llvm
-
-
-def _load(content: bytes, symbol: str) -> tuple[int, Any]:
-    """Address of a function of an object file, and what keeps it in memory."""
-    llvm = _llvm()
-    machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine()
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-    engine.add_object_file(llvm.ObjectFileRef.from_data(content))
-    engine.finalize_object()
-    return engine.get_function_address(symbol), engine
-
-
-def _callable(address: int) -> Callable[[int, int, int], int]:
-    return ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)(address)
+    return compiled_object(source_of(variant, vector, processor.exact), {"lanes": symbol}, processor)

@@ -15,8 +15,7 @@ from commonrail.base.choices import Actuation, Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.block import FUEL
 from commonrail.engine.job import MAXIMUM_STEPS as MAXIMUM_STEPS
-from commonrail.engine.job import Courses, Job, courses_of
-from commonrail.engine.lanes import VECTORS
+from commonrail.engine.job import VECTORS, Courses, Job, courses_of
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.recorder import Outcome
 from commonrail.engine.status import OK, STILL_INJECTING, Status, check_point, note_limits, note_narrow_pipe

@@ -17,6 +17,9 @@ from scipy.integrate import solve_ivp
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.base.errors import ConfigurationError
+from commonrail.compiler.load import Kernel
+from commonrail.compiler.lower import Source
+from commonrail.compiler.table import floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, courses, segments, value_at, values_at
 from commonrail.engine.plan import coefficients_at, reference_density
 from commonrail.engine.reference_runge_kutta import Fixed, Instants, Problem, march
@@ -36,6 +39,7 @@ from commonrail.physics.equations import (
 )
 from commonrail.physics.flow import contents
 from commonrail.physics.injector import Injector
+from commonrail.physics.law import physics
 from commonrail.physics.model import Setting
 from commonrail.physics.state_vector import core_of, make_frame, start_vector, typical_sizes, vector_states
 from commonrail.physics.variants import Variant, kernel_name, wiring
@@ -88,12 +92,28 @@ class Resolution(NamedTuple):
 CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
 
 
-@functools.cache
-def _compiled_rates(variant: Variant) -> Callable[..., None]:
-    """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
-    from commonrail.compiler.numba import kernel
+# y, outside, constants, cells, friction, dy
+_RATES = (floats(1), floats(1), floats(1), wholes(1), floats(2), floats(1))
 
-    return kernel(make_rates(variant), f"rates: {kernel_name(variant)}")  # type: ignore[no-any-return]
+
+@functools.cache
+def _compiled_rates(variant: Variant) -> Kernel:
+    """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
+    source = Source(f"{__name__}:entries", variant.words, "f64", kernel_name(variant))
+    return Kernel(source, "rates", _RATES, make_rates(variant))
+
+
+def entries(*words: str) -> dict[str, Any]:
+    """The right-hand side of the `Variant` of the `words`; for `lower.Source`."""
+    from commonrail.compiler.laws import TABLE, of_table
+
+    rates = physics(make_rates(Variant(*words)))
+
+    def slopes(y, outside, constants, cells, friction, dy):  # type: ignore[no-untyped-def]
+        rates(y, outside, constants, cells, friction, dy)
+        return 0
+
+    return {"rates": (of_table(slopes, _RATES), TABLE)}
 
 
 class _Crawling(Exception):
@@ -167,8 +187,11 @@ class Model:
         self.constants = np.zeros(len(wired.coefficients.paths))
         wired.coefficients.store(self.constants, 0, 1, self.c)
         self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
-        self.rates = _compiled_rates(variant)
         self.outside = np.zeros(len(AT))
+        self._y, self._dy = np.empty_like(self.start), np.empty_like(self.start)
+        self._rates = _compiled_rates(variant).bound(
+            self._y, self.outside, self.constants, self.cells, self.friction, self._dy
+        )
         self.variant = variant
         self._evaluations, self._checked_at = 0, point.start
         self.last = self.start
@@ -276,10 +299,10 @@ class Model:
 
     def slopes(self, t: float, y: Floats) -> Floats:
         """The right-hand side."""
-        dy = np.empty_like(y)
         self._set_outside(t)
-        self.rates(y, self.outside, self.constants, self.cells, self.friction, dy)
-        return dy
+        self._y[:] = y
+        self._rates()
+        return self._dy.copy()
 
     def _set_outside(self, t: float) -> None:
         at_time = [value_at(course, t) for course in courses(self.point)]

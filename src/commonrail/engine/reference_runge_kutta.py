@@ -17,6 +17,9 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
+from commonrail.compiler.load import Kernel
+from commonrail.compiler.lower import Source
+from commonrail.compiler.table import REAL, floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, courses, knots, segments, value_at
 from commonrail.physics.components.drive import turned
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
@@ -89,7 +92,8 @@ def march(problem: Problem, time: Floats, step: float) -> Marched:
     states = np.full((len(time), len(problem.start)), np.nan)
     recorded = np.append(np.full(3, np.nan), (0.0, 0.0))
     loop = compiled_march(problem.variant)
-    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, recorded)
+    memory = np.zeros(len(AT)), np.empty((4, len(problem.start)))
+    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, recorded, memory)
     return Marched(states, Instants(*recorded[:3].tolist()), bool(finished))
 
 
@@ -113,12 +117,29 @@ def _plan(problem: Problem, time: Floats) -> _Plan:
     return _Plan(stops, np.array([[value_at(c, t) for c in courses(point)] for t in stops]), schedule, rows)
 
 
-@functools.cache
-def compiled_march(variant: Variant) -> Callable[..., bool]:
-    """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded)."""
-    from commonrail.compiler.numba import kernel
+_MARCH = (
+    _Plan(floats(1), floats(2), floats(2), wholes(1)),
+    Fixed(floats(1), wholes(1), floats(2)),
+    REAL,
+    floats(1),
+    floats(2),
+    floats(1),
+    (floats(1), floats(2)),
+)
 
-    return kernel(_make_march(variant), f"march: {kernel_name(variant)}")  # type: ignore[no-any-return]
+
+@functools.cache
+def compiled_march(variant: Variant) -> Callable[..., int]:
+    """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded, memory)."""
+    source = Source(f"{__name__}:entries", variant.words, "f64", kernel_name(variant))
+    return Kernel(source, "march", _MARCH, _make_march(variant))
+
+
+def entries(*words: str) -> dict[str, Any]:
+    """The loop of the `Variant` of the `words`; for `lower.Source`."""
+    from commonrail.compiler.laws import TABLE, of_table
+
+    return {"march": (of_table(physics(_make_march(Variant(*words))), _MARCH), TABLE)}
 
 
 @physics
@@ -160,7 +181,11 @@ def stride(left: float, step: float) -> float:
     return left / max(math.ceil(left / step - 1e-6), 1)
 
 
-def _make_march(variant: Variant) -> Callable[..., bool]:
+def _make_march(variant: Variant) -> Callable[..., int]:
+    """Function (plan, fixed, step, start, states, recorded, memory) that is 1 if all stayed finite, else 0.
+
+    `memory`: arrays (fields of `equations.Outside`,) and (4, entries of the state) to work in.
+    """
     load, frame, air_gap = wiring(variant).coefficients.load, make_frame(variant), make_air_gap(variant)
     flux_row, injected_row = core_of(variant).row("solenoid.flux"), core_of(variant).row("nozzle.injected")
     rates, sac_rate = physics(make_rates(variant)), make_sac_rate(variant)
@@ -187,12 +212,12 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
         flux, gap = y[frame(cells).core + flux_row], air_gap(c, y, cells)
         return past_limit(c, outside[AT.peak], outside[AT.conducting], flux, gap)
 
-    def loop(plan, fixed, step, start, states, recorded):  # type: ignore[no-untyped-def]
+    def loop(plan, fixed, step, start, states, recorded, memory):  # type: ignore[no-untyped-def]
         stops, rows, cells = plan.stops, plan.rows, fixed.cells
         c, at = load(fixed.constants, 0, 1), frame(cells)
         tip, injected = at.line - 2, at.core + injected_row
         farthest = farthest_lift(c)
-        outside, work = np.zeros(len(AT)), np.empty((4, len(start)))
+        outside, work = memory
         y, new = work[0], work[1]
         y[:] = start
         outside[AT.conducting] = 2.0
@@ -226,7 +251,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
                 states[rows[k + 1]] = y
                 # not isfinite(), which "reassoc" folds to true; any comparison with NaN is false
                 if not (abs(y[tip]) < farthest and abs(y[injected]) < 1.0):
-                    return False
-        return True
+                    return 0
+        return 1
 
     return loop

@@ -18,7 +18,8 @@ from commonrail.base.choices import Engine, Precision
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.base.units import to_text
 from commonrail.engine import lanes, plan
-from commonrail.engine.lanes import VECTORS, Misfit
+from commonrail.engine.job import VECTORS
+from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, admissible, candidate_matrix, read_candidates, statuses_of
 from commonrail.engine.recorder import Outcome

@@ -2,8 +2,8 @@
 
 NumPy and the C library have several versions of exp, log, pow and sin and take one by processor; BLAS does the same
 with products of matrices. These here are additions, multiplications, divisions and roots of arrays in a stated order,
-each rounded once, and so are the same everywhere. They are exact to a few roundings. `sine`, `cosine` and `exponential`
-are also those of the kernels, which compile them in place of the C library's (`commonrail.compiler.lower`).
+each rounded once, and so are the same everywhere. They are exact to a few roundings. Laws call `sine`, `cosine` and
+`exponential`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonrail.base.arrays import Floats
+from commonrail.physics.law import physics
 
 # ln 2 in two parts; the first has so few digits that its product with the exponent of a number is exact
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
@@ -72,6 +73,7 @@ def power(base: ArrayLike, exponent: ArrayLike) -> Floats:
     return np.where(e == 0.0, 1.0, found)
 
 
+@physics
 def quarter_sine(x: Any) -> Any:
     """Return sin x of angles from −π/2 to π/2 [rad], a number or an array."""
     square = x * x
@@ -81,16 +83,19 @@ def quarter_sine(x: Any) -> Any:
     return x * total
 
 
+@physics
 def sine(x: float) -> float:
     """Return sin x of an angle from −π/2 to 3π/2 [rad]; beyond, accuracy is lost."""
     return quarter_sine(x if x <= 0.5 * math.pi else math.pi - x)  # type: ignore[no-any-return]
 
 
+@physics
 def cosine(x: Any) -> Any:
     """Return cos x of angles from −π to π [rad], a number or an array."""
     return quarter_sine(0.5 * math.pi - abs(x))
 
 
+@physics
 def exponential(x: float) -> float:
     """Return exp x of a decay, 0 where it is no normal number; for kernels, which have no `ldexp`.
 

@@ -23,6 +23,7 @@ from commonrail.physics.components import (
     valve,
 )
 from commonrail.physics.components.plunger_needle import Motion, SeatContact
+from commonrail.physics.elementary import exponential
 from commonrail.physics.flow import Contents, filled
 from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import physics
@@ -272,7 +273,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
 @physics
 def lag_fraction(lag: float, dt: float) -> float:
     """Share of a first-order lag that a step makes up [1]; `lag`: τ [s], ≥ 0; zero for no lag."""
-    return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
+    return 1.0 - exponential(-dt / lag) if lag > 0.0 else 1.0
 
 
 @physics

@@ -95,6 +95,11 @@ class Variant(_Wired):
         )
 
     @property
+    def words(self) -> tuple[str, ...]:
+        """Arguments that make this variant, as text."""
+        return tuple(str(getattr(choice, "value", choice)) for choice in self)
+
+    @property
     def label(self) -> str:
         """Text that names it."""
         body = "direct-acting needle" if self.actuation is Actuation.DIRECT else f"{self.body.value} body"

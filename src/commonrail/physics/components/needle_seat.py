@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from math import pi
 from typing import Annotated, NamedTuple
 
+from commonrail.physics.elementary import cosine, sine
 from commonrail.physics.flow import Contents, laminar_offset, pipe_area
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
@@ -69,11 +69,11 @@ class Coefficients(NamedTuple):
 @physics
 def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
     """Coefficients of gap and contact; `dynamic_viscosity`: η at the rail pressure of time zero [Pa s]."""
-    sine, cosine = math.sin(0.5 * p.cone_angle), math.cos(0.5 * p.cone_angle)
+    across, along = sine(0.5 * p.cone_angle), cosine(0.5 * p.cone_angle)
     return Coefficients(
         pipe_area(p.diameter),
-        p.discharge * pi * sine * p.diameter,
-        p.discharge * pi * sine * sine * cosine,
+        p.discharge * pi * across * p.diameter,
+        p.discharge * pi * across * across * along,
         laminar_offset(dynamic_viscosity, p.transition_reynolds, 0.5 * pi * p.diameter),
         p.contact_stiffness,
         p.contact_damping,

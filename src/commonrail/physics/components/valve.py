@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from math import pi
 from typing import Annotated, NamedTuple
 
 from commonrail.physics.components.contact import contact, contact_over_step, next_velocity
+from commonrail.physics.elementary import sine
 from commonrail.physics.flow import pipe_area
 from commonrail.physics.law import physics
 from commonrail.physics.parameters import Domain, Q
@@ -80,10 +80,10 @@ def coefficients(p: Parameters) -> Coefficients:
         spring_stiffness=p.spring_stiffness,
         damping=p.damping,
         seat_area=pipe_area(p.seat_diameter),
-        gap_slope=p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
+        gap_slope=p.seat_discharge * pi * p.seat_diameter * sine(p.seat_angle),
         contact_stiffness=p.contact_stiffness,
         contact_damping=p.contact_damping,
-        land=12.0 * p.seat_land / (pi * p.seat_diameter * math.sin(p.seat_angle) ** 3),
+        land=12.0 * p.seat_land / (pi * p.seat_diameter * sine(p.seat_angle) ** 3),
     )
 
 

@@ -19,13 +19,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numba.np.arrayobj import make_array, populate_array
-
 from commonrail.base.choices import Actuation
-from commonrail.compiler.numba import widest_vectors
 from commonrail.engine.block import (
     FUEL,
     INPUTS,
@@ -37,7 +31,6 @@ from commonrail.engine.block import (
     make_own_inputs,
     make_wave_transport,
 )
-from commonrail.engine.entry import row_copier, row_gatherer
 from commonrail.engine.recorder import Outcome, make_rows, report_remaining
 from commonrail.physics import fuel_kernel
 from commonrail.physics.components import solenoid
@@ -112,31 +105,15 @@ def sizes(variant: Variant) -> Sizes:
     )
 
 
-@intrinsic
-def view(typing: Any, pointer: Any, first: Any, shape: Any) -> Any:
-    """Array of the numbers behind a pointer from `first` on; Numba's `carray` needs its runtime."""
-    kind = types.Array(pointer.dtype, len(shape), "C")
+def entries(*words: str) -> dict[str, tuple[Law, Any]]:
+    """Functions and Numba's signatures of a wiring by the name of the entry; for `compiler.lower.Source`.
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = make_array(kind)(context, builder)
-        size = cgutils.intp_t(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-        counts = zip(cgutils.unpack_tuple(builder, arguments[2]), shape, strict=True)
-        lengths = [context.cast(builder, count, one, types.intp) for count, one in counts]
-        strides: list[Any] = []
-        stride = size
-        for length in reversed(lengths):
-            strides.insert(0, stride)
-            stride = builder.mul(stride, length)
-        data = builder.gep(arguments[0], [context.cast(builder, arguments[1], first, types.intp)])
-        populate_array(array, data=data, shape=lengths, strides=strides, itemsize=size, meminfo=None)
-        return array._getvalue()
+    `words`: those of a `Variant`.
+    """
+    from numba import types
 
-    return kind(pointer, first, shape), generate
-
-
-def make_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
-    """Functions and Numba signatures of a wiring by the name of the entry."""
     place, real, whole = types.CPointer(types.float64), types.float64, types.int64
+    variant = Variant(*words)
     begin, march = _loop_entries(variant)
     observe, figures = _read_entries(variant)
     return {
@@ -144,21 +121,26 @@ def make_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
         "kernel_march": (march, types.void(place, place, whole, whole, whole, place, real)),
         "kernel_observe": (observe, types.void(place, place)),
         "kernel_figures": (figures, types.void(place, real, place)),
-        "kernel_medium": (_medium, types.void(place, real, place)),
+        "kernel_medium": (_medium_entry(), types.void(place, real, place)),
     }
 
 
-def _medium(coefficients, pressure, medium):  # type: ignore[no-untyped-def]
-    fuel, out = _load_fuel(view(coefficients, 0, (_FUEL,)), 0, 1), view(medium, 0, (3,))
-    density = fuel_kernel.density(fuel, pressure)
-    out[0], out[1], out[2] = (
-        density,
-        density * fuel_kernel.stiffness(fuel, density),
-        fuel_kernel.sound_speed(fuel, density),
-    )
+def _medium_entry() -> Law:
+    from numba import carray
+
+    def medium(coefficients, pressure, found):  # type: ignore[no-untyped-def]
+        fuel, out = _load_fuel(carray(coefficients, (_FUEL,)), 0, 1), carray(found, (3,))
+        density = fuel_kernel.density(fuel, pressure)
+        out[0] = density
+        out[1] = density * fuel_kernel.stiffness(fuel, density)
+        out[2] = fuel_kernel.sound_speed(fuel, density)
+
+    return medium
 
 
 def _loop_entries(variant: Variant) -> tuple[Law, Law]:
+    from numba import carray
+
     rows, size = make_rows(variant, 1), sizes(variant)
     put, advance = make_begin(variant, rows), make_advance(variant, rows)
     arrive, leave = make_wave_transport(rows, copy_number)
@@ -166,13 +148,13 @@ def _loop_entries(variant: Variant) -> tuple[Law, Law]:
     candidates = (-1, 0)  # operating point, then the candidate of the lane, as in a block
 
     def begin(work, waves, ring, theta, rail, cylinder, low, dt, figures):  # type: ignore[no-untyped-def]
-        memory = Memory(view(work, 0, (working,)), view(waves, 0, (max(3 * ring, columns),)), ring)
-        own, out = view(theta, 0, (1, columns)), view(figures, 0, (1, noted))
+        memory = Memory(carray(work, (working,)), carray(waves, (max(3 * ring, columns),)), ring)
+        own, out = carray(theta, (1, columns)), carray(figures, (1, noted))
         put(memory, own, candidates, Setting(rail, cylinder, low, dt), out)
 
     def march(work, waves, ring, first, count, inputs, dt):  # type: ignore[no-untyped-def]
-        memory = Memory(view(work, 0, (working,)), view(waves, 0, (3 * ring,)), ring)
-        table = view(inputs, 0, (count, inputs_of_step))
+        memory = Memory(carray(work, (working,)), carray(waves, (3 * ring,)), ring)
+        table = carray(inputs, (count, inputs_of_step))
         for n in range(count):
             k = first + n
             u = Inputs(table[n, 0], table[n, 1], table[n, 2], table[n, 3], table[n, 4], table[n, 5])
@@ -184,6 +166,8 @@ def _loop_entries(variant: Variant) -> tuple[Law, Law]:
 
 
 def _read_entries(variant: Variant) -> tuple[Law, Law]:
+    from numba import carray
+
     rows, size, wired = make_rows(variant, 1), sizes(variant), wiring(variant)
     load_coefficients, load_state = wired.coefficients.load, wired.state.load
     working, seen, noted, discharge = size.work, size.channels, size.figures, wired.laws.discharge
@@ -191,7 +175,7 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
     observe_rest = _observe_direct if variant.actuation is Actuation.DIRECT else _observe_servo
 
     def observe(work, channels):  # type: ignore[no-untyped-def]
-        numbers, out = view(work, 0, (working,)), view(channels, 0, (seen,))
+        numbers, out = carray(work, (working,)), carray(channels, (seen,))
         c, s = load_coefficients(numbers, 0, 1), load_state(numbers, state, 1)
         out[0], out[1], out[2] = s.nozzle.injected, s.cumulative_flows.returned, s.cumulative_flows.supplied
         out[3], out[4], out[5] = numbers[tip], s.accumulation.fuel.pressure, s.sac.pressure
@@ -203,7 +187,7 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
         out[6] = solenoid.circuit(c.solenoid, s.solenoid.flux, observe_rest(c, s, numbers[top], out), 0.0).current
 
     def figures(work, cylinder, out):  # type: ignore[no-untyped-def]
-        report_remaining(view(work, 0, (working,)), rows, cylinder, view(out, 0, (1, noted)))
+        report_remaining(carray(work, (working,)), rows, cylinder, carray(out, (1, noted)))
 
     return observe, figures
 
@@ -239,17 +223,24 @@ def _observe_direct(c, s, top, out):  # type: ignore[no-untyped-def]
 LANES = 8  # numbers in the widest registers there are, and cylinders of most engines
 
 
-def make_block_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
-    """Functions and Numba signatures of a wiring's block by the name of the entry."""
-    rows, copy = make_rows(variant, LANES), row_copier(LANES)
-    advance = make_advance(variant, rows, widest_vectors, make_own_inputs())
-    arrive, leave = make_wave_transport(rows, copy, row_gatherer(LANES))
+def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:
+    """Functions and Numba's signatures of a wiring's block by the name of the entry; for `compiler.lower.Source`.
+
+    `words`: those of a `Variant`.
+    """
+    from numba import carray, types
+
+    from commonrail.compiler.laws import row_copier, row_gatherer
+
+    variant = Variant(*words)
+    rows, copy, gather = make_rows(variant, LANES), row_copier(LANES), row_gatherer(LANES)
+    advance = make_advance(variant, rows, make_own_inputs())
+    arrive, leave = make_wave_transport(rows, copy, gather)
     working, first_input, given, noted = rows.end, rows.inputs, len(INPUTS.paths), len(Outcome._fields)
 
     def march(work, waves, ring, first, count, inputs, dt, alike):  # type: ignore[no-untyped-def]
-        widest_vectors()
-        memory = Memory(view(work, 0, (working * LANES,)), view(waves, 0, (3 * ring * LANES,)), ring)
-        table = view(inputs, 0, (count * given * LANES,))
+        memory = Memory(carray(work, (working * LANES,)), carray(waves, (3 * ring * LANES,)), ring)
+        table = carray(inputs, (count * given * LANES,))
         for n in range(count):
             k = first + n
             for i in range(given):
@@ -259,9 +250,9 @@ def make_block_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
             leave(memory, k)
 
     def figures(work, out):  # type: ignore[no-untyped-def]
-        numbers = view(work, 0, (working * LANES,))
+        numbers = carray(work, (working * LANES,))
         # every step sets the cylinder pressure of all lanes anew, and what depends on it here is not read
-        report_remaining(numbers, rows, numbers[rows.cylinder * LANES], view(out, 0, (LANES, noted)))
+        report_remaining(numbers, rows, numbers[rows.cylinder * LANES], carray(out, (LANES, noted)))
 
     place, real, whole = types.CPointer(types.float64), types.float64, types.int64
     return {

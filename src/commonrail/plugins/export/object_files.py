@@ -5,18 +5,25 @@ from __future__ import annotations
 import importlib.util
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
-from commonrail.physics.variants import Variant
-from commonrail.plugins.export.llvm_text import block_texts, entry_texts, refuse_foreign
+from commonrail.compiler import emit as compiler
+from commonrail.compiler import lower
+from commonrail.compiler.emit import System
+from commonrail.compiler.lower import Source
+from commonrail.physics.variants import Variant, kernel_name
+
+# Numbers as pointers, pointers in memory, what one processor or Python alone has.
+_FOREIGN = re.compile(r"inttoptr|addrspacecast|asm |alloca .*ptr|@llvm\.(x86|aarch64|arm)\.|@NRT_|@Py|@numba_")
 
 
 class Target(NamedTuple):
@@ -62,6 +69,16 @@ def target_named(name: str) -> Target:
     return TARGETS[name]
 
 
+def source_of(variant: Variant) -> Source:
+    """Source of the entries of `export.entry_points`; every target has the bits of the lanes with `same_bits`."""
+    return _source("entries", variant)
+
+
+def _source(maker: str, variant: Variant) -> Source:
+    module = "commonrail.plugins.export.entry_points"
+    return Source(f"{module}:{maker}", variant.words, "exact", kernel_name(variant))
+
+
 def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
     """Object file with the entries of `export.entry_points`, each named ``PREFIX_ENTRY`` and hidden.
 
@@ -70,8 +87,18 @@ def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
     one program. Where the text of the wiring is in no cache, Numba compiles it for some ten seconds. ConfigurationError
     if there is no such target, or the compiler fails.
     """
-    machine, module = _linked(variant, target if isinstance(target, Target) else target_named(target), prefix)
-    return bytes(machine.emit_object(module))
+    found = target if isinstance(target, Target) else target_named(target)
+    texts = _portable(source_of(variant))
+    names = {name: f"{prefix}_{name}" for name in texts}
+    return compiler.emit(texts, names, System(found.triple, found.processor, found.features), "hidden")
+
+
+def linked_text(variant: Variant, prefix: str = "cr") -> str:
+    """LLVM text of all entries of a wiring, named as `emit` names them, for the plainest processor."""
+    texts, plain = _portable(source_of(variant)), TARGETS["linux64"]
+    system = System(plain.triple, plain.processor)
+    names = {name: f"{prefix}_{name}" for name in texts}
+    return str(compiler.optimised(texts, names, system, "hidden", vectors=False)[1])
 
 
 def vectors_of(target: Target) -> tuple[str, ...]:
@@ -80,67 +107,27 @@ def vectors_of(target: Target) -> tuple[str, ...]:
 
 
 def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr") -> bytes:
-    """Object file with the entry of `make_block_entries`, named ``PREFIX_ENTRY_VECTORS`` and hidden; else as `emit`.
+    """Object file with the entries of `block_entries`, named ``PREFIX_ENTRY_VECTORS`` and hidden; else as `emit`.
 
     `vectors` is one of `vectors_of` the target.
     """
-    import llvmlite.binding as llvm
-
+    texts = _portable(_source("block_entries", variant))
+    names = {name: f"{prefix}_{name}_{vectors}" for name in texts}
     processor = _VECTORS[target.triple.partition("-")[0]][vectors]
-    machine = _machine(target, processor, "")
-    names = {name: f"{prefix}_{name}_{vectors}" for name in block_texts(variant)}
-    whole = _module(block_texts(variant), machine, names)
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    options.loop_vectorization = True
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(whole, builder)
-    return bytes(machine.emit_object(whole))
+    wide = "-prefer-256-bit" if vectors == "avx512" else ""
+    return compiler.emit(texts, names, System(target.triple, processor, wide), "hidden")
 
 
-def linked_text(variant: Variant, prefix: str = "cr") -> str:
-    """LLVM text of all entries of a wiring, named as `emit` names them."""
-    return str(_linked(variant, TARGETS["linux64"], prefix)[1])
-
-
-def _linked(variant: Variant, target: Target, prefix: str) -> tuple[Any, Any]:
-    """LLVM's machine of a target, and one module of all entries for it, without what none of them uses."""
-    machine = _machine(target, target.processor, target.features)
-    texts = entry_texts(variant)
-    return machine, _module(texts, machine, {name: f"{prefix}_{name}" for name in texts})
-
-
-def _machine(target: Target, processor: str, features: str) -> Any:
-    """LLVM's machine of a target."""
-    import llvmlite.binding as llvm
-
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    return llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=processor, features=features, opt=3, reloc="pic", codemodel="default"
-    )
-
-
-def _module(texts: Mapping[str, str], machine: Any, names: Mapping[str, str]) -> Any:
-    """Module of all texts for LLVM's machine, each entry under its name in `names`, without what none of them uses."""
-    import llvmlite.binding as llvm
-
-    whole: Any = None
-    for name, text in texts.items():
-        module = llvm.parse_assembly(text)
-        module.triple, module.data_layout = machine.triple, str(machine.target_data)
-        entry = module.get_function(name)
-        entry.name, entry.visibility = names[name], "hidden"
-        if whole is None:
-            whole = module
-        else:
-            whole.link_in(module)
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
-    passes = llvm.create_new_module_pass_manager()
-    passes.add_global_dead_code_eliminate_pass()
-    passes.run(whole, builder)
-    refuse_foreign(str(whole))
-    whole.verify()
-    return whole
+def _portable(source: Source) -> dict[str, str]:
+    """Texts of a source; one that only one machine could run is refused (ConfigurationError names what was found)."""
+    texts = lower.texts(source)
+    found = sorted({match.group() for text in texts.values() for match in _FOREIGN.finditer(text)})
+    if found:
+        raise ConfigurationError(
+            f"The compiled physics cannot be exported: it contains {', '.join(found)}, which only this machine has; "
+            "install the version of Numba that constraints.txt names."
+        )
+    return texts
 
 
 # Compilers that make libraries of objects and C sources: this machine's own, or zig for any platform.

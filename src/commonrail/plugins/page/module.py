@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -11,9 +10,9 @@ from pathlib import Path
 from commonrail.compiler.cache import kept_or_made
 from commonrail.engine.recorder import make_rows
 from commonrail.physics.variants import Variant
-from commonrail.plugins.export import entry_points, llvm_text, object_files
+from commonrail.plugins.export import object_files
 from commonrail.plugins.export.entry_points import sizes
-from commonrail.plugins.export.object_files import compiler_for, emit, run, target_named
+from commonrail.plugins.export.object_files import compiler_for, emit, run, source_of, target_named
 
 TARGET = "wasm32"
 MOST_STEPS, MOST_ROWS, MOST_SLOTS = 60_000, 20_000, 16_384  # of one simulation: its memory is in the module
@@ -34,9 +33,8 @@ def wasm_module(variant: Variant) -> bytes:
 
 def _file_name(variant: Variant) -> str:
     """Name that holds all but the physics, for which the folder is named."""
-    sources = [Path(inspect.getfile(one)) for one in (entry_points, llvm_text, object_files)]
-    digest = hashlib.sha256(repr((variant.label, _defines(variant), _zig())).encode())
-    for source in (*sources, _SHIM, Path(__file__)):
+    digest = hashlib.sha256(repr((source_of(variant).digest, _defines(variant), _zig())).encode())
+    for source in (Path(object_files.__file__), _SHIM, Path(__file__)):
         digest.update(source.read_bytes())
     return f"{digest.hexdigest()[:24]}.wasm"
 

@@ -1,0 +1,249 @@
+"""What laws need to be compiled by Numba: overloads by precision, memory behind addresses, rows that are one vector.
+
+Only the child process that lowers laws (`lower`), CUDA kernels and tests import it: loading Numba takes longer than a
+simulation.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import platform
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, overload
+
+from commonrail.compiler.table import REAL, Array
+from commonrail.physics.law import in_single, offer_laws, physics
+
+# What the compiler may do with sums and products, by the kind of a kernel. No "nnan"/"ninf": a candidate that blows up
+# must be seen to be non-finite. No "arcp" in single precision: a reciprocal would be the processor's estimate, and
+# makers differ in it. Nothing at all in an exact one: every processor rounds alike what is neither fused nor reordered.
+FASTMATH: dict[str, set[str]] = {
+    "f64": {"nsz", "arcp", "contract", "reassoc"},
+    "f32": {"nsz", "contract", "reassoc"},
+    "exact": set(),
+}
+
+
+def options(kind: str) -> dict[str, Any]:
+    """Options of Numba for a kind of kernel: a key of `FASTMATH`."""
+    return {"fastmath": FASTMATH[kind] or False, "error_model": "numpy"}
+
+
+def inlined(kind: str) -> dict[str, Any]:
+    """Options of Numba for a law in a kind of kernel."""
+    return {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options(kind)}
+
+
+def is_single(kind: Any) -> bool:
+    """Return whether a type is of single precision, or holds one that is."""
+    if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
+        return any(map(is_single, kind))
+    return (kind.dtype if isinstance(kind, types.Array) else kind) == types.float32
+
+
+def by_precision(law: Callable[..., Any]) -> Callable[..., Any]:
+    """Function that chooses a law, or its twin in single precision, by the types of the arguments.
+
+    Called with numbers of single precision, a law is compiled with constants of single precision: those of its text
+    would be double, and draw everything that they touch along.
+    """
+
+    def choose(*arguments: Any, **named: Any) -> Callable[..., Any]:
+        return in_single(law) if any(map(is_single, (*arguments, *named.values()))) else law
+
+    return choose
+
+
+def offer_overloads(declare: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
+    """Let a target of Numba inline all laws, those to come too.
+
+    `declare` (function (law) -> decorator): Numba's `overload` of that target, with its options.
+    """
+    offer_laws(lambda law: declare(law)(by_precision(law)) and None)
+
+
+@functools.cache
+def declare_laws(kind: str) -> None:
+    """Let kernels of this process inline all laws; `kind`: a key of `FASTMATH`, one for all kernels of a process."""
+    offer_overloads(functools.partial(overload, jit_options=inlined(kind), strict=False))
+
+
+@intrinsic
+def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
+    """Set the processor's register of floating-point modes to (mode & kept) | bits; returns the mode before.
+
+    Elsewhere than on x86 it does nothing.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = cgutils.alloca_once_value(builder, context.get_constant(types.int32, 0))
+        if platform.machine() not in ("x86_64", "AMD64"):
+            return builder.load(place)
+        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t])
+        read, write = (
+            cgutils.get_or_insert_function(builder.module, kind, f"llvm.x86.sse.{name}")
+            for name in ("stmxcsr", "ldmxcsr")
+        )
+        builder.call(read, [builder.bitcast(place, cgutils.voidptr_t)])
+        before = builder.load(place)
+        builder.store(builder.or_(builder.and_(before, arguments[1]), arguments[0]), place)
+        builder.call(write, [builder.bitcast(place, cgutils.voidptr_t)])
+        return before
+
+    return types.int32(types.int32, types.int32), generate
+
+
+@intrinsic
+def pointer(typing: Any, address: Any) -> Any:
+    """Pointer of an address, for `numba.carray`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return types.voidptr(address), generate  # type: ignore[attr-defined]
+
+
+@intrinsic
+def number(typing: Any, bits: Any) -> Any:
+    """Real number of its 64 bits."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], ir.DoubleType())
+
+    return types.float64(bits), generate
+
+
+# Operations on whole rows: a vector that is loaded from where its numbers were stored one by one waits until they have
+# left the processor. As loops over lanes the three cost 8 % in double precision and 30 % in single (Zen 3).
+
+
+def row_copier(lanes: int) -> Callable[..., None]:
+    """Function (target, to, source, first) that copies `lanes` numbers as one vector."""
+
+    @intrinsic
+    def copy(typing: Any, target: Any, to: Any, source: Any, first: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            number = context.get_value_type(target.dtype)
+            vector, size = ir.VectorType(number, lanes), context.get_abi_sizeof(number)
+
+            def place(kind: Any, array: Any, index: Any) -> Any:
+                data = context.make_array(kind)(context, builder, array).data
+                return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+
+            row = builder.load(place(source, arguments[2], arguments[3]), align=size)
+            builder.store(row, place(target, arguments[0], arguments[1]), align=size)
+            return context.get_dummy_value()
+
+        return types.none(target, types.intp, source, types.intp), generate
+
+    return copy  # type: ignore[no-any-return]
+
+
+def row_gatherer(lanes: int) -> Callable[..., None]:
+    """Function (target, to, source, where) that gathers a row as one vector, each lane from a row of its own.
+
+    With `where` = (place, first, now, mask) lane i is read from row `first` + ((`now` − delay) & `mask`) of the source,
+    its delay being number `place` + i of the target, a whole one.
+    """
+
+    @intrinsic
+    def gather(typing: Any, target: Any, to: Any, source: Any, where: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            number, whole = context.get_value_type(target.dtype), context.get_value_type(types.intp)
+            vector, size = ir.VectorType(number, lanes), context.get_abi_sizeof(number)
+            into, drawn = (
+                context.make_array(kind)(context, builder, value).data
+                for kind, value in ((target, arguments[0]), (source, arguments[2]))
+            )
+            place, first, now, mask = cgutils.unpack_tuple(builder, arguments[3], 4)
+            row = ir.Constant(vector, ir.Undefined)
+            for lane in range(lanes):
+                delay = builder.fptosi(builder.load(builder.gep(into, [builder.add(place, whole(lane))])), whole)
+                slot = builder.add(builder.and_(builder.sub(now, delay), mask), first)
+                found = builder.load(builder.gep(drawn, [builder.add(builder.mul(slot, whole(lanes)), whole(lane))]))
+                row = builder.insert_element(row, found, ir.IntType(32)(lane))
+            there = builder.bitcast(builder.gep(into, [arguments[1]]), vector.as_pointer())
+            builder.store(row, there, align=size)
+            return context.get_dummy_value()
+
+        return types.none(target, types.intp, source, types.UniTuple(types.intp, 4)), generate  # type: ignore[attr-defined]
+
+    return gather  # type: ignore[no-any-return]
+
+
+def clock_reader(lanes: int) -> Callable[..., None]:
+    """Function (target, to, origins, first, now) that stores the time `now` less the origins of `lanes` as one vector.
+
+    The difference is taken in double precision, and then put into the precision of the target.
+    """
+
+    @intrinsic
+    def read(typing: Any, target: Any, to: Any, origins: Any, first: Any, now: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            double, number = (context.get_value_type(kind.dtype) for kind in (origins, target))
+            given, kept = (ir.VectorType(kind, lanes) for kind in (double, number))
+            into, begun = (
+                context.make_array(kind)(context, builder, value).data
+                for kind, value in ((target, arguments[0]), (origins, arguments[2]))
+            )
+            place = builder.bitcast(builder.gep(begun, [arguments[3]]), given.as_pointer())
+            all_now = ir.Constant(given, ir.Undefined)
+            for lane in range(lanes):
+                all_now = builder.insert_element(all_now, arguments[4], ir.IntType(32)(lane))
+            since = builder.fsub(all_now, builder.load(place, align=context.get_abi_sizeof(double)))
+            row = since if number == double else builder.fptrunc(since, kept)
+            there = builder.bitcast(builder.gep(into, [arguments[1]]), kept.as_pointer())
+            builder.store(row, there, align=context.get_abi_sizeof(number))
+            return context.get_dummy_value()
+
+        return types.none(target, types.intp, origins, types.intp, types.float64), generate
+
+    return read  # type: ignore[no-any-return]
+
+
+TABLE = types.int64(types.CPointer(types.int64))  # type: ignore[attr-defined]
+
+
+def of_table(function: Callable[..., Any], described: tuple[Any, ...], real: type = np.float64) -> Callable[..., Any]:
+    """Function of a table in place of the arguments that are described; its signature is `TABLE`.
+
+    `described`: of each argument, see `table`; `real`: of arrays of kind "real".
+    """
+    read, law = _reader(described, real), physics(function)
+
+    def entry(table):  # type: ignore[no-untyped-def]
+        return law(*read(table))
+
+    return entry
+
+
+def _reader(described: Any, real: type) -> Any:
+    """Function (table) of what is described: tuples with arrays that view the memory which the table names."""
+    names: dict[str, Any] = {"carray": numba.carray, "pointer": pointer, "number": number}
+    text = _expression(described, np.dtype(real).name, names, itertools.count())
+    exec(f"def read(table):\n    return {text}\n", names)
+    return numba.njit(names["read"], error_model="numpy")
+
+
+def _expression(described: Any, real: str, names: dict[str, Any], places: Iterator[int]) -> str:
+    if isinstance(described, Array):
+        kind = real if described.kind == REAL else described.kind
+        names[kind] = getattr(np, kind)
+        data, *lengths = (f"table[{next(places)}]" for _ in range(1 + described.dimensions))
+        return f"carray(pointer({data}), ({', '.join(lengths)},), {kind})"
+    if isinstance(described, tuple):
+        parts = ", ".join(_expression(part, real, names, places) for part in described)
+        if not hasattr(described, "_fields"):
+            return f"({parts},)"
+        names[type(described).__name__] = type(described)
+        return f"{type(described).__name__}({parts})"
+    entry = f"table[{next(places)}]"
+    return f"number({entry})" if described == REAL else entry
