@@ -16,6 +16,7 @@ from commonrail.base.arguments import Quantity, chosen, flag, instance, instance
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Engine, Precision
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.hooks import naming
 from commonrail.base.units import to_text
 from commonrail.engine import lanes, plan
 from commonrail.engine.lanes import VECTORS, Misfit
@@ -294,7 +295,8 @@ def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
         return cuda.run(job, how.variant, misfit, how.precision, how.traced)
     apart = misfit is not None and bool(misfit.bound_count.any())
     job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes, apart=apart)
-    return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, same_bits=how.same_bits)
+    with naming(f"{how.variant.label}, {how.precision.value}"):
+        return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, same_bits=how.same_bits)
 
 
 def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
@@ -363,7 +365,8 @@ def sampled_rates(
     theta = candidate_matrix(injector, names, values, prepared.row)
     job = plan.make_job(prepared, theta, False)
     variant, many = injector.wired(names), threads or usable_threads()
-    outcome, trace = lanes.run(job, variant, traced=True, threads=many, injected_only=True, same_bits=same_bits)
+    with naming(f"{variant.label}, {Precision.F64.value}"):
+        outcome, trace = lanes.run(job, variant, traced=True, threads=many, injected_only=True, same_bits=same_bits)
     injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])
     whole = np.array_equal(bounds, time)
