@@ -44,6 +44,7 @@ def own_methods(quick: bool) -> list[Method]:
     return [
         *(_full_lanes(step) for step in steps),
         *(_lanes(step) for step in steps),
+        _alone(),
         *(_reference(resolution) for resolution in resolutions),
     ]
 
@@ -98,6 +99,15 @@ def _full_lanes(step: float) -> Method:
 
     name = f"lanes, {step * 1e6:g} us, one of {FULL} on one core"
     return _lanes(step)._replace(name=name, timed=batch, simulations=FULL)
+
+
+def _alone() -> Method:
+    """One simulation alone for its figures, which ends with the injection; its errors are those of the whole course."""
+
+    def figures() -> None:
+        simulate_batch(injector(), [POINT], threads=1)
+
+    return _lanes(1e-6)._replace(name="lanes, 1 us, one simulation alone for its figures", timed=figures)
 
 
 def _reference(resolution: Resolution) -> Method:

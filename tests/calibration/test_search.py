@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from commonrail.base import hooks
+from commonrail.calibration import search
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.optimisers.evolution import (
     DifferentialEvolution,
@@ -15,9 +18,11 @@ from commonrail.calibration.optimisers.evolution import (
     Treatment,
 )
 from commonrail.calibration.parameter import Parameter
-from commonrail.calibration.search import NOT_SIMULATED, steps
+from commonrail.calibration.search import NOT_SIMULATED, Listeners, Progress, Search, steps
 from commonrail.calibration.space import Space
+from commonrail.calibration.study import Method
 from commonrail.engine.status import Status
+from commonrail.workers.interrupt import StopRequest
 
 SPACE = Space(
     [Parameter(n, x, 0.0, 1.0, "1", mark="E", source="test") for n, x in {"a": 0.3, "b": 0.6}.items()], ["a < b"]
@@ -52,3 +57,27 @@ def test_every_trial_is_answered_in_its_place(treatment: Treatment, initial: Ini
     assert some == (treatment is Treatment.REJECT)
     assert optimiser.counts.slots == 12 * 9
     assert 3 * optimiser.counts.simulated == seen
+
+
+def test_the_time_of_a_search_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rates of simulation are taken to it: a first generation of one second would seem to take a hundred."""
+    clock = SimpleNamespace(now=0.0, perf_counter=lambda: clock.now)
+    monkeypatch.setattr(search, "time", clock)
+    monkeypatch.setattr(hooks, "time", clock)
+
+    class Compiled(Feasible):
+        statuses = Status
+
+        def costs(self, values: np.ndarray) -> Scores:
+            if clock.now == 0.0:
+                with hooks.compiling():
+                    clock.now += 99.0
+            clock.now += 1.0
+            return super().costs(values)
+
+    told: list[Progress] = []
+    method = Method(EvolutionSettings(12, 3, treatment=Treatment.REPAIR), polish=0, stop_when_converged=False)
+    study = SimpleNamespace(space=SPACE, method=method, seed=4, title="a search")
+    listeners = Listeners(told.append, None, StopRequest())
+    Search(cast(Any, study), cast(Any, Compiled()), None, listeners)._run()
+    assert [p.seconds for p in told] == [1.0, 2.0, 3.0, 4.0]

@@ -116,7 +116,7 @@ def test_a_needle_that_is_still_open_is_told_and_figures_are_given(command: Comm
 def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    failed = replace(solution(), status=Status.STEP_UNSTABLE, longest_step=2.2e-6)
+    failed = replace(solution(), status=Status.STEP_UNSTABLE, find_longest_step=lambda: 2.2e-6)
     monkeypatch.setattr("commonrail.cli.injection.simulated", lambda *_, **__: failed)
     done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
     assert (done.status, done.out) == (4, "")

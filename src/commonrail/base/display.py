@@ -9,7 +9,7 @@ from html import escape
 from importlib import import_module
 from typing import Any, ClassVar
 
-from commonrail.base.hooks import duration, tell_of_compiling
+from commonrail.base.hooks import compiled_words, tell_of_compiling
 
 # Progress in a notebook: a bar that is drawn anew in its place, and a line while a kernel is compiled.
 
@@ -63,7 +63,7 @@ def watch() -> None:
 @contextmanager
 def _compiling() -> Iterator[None]:
     line = Live()
-    line.show(f"{COMPILING} ({duration()}) …")
+    line.show(f"{COMPILING}{compiled_words()} …")
     yield
     line.show("")
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
 from typing import Any
 
 Listener = Callable[[], AbstractContextManager[Any]]
@@ -17,6 +19,9 @@ def _warn(text: str) -> None:
 _listener: Listener = nullcontext
 _note: Callable[[str], None] = _warn
 _duration = "ten seconds on an idle machine, up to a minute on a busy one"
+_named: ContextVar[tuple[str, ...]] = ContextVar("named", default=())  # batches are simulated in threads, too
+_under_way = 0  # compilations, each of which another one needs
+_spent = 0.0  # [s]
 ALL_ENTRIES = "about a minute, more on a busy machine"  # of an export, which has more to compile than one kernel
 
 
@@ -27,9 +32,40 @@ def tell_of_compiling(listener: Listener) -> Listener:
     return before
 
 
-def compiling() -> AbstractContextManager[Any]:
-    """The context to compile in."""
-    return _listener()
+@contextmanager
+def compiling() -> Iterator[None]:
+    """The context to compile in: the listener's, and its time counts as `compiling_seconds`."""
+    global _under_way, _spent
+    start = time.perf_counter()
+    _under_way += 1
+    try:
+        with _listener():
+            yield
+    finally:
+        _under_way -= 1
+        if not _under_way:
+            _spent += time.perf_counter() - start
+
+
+def compiling_seconds() -> float:
+    """Time that this process has spent compiling, or waiting for another that compiled for it [s]."""
+    return _spent
+
+
+@contextmanager
+def naming(words: str) -> Iterator[None]:
+    """State what is simulated inside the block, for whoever says that it is compiled; blocks inside add their words."""
+    before = _named.set((*_named.get(), words))
+    try:
+        yield
+    finally:
+        _named.reset(before)
+
+
+def compiled_words() -> str:
+    """End of a sentence on compiling: of what, where that is stated, and how long it takes."""
+    named = ", ".join(_named.get())
+    return f": {named} ({_duration})" if named else f" ({_duration})"
 
 
 @contextmanager

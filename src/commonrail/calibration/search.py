@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
+from commonrail.base.hooks import compiling_seconds
 from commonrail.calibration.distributed_objective import SpreadObjective
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import FitObjective, Objective
@@ -169,7 +170,7 @@ COARSEST_SCREENING = 1.5e-6  # time step [s] at which candidates are screened, i
 
 
 class Progress(NamedTuple):
-    """Progress of a calibration. `phase` is the optimiser's, such as "evolution"; `seconds` since its start."""
+    """Progress of a calibration. `phase` is the optimiser's, such as "evolution"; `seconds` as in `SearchResult`."""
 
     phase: str
     generation: int
@@ -279,7 +280,7 @@ class SearchResult:
     status, reason : str
         "finished" or "interrupted", and why it stopped.
     seconds : float
-        Time of the search.
+        Time of the search, without that in which this process compiled its kernels.
     simulations : int
         Single injections, or simulations of an FMU.
     failures : mapping of str to int
@@ -331,7 +332,7 @@ class Search:
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._residuals = 0  # number of residuals, once it is known
-        self._start = time.perf_counter()
+        self._start = time.perf_counter() - compiling_seconds()
         if checkpoint is not None:
             try:
                 self._take_up(checkpoint)
@@ -384,8 +385,8 @@ class Search:
             self._begun.append(self._row[len(self._begun)](self._begun[-1]))
 
     def _seconds(self) -> float:
-        """Time spent, that before a restart included [s]."""
-        return time.perf_counter() - self._start
+        """Time spent, that before a restart included, without that of compiling, which is spent once [s]."""
+        return time.perf_counter() - compiling_seconds() - self._start
 
     def _reason(self) -> str:
         """Reason for the end of the first optimiser; where refinements are judged, its own verdict is not in it."""

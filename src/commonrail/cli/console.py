@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from commonrail.base.hooks import duration, tell_of_compiling
+from commonrail.base.hooks import compiled_words, tell_of_compiling
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -82,30 +82,30 @@ def say_of_ending(text: str) -> None:
 
 
 _under_way = False  # one display, also while one compilation needs another
-_said = False  # the sentence, where it cannot be taken back
+_said = ""  # the last sentence, where it cannot be taken back
 
 
 def compiling_words() -> str:
-    """Sentence on a compilation and its duration."""
-    return f"{COMPILING} ({duration()}) ..."
+    """Sentence on a compilation: of what, and how long it takes."""
+    return f"{COMPILING}{compiled_words()} ..."
 
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Say that a simulation is being compiled, with a sign of life in a terminal, else once a process."""
+    """Say that a simulation is being compiled, with a sign of life in a terminal, else once for each sentence."""
     global _under_way, _said
-    console = stderr_console()
-    if _under_way or (_said and console is None):
+    console, words = stderr_console(), compiling_words()
+    if _under_way or (_said == words and console is None):
         yield
         return
     _under_way = True
     try:
         if console is not None:
-            with console.status(compiling_words()):
+            with console.status(words):
                 yield
         else:
-            _said = True
-            say(compiling_words())
+            _said = words
+            say(words)
             yield
     finally:
         _under_way = False

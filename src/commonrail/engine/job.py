@@ -251,6 +251,11 @@ def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt
     not matter; `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row of the times,
     and number of steps; `times` (clocks, steps): [s].
     """
+    if pulses.shape[1] == len(count):  # one energising each, as most have: its turn is in step 0
+        now = times[at[0], 0]
+        origins = np.zeros((2 * len(count), 4))
+        origins[::2] = np.stack([*pulses, now - pulses[0], now - pulses[1]], axis=1)
+        return 2 * np.arange(len(count)), np.tile([0, NEVER], len(count)), origins
     point, place = np.repeat(np.arange(len(count)), count), np.arange(pulses.shape[1])
     ordinal, row = place - (np.cumsum(count) - count)[point], at[0][point]
     step = np.zeros(len(place), np.int64)

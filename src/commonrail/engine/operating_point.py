@@ -214,7 +214,7 @@ class OperatingPoint:
     def pulses(self) -> tuple[Energising, ...]:
         """Energisings in order."""
         if isinstance(self.energisings, float):
-            return (Energising(0.0, self.energisings),)
+            return (Energising._make((0.0, self.energisings)),)  # which was read when the point was made
         return self.energisings
 
     @property

@@ -16,6 +16,7 @@ from commonrail.base.arguments import Quantity, chosen, flag, instance, instance
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Engine, Precision
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.hooks import naming
 from commonrail.base.units import to_text
 from commonrail.engine import lanes, plan
 from commonrail.engine.job import VECTORS
@@ -127,28 +128,29 @@ def simulate(
         return simulate_reference(injector, point, sample_interval or 3e-6)
     stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
     prepared = plan.prepare(injector, [point], time_step)
-    how = _How(prepared, injector.wired(), None, False, real, engine, traced=True, same_bits=alike)
-    theta = how.prepared.row[None]
-    outcome, trace = _run(theta, how, how.prepared.densities)
+    variant, c = injector.wired(), plan.coefficients_at(injector, point, time_step)
+    how = _How(prepared, variant, None, False, real, engine, traced=True, same_bits=alike)
+    theta = prepared.row[None]
+    outcome, trace = _run(theta, how, prepared.densities)
     states = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T, strict=True))
     time: Floats = np.asarray(point.start + time_step * stride * np.arange(-(-trace.shape[1] // stride)), float)
-    injected = states["nozzle.injected"][::stride]
+    injected = np.ascontiguousarray(states["nozzle.injected"][::stride])
     reached = float(np.nan_to_num(outcome.greatest_lift[0, 0]))
     return Solution(
         time=time,
         mass_rate=np.diff(injected) / np.diff(time),
         injected=injected,
-        channels=read_channels(injector, point, time, {name: row[::stride] for name, row in states.items()}),
+        channels=read_channels(c, variant, point, time, {name: row[::stride] for name, row in states.items()}),
         injected_mass=float(states["nozzle.injected"][-1]),  # at the horizon, which a sample need not meet
         returned_mass=float(states["cumulative_flows.returned"][-1]),
         opening=point.start + time_step * float(outcome.opening[0, 0]),
         closing=point.start + time_step * float(outcome.closing[0, 0]),
         first_closing=point.start + time_step * float(outcome.first_closing[0, 0]),
-        reference_density=float(how.prepared.densities[0, 0]),
-        status=Status(int(statuses_of((), theta, how.prepared, outcome)[0, 0])),
+        reference_density=float(prepared.densities[0, 0]),
+        status=Status(int(statuses_of((), theta, prepared, outcome)[0, 0])),
         engine=engine.value,
-        balance=relative_balance(injector, point, states, time_step),
-        longest_step=longest_step(injector, theta[0], how.prepared.medium, reached),
+        balance=relative_balance(c, states, time_step),
+        find_longest_step=functools.partial(longest_step, injector, theta[0], prepared.medium, reached),
     )
 
 
@@ -294,7 +296,8 @@ def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
         return cuda.run(job, how.variant, misfit, how.precision, how.traced)
     apart = misfit is not None and bool(misfit.bound_count.any())
     job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes, apart=apart)
-    return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, same_bits=how.same_bits)
+    with naming(f"{how.variant.label}, {how.precision.value}"):
+        return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, same_bits=how.same_bits)
 
 
 def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
@@ -363,7 +366,8 @@ def sampled_rates(
     theta = candidate_matrix(injector, names, values, prepared.row)
     job = plan.make_job(prepared, theta, False)
     variant, many = injector.wired(names), threads or usable_threads()
-    outcome, trace = lanes.run(job, variant, traced=True, threads=many, injected_only=True, same_bits=same_bits)
+    with naming(f"{variant.label}, {Precision.F64.value}"):
+        outcome, trace = lanes.run(job, variant, traced=True, threads=many, injected_only=True, same_bits=same_bits)
     injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])
     whole = np.array_equal(bounds, time)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -14,7 +17,7 @@ from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.choices import Actuation, Boundary
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint, Trace, values_at
-from commonrail.engine.plan import coefficients_at, reference_densities
+from commonrail.engine.plan import reference_densities
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.components import feed_pipe, solenoid
@@ -29,15 +32,14 @@ SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing
 _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 
 
-def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[str, Floats], dt: float) -> float:
+def relative_balance(c: Any, states: Mapping[str, Floats], dt: float) -> float:
     """Balance of `relative_to_injected`.
 
     In: drawn from the rail. Out: injected, returned. Stored: the volumes that the injector has and the feed pipe.
 
-    `states` (mapping of str to (steps + 1,)): state after every step, by the names of `lanes.trace_paths`; `dt`: time
-    step [s].
+    `c`: `plan.coefficients_at` that step; `states` (mapping of str to (steps + 1,)): state after every step, by the
+    names of `lanes.trace_paths`; `dt`: time step [s].
     """
-    c = coefficients_at(injector, point, dt)
     stored = sum(float(states[name][-1] - states[name][0]) for name in _VOLUMES if name in states)
     stored += _pipe(states["waves.down"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
     stored += _pipe(states["waves.up"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
@@ -79,19 +81,20 @@ _PRESSURES = {  # names of the states, those that an injector has
 }
 
 
-def read_channels(injector: Injector, point: OperatingPoint, time: Floats, states: States) -> dict[str, Floats]:
+def read_channels(c: Any, variant: Variant, point: OperatingPoint, time: Floats, states: States) -> dict[str, Floats]:
     """Channels of a `Solution` of the fast engines.
 
-    `time` (samples,): [s]; `states` (mapping of str to (samples,)): state at those times, by the names of
-    `lanes.trace_paths`.
+    `c`: `plan.coefficients_at` the point; `variant`: as wired; `time` (samples,): [s]; `states` (mapping of str to
+    (samples,)): state at those times, by the names of `lanes.trace_paths`.
     """
     held = dict(states)
-    measured = isinstance(point.rail_pressure, Trace) and injector.variant.boundary is not Boundary.VOLUME
+    measured = isinstance(point.rail_pressure, Trace) and variant.boundary is not Boundary.VOLUME
     if measured or "rail.pressure" not in held:
         held["rail.pressure"] = values_at(point.rail_pressure, time)
     pressures = {name: held[path] for name, path in _PRESSURES.items() if path in held}
     cylinder = values_at(point.cylinder_pressure, time)
-    return all_channels(coefficients_at(injector, point, 1e-6), injector.wired(), states, pressures, cylinder)
+    channels = all_channels(c, variant, states, pressures, cylinder)
+    return {name: np.ascontiguousarray(values) for name, values in channels.items()}  # the trace need not be kept
 
 
 def all_channels(c: Any, variant: Variant, states: States, pressures: States, cylinder: Floats) -> dict[str, Floats]:
@@ -100,7 +103,7 @@ def all_channels(c: Any, variant: Variant, states: States, pressures: States, cy
     `c`: of the variant's actuation; `states`, `pressures`: (mapping of str to (samples,)).
     """
     wired = wiring(variant)
-    body, discharge, sac = wired.body, wired.laws.discharge, pressures["sac_pressure"]
+    body, at = wired.body, (states["nozzle.lift_reached"], pressures["sac_pressure"], cylinder)
     moved = states[f"body.{body.TOP}"]
     if variant.actuation is Actuation.DIRECT:
         lifts, gap = {"armature_lift": moved}, c.armature.travel - moved
@@ -114,10 +117,23 @@ def all_channels(c: Any, variant: Variant, states: States, pressures: States, cy
         **pressures,
         "coil_current": np.asarray(magnet.current),
         "magnetic_force": np.asarray(solenoid.magnetic_force(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
-        "discharge_coefficient": np.array(
-            [discharge(c.nozzle, *at) for at in zip(states["nozzle.lift_reached"], sac, cylinder, strict=True)]
-        ),
+        "discharge_coefficient": _discharge(wired.laws.discharge, c.nozzle, at, variant.nozzle_law != ""),
     }
+
+
+def _discharge(law: Callable[..., Any], c: Any, at: tuple[Floats, Floats, Floats], foreign: bool) -> Floats:
+    """Discharge coefficient at the samples of lift, SAC and cylinder pressure; a foreign law is given one at a time."""
+    if foreign or len(at[0]) == 1:  # a foreign law may branch; one sample takes the stepper a tenth of the time so
+        return np.array([law(c, *sample) for sample in zip(*at, strict=True)])
+    return np.asarray(_of_arrays(law)(c, *at))
+
+
+@functools.cache
+def _of_arrays(law: Callable[..., Any]) -> Callable[..., Any]:
+    """The same law for arrays, to the same bits: it takes `max` and `min` element by element, and does not branch."""
+    names = law.__globals__
+    called = {name: _of_arrays(names[name]) for name in law.__code__.co_names if inspect.isfunction(names.get(name))}
+    return FunctionType(law.__code__, {**names, **called, "max": np.maximum, "min": np.minimum}, None, law.__defaults__)
 
 
 @dataclass(frozen=True)
@@ -153,8 +169,8 @@ class Solution:
         "lanes" or "reference".
     balance : float
         In − out − stored, relative to the injected mass, or to 1 mg where less was injected.
-    longest_step : float
-        Longest time step that the fast engines bear for this injector [s]; infinite for the reference.
+    find_longest_step : function () -> float, optional
+        Gives `longest_step`.
     """
 
     time: Floats
@@ -170,7 +186,15 @@ class Solution:
     status: Status
     engine: str
     balance: float
-    longest_step: float = math.inf
+    find_longest_step: Callable[[], float] | None = field(default=None, repr=False)
+
+    @functools.cached_property
+    def longest_step(self) -> float:
+        """Longest time step that the fast engines bear for this injector [s]; infinite for the reference.
+
+        It is sought when it is first asked for: that takes about half as long as the simulation.
+        """
+        return math.inf if self.find_longest_step is None else self.find_longest_step()
 
     @property
     def sentence(self) -> str:

@@ -136,7 +136,7 @@ def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
         return
     pressures = [point.at_start(point.rail_pressure) for point in points]
     for pressure in sorted({min(pressures), max(pressures)}, reverse=True):
-        greatest = greatest_discharge(injector, pressure)
+        greatest = _greatest_discharge(injector.parameters.nozzle, pressure)
         if greatest > 1.0 + ROUNDING:
             _note_once(
                 f"{injector.name}: growth with pressure and shape would lift the nozzle's discharge coefficient to "
@@ -146,12 +146,12 @@ def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
             return
 
 
-def greatest_discharge(injector: Injector, rail_pressure: float) -> float:
+@functools.lru_cache(maxsize=64)
+def _greatest_discharge(p: nozzle.Parameters, rail_pressure: float) -> float:
     """Largest discharge coefficient that growth and shape ask of a nozzle [1], before it is held at 1.
 
     `rail_pressure`: at time zero [Pa].
     """
-    p: nozzle.Parameters = injector.parameters.nozzle
     c = nozzle.coefficients(p, rail_pressure, 0.0)
     # both factors are linear, or rise as a sine, between these lifts
     lifts = (c.lift_transition, c.lift_maximum, *c.shape.knots)

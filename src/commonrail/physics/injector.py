@@ -114,7 +114,7 @@ class Injector:
         """`parameter_quantities` of its actuation."""
         return parameter_quantities(self.variant.actuation)
 
-    @property
+    @functools.cached_property
     def parameters(self) -> Any:
         """Values as the NamedTuple that the physics reads."""
         kind, components = _components(self.variant.actuation)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from commonrail.base.arguments import instance, instances, mapping, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import CommonrailError, ConfigurationError
+from commonrail.base.hooks import naming
 from commonrail.calibration.scoring import check_drive
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Missing, Score
@@ -102,12 +103,13 @@ def compare(
     study_of_data = [study for study in studies for _ in study.data]
     scores: dict[str, tuple[Score, ...]] = {}
     failures: dict[str, tuple[tuple[Failure, ...], ...]] = {}
-    for label, injector in models.items():
+    for number, (label, injector) in enumerate(models.items(), start=1):
         metered = with_meters(data, (meters or {}).get(label, ()))
-        scored = [
-            _score(label, Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits), d)
-            for d, study in zip(metered, study_of_data, strict=True)
-        ]
+        with naming(f"model {number} of {len(models)}"):
+            scored = [
+                _score(label, Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits), d)
+                for d, study in zip(metered, study_of_data, strict=True)
+            ]
         scores[label], failures[label] = tuple(score for score, _ in scored), tuple(failed for _, failed in scored)
     return Comparison(dict(models), studies, data, scores, failures)
 
