@@ -23,6 +23,7 @@ from commonrail.base.choices import Actuation, Drive, Precision
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.compiler.target import LEVEL_3, LEVEL_4, own_processor
 from commonrail.engine import lanes, machine_code
+from commonrail.engine.job import VECTORS
 from commonrail.engine.machine_code import symbol_of
 from commonrail.engine.operating_point import Trace
 from commonrail.physics.variants import Variant
@@ -156,6 +157,9 @@ def test_every_wiring_has_the_bits_of_the_compiler(
 
 def test_sources_that_were_changed_are_compiled(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
     assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is not None
+    use.setattr(machine_code, "files_stamp", lambda: "another")
+    forget()
+    assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is not None  # a comment was changed
     use.setattr(machine_code, "sources_stamp", lambda: "another")
     forget()
     assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is None
@@ -282,7 +286,7 @@ def test_a_loop_refuses_a_table_that_was_made_for_another(
     use: pytest.MonkeyPatch, rigid: cr.Injector, wrong: str
 ) -> None:
     """It writes nothing then: a loop of the wrong wiring would write past the end of its memory."""
-    shape = lanes.shape_of(rigid.wired(), job.VECTORS[Precision.F64])
+    shape = lanes.shape_of(rigid.wired(), VECTORS[Precision.F64])
     other = shape._replace(**{wrong: getattr(shape, wrong) - 1})
     use.setattr(lanes, "shape_of", lambda variant, vector: other)
     with pytest.raises(SimulationError, match="made for another injector"):

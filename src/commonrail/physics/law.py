@@ -1,7 +1,7 @@
 """Laws of the physics as plain functions, and the rows of an array in which their NamedTuples are laid out.
 
 `physics` marks every small scalar law and returns the plain Python function, so debuggers, coverage and dimensional
-tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.numba`, the CUDA kernels) is told of them by
+tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.laws`, the CUDA kernels) is told of them by
 `offer_laws`; nothing here needs Numba. In all laws `dt` is the time step [s], `c` the coefficients and `s` the state.
 
 An engine keeps everything behind one base pointer, so the compiler can prove that lanes do not overlap: a nested

@@ -1,6 +1,6 @@
 """Libraries of all wirings against the lanes: random candidates, points, trains and measured courses, every channel.
 
-Both are compiled with nothing fused and nothing reordered (`commonrail.compiler.numba`), and so nothing may differ.
+Both are compiled with nothing fused and nothing reordered (`compiler.laws.FASTMATH`), and so nothing may differ.
 """
 
 from __future__ import annotations
