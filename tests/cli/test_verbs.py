@@ -12,6 +12,7 @@ import pytest
 from commonrail.calibration.study_file.from_data import TEMPLATES
 from commonrail.physics.injector import parameter_quantities
 from commonrail.plugins.verification.closed_forms import check
+from commonrail.readers.injector.file import load_injector
 from tests.cli.conftest import Command
 
 
@@ -38,6 +39,24 @@ def test_a_vain_search_says_so(command: Command) -> None:
     done = command("catalogue", "--search", "zebra")
     assert (done.status, done.out) == (0, "")
     assert done.sentence == 'nothing contains "zebra".'
+
+
+def test_the_file_of_an_injector_is_written_to_start_from_and_nothing_is_overwritten(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert command("catalogue", "injectors", "--write", "crin").status == 0
+    assert load_injector("crin.toml") == load_injector("crin")
+    assert "crin.toml: there already is such a file" in command("catalogue", "injectors", "--write", "crin").sentence
+    assert "--write stands alone" in command("catalogue", "fuels", "--write", "crin").sentence
+    assert 'no injector "../x"' in command("catalogue", "--write", "../x").sentence
+
+
+def test_the_gaps_of_a_drawing_are_listed_below_the_sentence(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text('format = "commonrail-injector/1"\n', encoding="utf-8")
+    done = command("simulate", tmp_path / "a.toml", "--rail-pressure", "80MPa", "--energising-time", "500us")
+    assert done.status == 2
+    assert sum(line.startswith("  nozzle.holes, ") for line in done.err.splitlines()[1:]) == 1
 
 
 def test_new_writes_its_files_and_names_the_next_step(command: Command, tmp_path: Path) -> None:

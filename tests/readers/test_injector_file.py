@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.base.choices import Body, Boundary, Drive
+from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import InputError
 from commonrail.physics.injector import Source, parameter_quantities
 from commonrail.physics.variants import Variant
 from commonrail.readers.injector.file import dump_injector, injector_catalogue, load_injector
 
-from .conftest import TEMPLATES
+from .conftest import TEMPLATES, changed
 
 Edit = Callable[..., Path]
 
@@ -192,12 +192,12 @@ FAULTS = {
     "missing key": (
         'seat_diameter = "0.50 mm"',
         "",
-        "valve: there is no value for seat_diameter, the diameter of the valve seat; add it",
+        r"there is no value for valve\.seat_diameter \(diameter of the valve seat\); add it, or take what is missing",
     ),
     "missing keys": (
         'mass = "5 g"\nlift = "55 um"',
         "",
-        r"valve: there is no value for mass, the mass of armature and shutter, nor for lift; add it",
+        r"there is no value for valve\.mass \(mass of armature and shutter\) and valve\.lift \(.*\); add all of them",
     ),
     "no unit": (GRAMS, "mass = 5", r'valve\.mass: "5.0" has no unit; a mass is expected'),
     "wrong unit": (GRAMS, 'mass = "5 mm"', r'valve\.mass: "5 mm" is a length; a mass is expected'),
@@ -232,11 +232,15 @@ FAULTS = {
     "drive": ('"regulated"', '"regulatd"', r'drive_kind: "regulatd" is not known \(did you mean "regulated"\?\)'),
     "title": ('title = "My injector"', "title = 3", "title: this must be a text in quotes"),
     "fuel unknown": ('"iso4113"', '"iso4114"', r'fuel\.name: There is no fuel "iso4114" \(did you mean "iso4113"'),
-    "fuel not given": ('name = "iso4113"', "", "fuel: give either name"),
+    "fuel not given": (
+        'name = "iso4113"',
+        "",
+        r"no value for fuel\.name \(of the catalogue, such as iso4113, or fuel\.file\)",
+    ),
     "fuel given twice": ('name = "iso4113"', 'name = "iso4113"\nfile = "a.toml"', "fuel: give either name"),
     "fuel key": ('name = "iso4113"', 'nam = "iso4113"', r'fuel: there is no key "nam" \(did you mean "name"'),
     "fuel file": ('name = "iso4113"', 'file = "a.toml"', r"a\.toml: there is no such file"),
-    "no temperature": ('temperature = "80 degC"', "", r"fuel\.temperature: this key is missing; add temperature = "),
+    "no temperature": ('temperature = "80 degC"', "", r"no value for fuel\.temperature \(temperature of the fuel\)"),
     "temperature": ('"80 degC"', '"180 degC"', r"fuel\.temperature: 453\.15 K lies outside the range of iso4113"),
     "temperature below": ('"80 degC"', '"10 degC"', r"fuel\.temperature: 283\.15 K lies outside the range of iso4113"),
     "drawing no table": (
@@ -268,6 +272,69 @@ def test_fault_is_named(injector_file: Edit, fault: str) -> None:
 BOUNDARY = (
     'rail_boundary = "ideal" # ideal: the rail pressure at the inlet is given; volume: a rail behind a throttle, [rail]'
 )
+HALF = """format = "commonrail-injector/1"
+base = "cri2-16"
+[valve]
+lift = { value = "41 um", mark = "M", source = "drawing 4711" }
+"""
+
+
+def half(tmp_path: Path, *replacements: tuple[str, str]) -> Path:
+    """A drawing that states one value, and takes the others from another injector."""
+    path = tmp_path / "half.toml"
+    path.write_text(changed(HALF, *replacements), encoding="utf-8")
+    return path
+
+
+def test_what_half_a_drawing_does_not_state_is_the_bases_and_is_marked_so(tmp_path: Path) -> None:
+    base, found = load_injector("cri2-16"), load_injector(half(tmp_path))
+    assert found.values == {**base.values, "valve.lift": 41e-6}
+    assert (found.name, found.variant, found.fuel, found.synthetic) == ("half", base.variant, base.fuel, base.synthetic)
+    assert found.sources.pop("valve.lift") == Source("M", "drawing 4711")
+    # what was measured of another injector is not measured of this one
+    assert {source.mark for source in found.sources.values()} == {"E"}
+    assert found.sources["nozzle.holes"].text == f"base cri2-16: M, {base.sources['nozzle.holes'].text}"
+
+
+def test_a_base_may_be_a_file_beside_and_gives_fuel_and_variant_where_they_are_not_stated(tmp_path: Path) -> None:
+    dump_injector(load_injector("virtual-lino-2016"), tmp_path / "type.toml")
+    warm = ('"cri2-16"', '"type.toml"\nrail_boundary = "volume"\nfuel = { temperature = "60 degC" }')
+    found = load_injector(half(tmp_path, warm))
+    assert found.variant == load_injector("virtual-lino-2016").variant._replace(boundary=Boundary.VOLUME)
+    assert (found.fuel.name, found.values["fuel.temperature"]) == ("iso4113", pytest.approx(333.15))
+    assert found.synthetic  # what rests on a synthetic injector is no measured one
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (('"cri2-16"', '"cri2-17"'), r'half\.toml, base: There is no injector "cri2-17".*did you mean "cri2-16"'),
+        (('"cri2-16"', '"direct-acting-kr"'), 'valve: an injector with actuation = "direct" has no such part'),
+        (('"cri2-16"', '"cri2-16"\nactuation = "direct"'), "base: cri2-16 is a servo injector, and actuation is"),
+        (('"cri2-16"', '"half.toml"'), r'base: "half\.toml" has a base itself; name a file that states all values'),
+        (('"cri2-16"', '"other.toml"'), r"base: .*other\.toml: there is no such file"),
+        (('"cri2-16"', '"../other.toml"'), r'base: "\.\./other\.toml" lies outside the folder of half\.toml'),
+        (
+            ('"cri2-16"', '"virtual-lino-2016"\nrail = { volume = "20 cm3" }'),
+            r"rail\.volume: .*does not state rail_bound",
+        ),
+    ],
+)
+def test_a_base_that_does_not_serve_is_refused(tmp_path: Path, edit: tuple[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_injector(half(tmp_path, edit))
+
+
+def test_all_gaps_of_a_drawing_are_told_at_once_with_values_and_marks_of_the_catalogue(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r'others; add all of them, .* with base = "cri2-16" or "crin"') as caught:
+        load_injector(half(tmp_path, ('base = "cri2-16"\n', "")))
+    lacking = {name for name, q in parameter_quantities(Actuation.SERVO).items() if q.default is None} - {"valve.lift"}
+    notes = {note.split()[0].rstrip(","): note for note in caught.value.__notes__[:-1]}
+    assert set(notes) == lacking | {"fuel.name"}
+    holes = "number of nozzle holes: cri2-16 8 M, crin 9 M, virtual-lino-2016 7 E"
+    assert notes["nozzle.holes"] == f"  nozzle.holes, {holes}"
+
+
 RAIL = '\n[rail]\nvolume = { value = "20 cm3", mark = "E", source = "drawing" }\n'
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -60,7 +60,7 @@ def guarded() -> Iterator[None]:
     try:
         yield
     except CommonrailError as error:
-        _end(str(error), error.exit_code)
+        _end(str(error), error.exit_code, getattr(error, "__notes__", ()))
     except KeyboardInterrupt:
         _end("interrupted.", INTERRUPTED)
     except BrokenPipeError:
@@ -142,14 +142,14 @@ def _are_one(path: Path, given: str | Path) -> bool:
         return False
 
 
-def _end(sentence: str, status: int) -> NoReturn:
+def _end(sentence: str, status: int, notes: Sequence[str] = ()) -> NoReturn:
     from commonrail.cli.console import say
 
     if _state()[1] or os.environ.get("COMMONRAIL_TRACEBACK"):
         import traceback
 
         say(traceback.format_exc().rstrip())
-    say(f"commonrail: {' '.join(sentence.split())}")
+    say("\n".join([f"commonrail: {' '.join(sentence.split())}", *notes]))
     raise SystemExit(status) from None
 
 

@@ -68,4 +68,7 @@ def located(place: Place) -> Iterator[None]:
     try:
         yield
     except CommonrailError as error:
-        raise type(error)(f"{place}: {str(error).removesuffix('.')}.") from error
+        placed = type(error)(f"{place}: {str(error).removesuffix('.')}.")
+        for line in getattr(error, "__notes__", ()):
+            placed.add_note(line)
+        raise placed from error

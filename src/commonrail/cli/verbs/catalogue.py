@@ -36,6 +36,9 @@ def catalogue(
     gallery: Annotated[
         Path | None, Option(metavar="FILE.html", help="Page with curves, figures and sources of the injectors.")
     ] = None,
+    write: Annotated[
+        str, Option(metavar="NAME", help="Write the file of an injector, NAME.toml, into this folder to start from.")
+    ] = "",
     json: Json = False,
 ) -> None:
     """List fuels, injectors, meters, features and parameters.
@@ -48,7 +51,13 @@ def catalogue(
       commonrail catalogue injectors
       commonrail catalogue parameters --search spring
       commonrail catalogue injectors --gallery injectors.html
+      commonrail catalogue injectors --write cri2-16
     """
+    if write:
+        if section not in (None, Section.INJECTORS) or search or gallery is not None:
+            raise InputError("--write stands alone, as in commonrail catalogue injectors --write cri2-16.")
+        _write_injector(write, json)
+        return
     if gallery is not None:
         _write_gallery(gallery, search, json)
         return
@@ -63,6 +72,23 @@ def catalogue(
             print_rows(tuple(entries[0]), rows, name)
     if not any(found.values()):
         say(f'commonrail: nothing contains "{search}".')
+
+
+def _write_injector(name: str, json: bool) -> None:
+    """Write the file of an injector, comments and sources included, into the current folder."""
+    from commonrail.base.output import write_text
+    from commonrail.cli.options import check_file
+    from commonrail.readers.injector.model import CATALOGUE
+
+    text, path = CATALOGUE.text(name), Path(f"{name}.toml")
+    if path.exists():
+        raise InputError(f"{path}: there already is such a file; rename it, or change to another folder.")
+    check_file(path, "--write")
+    write_text(path, text)
+    if json:
+        print_json({"kind": "catalogue", "files": [str(path)]})
+    else:
+        say(f"wrote {path}")
 
 
 def _write_gallery(path: Path, search: str, json: bool) -> None:

@@ -14,8 +14,7 @@ from commonrail.physics.fuel import Fuel, Law
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
 from commonrail.physics.meters import QUANTITIES, Meter
 from commonrail.physics.parameters import Q
-from commonrail.readers.catalogue import Catalogue
-from commonrail.readers.injector.model import injector_of, meters_of
+from commonrail.readers.injector.model import CATALOGUE, injector_of, meters_of
 from commonrail.readers.limits import Reach, read_text
 from commonrail.readers.location import Place
 from commonrail.readers.toml import LARGEST_TOML, parse_toml, read_toml
@@ -150,22 +149,15 @@ def _law(law: Law, unit: str, names: tuple[str, ...]) -> dict[str, Any]:
 # One table per component, whose keys are the component's parameters. A value is a text with its unit, or an inline
 # table that adds mark and source; what a file leaves out takes the default of the component.
 
-_CATALOGUE = Catalogue(
-    "commonrail.physics",
-    "catalogue/injectors",
-    'There is no injector "{}" in the catalogue',
-    group="injectors",
-)
-
 
 def injector_catalogue() -> list[str]:
     """Names that `load_injector` knows, those of installed packages behind those that ship."""
-    return _CATALOGUE.names()
+    return CATALOGUE.names()
 
 
 def shipped_injectors() -> list[str]:
     """Names of the injectors that ship, sorted."""
-    return _CATALOGUE.shipped()
+    return CATALOGUE.shipped()
 
 
 def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
@@ -197,7 +189,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
         check_sum(source)
         return _read(read_text(source, LARGEST_TOML), str(source), source.stem, reach)
     file = f"{source}.toml"
-    return _read(_CATALOGUE.text(source, _similar(file, reach)), file, source, Reach(Path(file), False))
+    return _read(CATALOGUE.text(source, _similar(file, reach)), file, source, Reach(Path(file), False))
 
 
 def _read(text: str, file: str, stem: str, reach: Reach | None) -> Injector:

@@ -11,6 +11,9 @@ from pydantic import BeforeValidator, Field, create_model
 
 from commonrail.base.arguments import not_whole
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
+from commonrail.base.errors import InputError
+from commonrail.base.output import check_sum
+from commonrail.base.text import counted, listed
 from commonrail.base.units import to_text
 from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder_stiffness
 from commonrail.physics.fuel import Fuel
@@ -18,11 +21,12 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
 from commonrail.physics.variants import MODELS, Variant, reader_of, unread_parameters
+from commonrail.readers.catalogue import Catalogue
 from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
 from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place, located
-from commonrail.readers.toml import read_model, read_toml
+from commonrail.readers.toml import parse_toml, read_model, read_toml
 from commonrail.readers.toml_fields import (
     FileModel,
     Given,
@@ -34,6 +38,13 @@ from commonrail.readers.toml_fields import (
     Values,
     choice,
     fault,
+)
+
+CATALOGUE = Catalogue(
+    "commonrail.physics",
+    "catalogue/injectors",
+    'There is no injector "{}" in the catalogue',
+    group="injectors",
 )
 
 # Drawing of plunger and needle in an injector's file: seven cylinders, from which Eq. (8) gives stiffness and mass.
@@ -97,6 +108,7 @@ COMPONENTS = tuple(
 )
 
 _DEFAULT = Source("E", "default of commonrail")
+_FUEL = ("name", "file", "definition")  # ways to state it
 
 
 def component_quantities(component: str) -> dict[str, Q]:
@@ -114,18 +126,19 @@ class _FuelTable(Sourced):
     name: str | None = None
     file: str | None = None
     definition: _Definition | None = None
-    temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])]
+    temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])] | None = None
 
 
 class _Head(FileModel):
     """Keys of an injector's file besides its parts."""
 
     format: Literal["commonrail-injector/1"]
+    base: str | None = None  # injector of the catalogue, or file: what is not given is as there
     name: str | None = None
     title: str | None = None
     synthetic: str = ""
     allow_outside: bool = False
-    fuel: _FuelTable
+    fuel: _FuelTable = _FuelTable()
     actuation: Annotated[Actuation, choice(Actuation)] = Actuation.SERVO
     variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
@@ -162,45 +175,119 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
     and `ConfigurationError` as `load_injector`.
     """
     model = read_model(_InjectorModel, document, at)
+    reach = reach or Reach(Path(at.file), model.allow_outside)
+    base = None if model.base is None else _base(model.base, at, reach)
+    variant = _variant(model, base, at)
     given: dict[str, Given] = {}
-    own = tuple(get_type_hints(MODELS[model.actuation].Parameters))
+    own = tuple(get_type_hints(MODELS[variant.actuation].Parameters))
     for component in COMPONENTS:
         if component in own:
-            given |= _values_of(component, getattr(model, component).values(), at / component)
+            given |= {f"{component}.{name}": item for name, item in getattr(model, component).values().items()}
         elif component in model.model_fields_set:
             raise (at / component).error(
-                f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
+                f'an injector with actuation = "{variant.actuation.value}" has no such part; its parts are '
                 f"{', '.join(own)}"
             )
-    _refuse_unread(model, own, at)
+    _refuse_unread(model, variant, own, at)
+    if model.fuel.temperature is not None:
+        given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
+    given = _filled(given, model, base, variant.actuation, at)
     _check_knots(given, document.get("nozzle", {}), at / "nozzle")
     for path, item in given.items():
         if words := not_whole(path, item.value):
             raise at.error(words)
-    given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
-    fuel = _fuel(model.fuel, at / "fuel", reach or Reach(Path(at.file), model.allow_outside))
+    fuel = _fuel(model.fuel, base, given[FUEL_TEMPERATURE].value, at / "fuel", reach)
     name = stem if model.name is None else model.name
     with located(at):  # a drawing may lead to a stiffness without bounds
         return Injector(
             name,
             name if model.title is None else model.title,
-            {path: given[path].value for path in parameter_quantities(model.actuation)},
+            {path: given[path].value for path in parameter_quantities(variant.actuation)},
             fuel,
-            _variant(model, at),
+            variant,
             {path: item.source for path, item in given.items()},
-            synthetic=model.synthetic,
+            synthetic=model.synthetic or (base.synthetic if base else ""),
         )
 
 
+def _base(name: str, at: Place, reach: Reach) -> Injector:
+    """The complete injector that a file builds on, of the catalogue or of a file beside it."""
+    key = at / "base"
+    if name.endswith(".toml"):
+        path = reach.path(Path(at.file).parent, name, key)
+        check_sum(path)
+        document, place = read_toml(path)[0], Place(str(path))
+    else:
+        place = Place(f"{name}.toml")
+        with located(key):
+            document = parse_toml(CATALOGUE.text(name), place.file)
+        reach = Reach(Path(place.file), False)
+    if "base" in document:
+        raise key.error(
+            f'"{name}" has a base itself; name a file that states all values, such as calibrated.toml of a run'
+        )
+    return injector_of(document, place, Path(place.file).stem, reach)
+
+
+def _filled(given: Values, model: Any, base: Injector | None, actuation: Actuation, at: Place) -> Values:
+    """All values by dotted name: as given, else of the base, else the default.
+
+    Raises `InputError` with all that are missing.
+    """
+    known = parameter_quantities(actuation)
+    if base is not None:
+        of_base = {
+            path: Given(value, Source("E", f"base {base.name}: {', '.join(base.sources[path])}"))
+            for path, value in base.values.items()
+        }
+        return {path: given.get(path) or of_base[path] for path in known}
+    defaults = {path: Given(q.default, _DEFAULT) for path, q in known.items() if q.default is not None}
+    found = {path: given.get(path) or defaults.get(path) for path in known}
+    missing = {path: q for path, q in known.items() if found[path] is None}
+    has_fuel = any(getattr(model.fuel, key) is not None for key in _FUEL)
+    if missing or not has_fuel:
+        raise _incomplete(missing, has_fuel, actuation, at)
+    return {path: item for path, item in found.items() if item is not None}
+
+
+def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, at: Place) -> InputError:
+    """Error about all that a file lacks; its notes state them with the values of the injectors that ship."""
+    shipped = [injector_of(parse_toml(CATALOGUE.text(n), n), Place(n), n, None) for n in CATALOGUE.shipped()]
+    alike = [injector for injector in shipped if injector.variant.actuation is actuation]
+    notes = {} if has_fuel else {"fuel.name": "of the catalogue, such as iso4113, or fuel.file"}
+    for path, q in missing.items():
+        values = (f"{i.name} {to_text(i.values[path], q.unit)} {i.sources[path].mark}" for i in alike)
+        notes[path] = f"{q.meaning}: {', '.join(values)}"
+    first = [f"{path} ({notes[path].partition(':')[0]})" for path in list(notes)[:2]]
+    others = [counted(len(notes) - 2, "other")] if len(notes) > 2 else []
+    names = " or ".join(f'"{injector.name}"' for injector in alike)
+    error = at.error(
+        f"there is no value for {listed([*first, *others])}; add {'it' if len(notes) == 1 else 'all of them'}, or take "
+        f"what is missing, marked E, from another injector with base = {names} at the top"
+    )
+    for path, text in notes.items():
+        error.add_note(f"  {path}, {text}")
+    error.add_note("  (of the catalogue; M measured, F fitted or derived, E estimate)")
+    return error
+
+
+# Keys of a variant, and what it calls them.
+_VARIANT = {
+    "variant": "body",
+    "rail_boundary": "boundary",
+    "drive_kind": "drive",
+    "actuation": "actuation",
+    "nozzle_law": "nozzle_law",
+}
 _DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
 
 
-def _refuse_unread(model: Any, components: tuple[str, ...], at: Place) -> None:
+def _refuse_unread(model: Any, variant: Variant, components: tuple[str, ...], at: Place) -> None:
     """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
     stated = model.model_fields_set
-    if model.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
+    if variant.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
         raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key")
-    unread = unread_parameters(_variant(model, at))
+    unread = unread_parameters(variant)
     for component, key in _DECIDING.items():
         if component in components and key not in stated:
             for name in getattr(model, component).values():
@@ -211,22 +298,19 @@ def _refuse_unread(model: Any, components: tuple[str, ...], at: Place) -> None:
                     )
 
 
-def _variant(model: Any, at: Place) -> Variant:
-    variant = Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation)
+def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
+    """Variant of a file; what it does not state is that of the base."""
+    stated = {field: getattr(model, key) for key, field in _VARIANT.items() if key in model.model_fields_set}
+    wanted = (base.variant if base else Variant())._replace(**stated)
+    if base and wanted.actuation is not base.variant.actuation:
+        raise (at / "base").error(
+            f'{base.name} is a {base.variant.actuation.value} injector, and actuation is "{wanted.actuation.value}"; '
+            "name a base of that kind"
+        )
+    with located(at):
+        Variant(*wanted._replace(nozzle_law=""))
     with located(at / "nozzle_law"):
-        return Variant(*variant[:-1], nozzle_law=model.nozzle_law)
-
-
-def _values_of(component: str, values: Values, at: Place) -> Values:
-    """Values of a component by dotted name: as given, else the default."""
-    quantities = component_quantities(component)
-    missing = [name for name, q in quantities.items() if name not in values and q.default is None]
-    if missing:
-        first, *others = missing
-        more = f", nor for {', '.join(others)}" if others else ""
-        raise at.error(f"there is no value for {first}, the {quantities[first].meaning}{more}; add it")
-    defaults = {name: Given(q.default, _DEFAULT) for name, q in quantities.items() if q.default is not None}
-    return {f"{component}.{name}": values.get(name) or defaults[name] for name in quantities}
+        return Variant(*wanted)
 
 
 def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
@@ -246,9 +330,11 @@ def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
             )
 
 
-def _fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
-    fuel = _read_fuel(table, at, reach)
-    temperature, (low, high) = table.temperature.value, fuel.temperature_range
+def _fuel(table: _FuelTable, base: Injector | None, temperature: float, at: Place, reach: Reach) -> Fuel:
+    """Fuel of a file, else of the base, which has that temperature [K] in its range."""
+    is_of_base = base is not None and all(getattr(table, key) is None for key in _FUEL)
+    fuel = base.fuel if base and is_of_base else _read_fuel(table, at, reach)
+    low, high = fuel.temperature_range
     if not low - 1e-6 <= temperature <= high + 1e-6:  # rounding of a conversion from °C
         raise (at / "temperature").error(
             f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K"
