@@ -274,3 +274,9 @@ def test_ordinary_units_never_load_pint() -> None:
         "sys.exit('pint' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("per", ["Hub", "hub", "inj", "inj.", "Takt", "str", "stk", "shot", "Einspritzung"])
+def test_a_quantity_per_stroke_has_the_words_of_benches(per: str) -> None:
+    assert parse(f"2 mg/{per}", "kg") == 2e-6
+    assert parse(f"2 mm³ / {per}", "m3") == 2e-9

@@ -165,3 +165,18 @@ def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
         found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
     parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
     assert 'the columns "q" and "q2" have the unit of a quantity' in survey(path).facts["no map"]
+
+
+def test_numbers_that_a_workbook_has_as_texts_with_commas_are_read_and_names_stay_texts(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+    book = openpyxl.Workbook()
+    for row in (["part", "rate [mg/ms]"], ["0012", "0,17"], ["0013", 12], ["0014", "3"], ["0015", "-1,5"]):
+        book.active.append(row)
+    book.save(tmp_path / "a.xlsx")
+    table = read_columns(tmp_path / "a.xlsx", [Column("part"), Column("rate", "kg/s")])
+    assert table.texts["part"] == ["0012", "0013", "0014", "0015"]
+    np.testing.assert_allclose(table.columns["rate"], [0.17e-3, 12e-3, 3e-3, -1.5e-3])
+    book.active.append(["0016", "1.5"])
+    book.save(tmp_path / "a.xlsx")
+    with pytest.raises(InputError, match="some numbers have a decimal point and some a comma"):
+        read_columns(tmp_path / "a.xlsx", [Column("part"), Column("rate", "kg/s")])

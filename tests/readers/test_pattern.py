@@ -6,7 +6,7 @@ import pytest
 
 from commonrail.base.errors import InputError
 from commonrail.readers.location import Place
-from commonrail.readers.operating_points import ColumnPattern
+from commonrail.readers.operating_points import ColumnPattern, unit_of_name
 
 AT = Place("study.toml", "columns")
 
@@ -52,3 +52,18 @@ def test_a_unit_may_be_stated() -> None:
 def test_a_pattern_that_cannot_be_read(pattern: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         ColumnPattern(pattern, {}, AT)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("run.t_ms", "ms"),
+        ("mdot_mg_ms_100bar", "mg/ms"),
+        ("I_A_20bar_3us", "A"),
+        ("A", ""),
+        ("speed_1", ""),
+        ("q_x", ""),
+    ],
+)
+def test_a_unit_stands_at_the_end_of_a_name_before_its_point(name: str, unit: str) -> None:
+    assert unit_of_name(name) == unit

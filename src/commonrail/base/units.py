@@ -40,13 +40,13 @@ FACTORS: dict[str, dict[str, float]] = {
     "1": {"1": 1.0, "%": 0.01, "rad": 1.0, "deg": math.pi / 180.0},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
     "m2": {"m2": 1.0, "cm2": 1e-4, "mm2": 1e-6, "um2": 1e-12},
-    "m3": {"m3": 1.0, "L": 1e-3, "cm3": 1e-6, "mm3": 1e-9, "mm3/stroke": 1e-9, "mm3/inj": 1e-9},
+    "m3": {"m3": 1.0, "L": 1e-3, "cm3": 1e-6, "mm3": 1e-9, "mm3/stroke": 1e-9},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "1/s": {"1/s": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6},
     "m/s": {"m/s": 1.0, "mm/s": 1e-3, "mm/ms": 1.0},
     "m/s2": {"m/s2": 1.0},
     "s/m": {"s/m": 1.0},
-    "kg": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "mg/stroke": 1e-6, "mg/inj": 1e-6},
+    "kg": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "mg/stroke": 1e-6},
     "kg/s": {"kg/s": 1.0, "g/s": 1e-3, "mg/s": 1e-6, "mg/ms": 1e-3, "N s/m": 1.0},
     "m3/s": {"m3/s": 1.0, "cm3/s": 1e-6, "mm3/s": 1e-9, "mm3/ms": 1e-6, "L/min": 1e-3 / 60.0},
     "kg/m3": {"kg/m3": 1.0, "g/cm3": 1e3},
@@ -133,6 +133,8 @@ SHOWN: dict[str, tuple[str, ...]] = {
 
 
 _NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S)
+# What quantities of a stroke are counted by: "mg/Hub", "mm3/Takt".
+_STROKE = re.compile(r"/(?:inj|injection|str|stk|shot|hub|takt|einspritzung)\.?$", re.I)
 _LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "·": " ", "⋅": " "})
 
 
@@ -284,7 +286,7 @@ def _scale(unit: str) -> Scale | None:
     # A power is a letter followed by digits; what is left of other powers is refused below.
     text = re.sub(r"(?<=[A-Za-z])\s*(?:\*\*|\^)\s*(?=-?\d)", "", text).replace("**", "^")
     text = re.sub(r"\s*/\s*", "/", " ".join(text.replace("*", " ").split()))
-    text = f"1{text}" if text.startswith("/") else text
+    text = _STROKE.sub("/stroke", f"1{text}" if text.startswith("/") else text)
     return FAST.get(text) or _ask_pint(text)
 
 
@@ -312,8 +314,7 @@ def _pint() -> tuple[Any, dict[str, str]]:
     import pint
 
     registry: Any = pint.UnitRegistry()
-    for per in ("stroke", "inj"):
-        registry.define(f"{per} = count")
+    registry.define("stroke = count")
     named = {kind: re.sub(r"(?<=[A-Za-z])(\d+)", r"**\1", kind) for kind in FACTORS}
     bases = {str(registry.Quantity(1, text).to_base_units().units): k for k, text in named.items()}
     return registry, bases | {"radian": "1"}

@@ -43,6 +43,9 @@ class Grid:
     lines: tuple[int, ...]  # line in the file, or row of the sheet, of each row
     said: tuple[str, ...]  # what was taken for encoding, separator, decimal sign and sheet
     comments: tuple[str, ...] = ()
+    texts: tuple[
+        tuple[str | float, ...], ...
+    ] = ()  # the rows with all texts, where some of them were taken for numbers
 
 
 def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None) -> Grid:
@@ -66,7 +69,16 @@ def read_sheet(path: Path, sheet: str | None = None) -> Grid:
     if find_spec("openpyxl") is None:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
     about = read_apart("xlsx", path, read_plain(path), sheet=sheet).about
-    return Grid(path, tuple(map(tuple, about["rows"])), tuple(about["lines"]), (f'sheet "{about["sheet"]}"',))
+    rows, lines, said = tuple(map(tuple, about["rows"])), tuple(about["lines"]), f'sheet "{about["sheet"]}"'
+    flat = [cell for row in rows for cell in row if isinstance(cell, str)]
+    comma = _has_commas(path, flat)
+    if not comma and not any("." in cell and _POINT.fullmatch(cell) for cell in flat):
+        return Grid(path, rows, lines, (said,))
+    number = _with_comma if comma else _with_point
+    read = tuple(tuple(number(cell) if isinstance(cell, str) else cell for cell in row) for row in rows)
+    return Grid(
+        path, read, lines, (said, f"numbers written as texts, decimal {'comma' if comma else 'point'}"), (), rows
+    )
 
 
 def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
@@ -112,9 +124,7 @@ def _parsed(path: Path, text: str, encoding: str) -> Grid:
             cells.append(row)
             lines.append(n)
     flat = [cell for row in cells for cell in row if cell]
-    comma = separator != "," and any(_COMMA.fullmatch(c) for c in flat)
-    if comma and any("." in c and _POINT.fullmatch(c) for c in flat):
-        raise InputError(f"{path}: some numbers have a decimal point and some a comma; write all of them alike.")
+    comma = separator != "," and _has_commas(path, flat)
     number = _with_comma if comma else _with_point
     names = {";": "semicolons", "\t": "tabs", ",": "commas"}
     sign = "decimal comma" if comma else "decimal point"
@@ -123,6 +133,14 @@ def _parsed(path: Path, text: str, encoding: str) -> Grid:
         sign += " (three digits follow each, as in thousands: write 1200, not 1.200, if that is meant)"
     said = (f"encoding {encoding}", f"separated by {names[separator]}", sign)
     return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(lines), said, comments)
+
+
+def _has_commas(path: Path, cells: Sequence[str]) -> bool:
+    """Return whether numbers among texts have a decimal comma; refuse texts of which some have a point."""
+    comma = any(_COMMA.fullmatch(cell) for cell in cells)
+    if comma and any("." in cell and _POINT.fullmatch(cell) for cell in cells):
+        raise InputError(f"{path}: some numbers have a decimal point and some a comma; write all of them alike.")
+    return comma
 
 
 def _scanned(path: Path, lines: Iterator[tuple[int, str]]) -> tuple[tuple[str, ...], str]:
@@ -212,7 +230,8 @@ class GridSheet:
         self.path = grid.path
         self._grid = grid
         self._header, self._start = _header(grid)
-        named = [name_and_unit(str(cell)) for cell in grid.rows[self._header]]
+        self._texts = (grid.texts or grid.rows)[self._start :]
+        named = [name_and_unit(str(cell)) for cell in (grid.texts or grid.rows)[self._header]]
         self.names = [name for name, _ in named]
         self._units = [unit for _, unit in named]
         if self._start > self._header + 1:
@@ -234,7 +253,7 @@ class GridSheet:
                 cells = zip(lines, rows, strict=True)
                 numbers[column.name] = [self._number(_at(row, i), column, line) for line, row in cells]
             else:
-                texts[column.name] = [str(_at(row, i)) for row in rows]
+                texts[column.name] = [str(_at(row, i)) for row in self._texts]
         given = {column.name: self._units[i] for column, i in zip(columns, places, strict=True)}
         found = {name: np.array(values, np.float64) for name, values in numbers.items()}
         return Table(self.path, found, texts, given, np.array(lines, np.intp), row="row")

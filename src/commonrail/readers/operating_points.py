@@ -18,7 +18,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
-from commonrail.base.units import compatible, convert, fits
+from commonrail.base.units import FAST, compatible, convert, fits
 from commonrail.readers.columns import Table
 from commonrail.readers.grid import Grid, numbers_of
 from commonrail.readers.location import Place
@@ -102,6 +102,21 @@ def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
 
 _POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])")
 _LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)")
+
+
+def unit_of_name(name: str) -> str:
+    """Unit at the end of a name, before its operating point, as in ``t_ms`` or ``mdot_mg_ms_100bar``; empty if none."""
+    parts = [part for part in _POINT.sub("", name.rpartition(".")[2]).split("_") if part]
+    texts = ["/".join(parts[-n:]) for n in (2, 1) if len(parts) > n]
+    return next((text for text in texts if text in FAST and FAST[text].kind != "1"), "")
+
+
+def point_of_name(text: str) -> dict[str, str]:
+    """Rail pressure and energising time with their units by the keys of a study, where a text states one of each."""
+    found: dict[str, list[str]] = {"rail_pressure": [], "energising_time": []}
+    for match in _POINT.finditer(text):
+        found["energising_time" if _placeholder(match) == "{et}" else "rail_pressure"].append(f"{match[1]} {match[3]}")
+    return {key: values[0].replace(",", ".") for key, values in found.items() if len(values) == 1}
 
 
 def pattern_of(names: Sequence[str]) -> str | None:

@@ -21,7 +21,7 @@ from commonrail.readers.channels import TIME, ChannelSheet
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, unit_of
 from commonrail.readers.grid import Grid, GridSheet, read_grid
 from commonrail.readers.mat import map_in
-from commonrail.readers.operating_points import find_traces, pattern_of
+from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map
 from commonrail.readers.tables import is_grid, open_sheet
 
@@ -45,6 +45,7 @@ _MEANINGS = {
     "1": "plain number",
 }
 RATES = ("m3/s", "kg/s")
+_PLACEHOLDERS = {"rail_pressure": "{p}", "energising_time": "{et}"}
 _TRIGGER = re.compile(r"trig|ttl|sync", re.I)
 _SET = re.compile(r"set|soll|cmd|nominal", re.I)
 
@@ -53,12 +54,13 @@ class Channel(NamedTuple):
     """A column or channel of a file."""
 
     name: str
-    unit: str  # of the file
+    unit: str  # of the file, or of the name
     size: int
     low: float  # smallest value, in that unit
     high: float
     step: float | None = None  # median time between samples [s], of a channel with times of its own
     times: tuple[float, float] | None = None  # its first and last time [s]
+    unit_by_name: bool = False  # the file states no unit, and the end of the name does
 
     @property
     def kind(self) -> str:
@@ -67,7 +69,7 @@ class Channel(NamedTuple):
 
     def text(self) -> str:
         """One line on it."""
-        unit = self.unit or "no unit"
+        unit = (self.unit or "no unit") + (" by its name" if self.unit_by_name else "")
         every = f", every {to_text(self.step, 's')}" if self.step else ""
         meaning = f"; {_MEANINGS[self.kind]}" if self.kind else ""
         return f"{self.size} values, {self.low:.6g} to {self.high:.6g} {unit}{every}{meaning}"
@@ -78,8 +80,9 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
     own_times = isinstance(sheet, ChannelSheet)
     found = []
     unread: dict[str, str] = {}
+    by_name = not any(unit_of(sheet, name) for name in sheet.names)
     for name in sheet.names:
-        unit = unit_of(sheet, name)
+        unit = unit_of_name(name) if by_name else unit_of(sheet, name)
         wanted = [Column(name, "1", required=False)]
         try:
             table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
@@ -89,7 +92,8 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
         values = table.columns[name]
         values = values[np.isfinite(values)]
         if len(values):
-            found.append(Channel(name, unit, len(values), float(values.min()), float(values.max())))
+            ends = float(values.min()), float(values.max())
+            found.append(Channel(name, unit, len(values), *ends, unit_by_name=by_name and bool(unit)))
             times = table.columns[TIME] if own_times else np.empty(0)
             if len(times) > 1:
                 ends = float(times[0]), float(times[-1])
@@ -101,33 +105,44 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
 
 
 def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
-    """Purpose that channels are taken for, and the block of a study that reads them."""
+    """Purpose that channels are taken for, and the block of a study that reads them; `UNKNOWN` is to be told."""
     rates = [c for c in channels if c.kind in RATES]
-    times = [c for c in channels if c.kind == "s"]
-    base: dict[str, Any] = {"kind": "rate", "file": path.name}
     if not rates:
-        return "channels without a rate of injection, whose unit would be one such as mm3/ms or mg/ms", {}
+        return (
+            "channels without a rate of injection, whose unit, such as mm3/ms or mg/ms, would be that of the channel "
+            "or the end of its name",
+            {},
+        )
+    base: dict[str, Any] = {"kind": "rate", "file": path.name}
+    taken, time = "", rates[0]
     if not own_times:
+        times = [c for c in channels if c.kind == "s"]
         named = [c for c in times if c.name.rpartition(".")[2].lower() in ("time", "t", "zeit")] or times
         if len(named) != 1:
             what = "no column is a time" if not named else f"{_names(named)} may be the time"
-            return f"channels of which the times are not clear: {what}", {}
-        base |= {"time": named[0].name} if named[0].name != TIME else {}
-    zero = zero_of(_times(rates[0] if own_times else named[0]), rates[0].size)
+            taken, base["time"] = f"; the times are not clear: {what}", UNKNOWN
+        else:
+            time = named[0]
+            base |= {"time": time.name} if time.name != TIME else {}
+    base |= {"time_unit": time.unit} if time.unit_by_name and not own_times and not taken else {}
+    base |= {"rate_unit": rates[0].unit} if rates[0].unit_by_name else {}
+    zero = {"time_zero": UNKNOWN} if taken else zero_of(_times(time), rates[0].size)
+    point = {key: point_of_name(path.stem).get(key, UNKNOWN) for key in ("rail_pressure", "energising_time")}
     pattern = pattern_of([c.name for c in rates])
     if pattern is not None:
-        count = len(rates)
-        return f'{count} traces whose names state their operating points, "{pattern}"', base | {
-            "columns": pattern
-        } | zero
+        point = {key: value for key, value in point.items() if _PLACEHOLDERS[key] not in pattern}
+        said = f'{len(rates)} traces whose names state their operating points, "{pattern}"'
+        return said + taken, base | {"columns": pattern} | zero | point
     if len(rates) > 1:
-        return f"channels of which several may be the rate of injection, {_names(rates)}; name one by rate = …", {}
+        taken = f"; several channels may be the rate of injection: {_names(rates)}{taken}"
+        return f"a trace{taken}", base | {"rate": UNKNOWN} | zero | point
     base["rate"] = rates[0].name
     shots = _shots(channels) if own_times else None
     if shots is not None:
-        window = {"window": ["-0.1 ms", "3 ms"]}
-        return f'a record of shots, found by the trigger "{shots["trigger"]}"', base | {"shots": shots} | window
-    return "a trace", base | zero | {"rail_pressure": UNKNOWN, "energising_time": UNKNOWN}
+        point = {key: value for key, value in point.items() if key not in shots}
+        base |= {"shots": shots, "window": ["-0.1 ms", "3 ms"]} | point
+        return f'a record of shots, found by the trigger "{shots["trigger"]}"', base
+    return f"a trace{taken}", base | zero | point
 
 
 def _times(channel: Channel) -> tuple[float, float]:
@@ -177,6 +192,12 @@ class Survey:
     # keys of a block that reads the file, none if it is no data of a study; `UNKNOWN` stands for what must be stated
     block: dict[str, Any] = field(default_factory=dict)
     found: FoundMap | None = None  # quantity map of the file
+    channels: tuple[Channel, ...] = ()
+
+    def reason(self) -> str:
+        """Why the file is no data of a study, in one sentence."""
+        why = self.facts.get("reason") or self.facts.get("no map")
+        return f"taken for {self.taken_for}{f' ({why.removesuffix(chr(46))})' if why else ''}"
 
 
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
@@ -264,21 +285,22 @@ def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
         keys |= {"encoding": encoding} if encoding not in ("utf-8", "utf-8-sig") else {}
         keys |= {"decimal": ","} if "decimal comma" in grid.said else {}
     block = {"kind": found.block["kind"], "file": grid.path.name, **keys} | found.block
-    return Survey(grid.path, found.taken_for, found.facts, "; ".join(grid.said), block)
+    return replace(found, said="; ".join(grid.said), block=block)
 
 
 def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     """Survey of a file with named channels."""
     channels, unread = channels_of(sheet)
-    facts = {channel.name: channel.text() for channel in channels} | unread
+    facts, no_map = {channel.name: channel.text() for channel in channels} | unread, ""
     if not isinstance(sheet, ChannelSheet | GridSheet):
         try:
             found = _of_map(path, map_in(sheet, given), PLAIN, given)
             return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
         except InputError as error:
-            facts["no map"] = str(error).removeprefix(f"{path}: ")
+            no_map = str(error).removeprefix(f"{path}: ")
     taken, block = block_of(path, channels, isinstance(sheet, ChannelSheet))
-    return Survey(path, taken, facts, "", block)
+    facts |= {"no map": no_map} if no_map and not block else {}
+    return Survey(path, taken, facts, "", block, channels=tuple(channels))
 
 
 def _form_keys(form: FileForm) -> dict[str, Any]:

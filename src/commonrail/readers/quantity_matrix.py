@@ -206,9 +206,11 @@ def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], l
             units.setdefault(kind, unit)
     missing = [kind for kind in KINDS if kind not in units]
     if missing:
+        unknown = [unit for text in texts for unit in _BRACKETED.findall(text) if not fits(_plain(unit), _plain(unit))]
+        among = f' ("{unknown[0]}" is not a known unit)' if unknown else ""
         raise InputError(
-            f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner; write them as in "
-            '"rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
+            f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner{among}; write "
+            'them as in "rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
         )
     return {kind: _plain(unit) for kind, unit in units.items()}, [
         kind_of(unit) for unit in unit_in(corner) if kind_of(unit) != "quantity"

@@ -11,7 +11,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
 from commonrail.data.curves.samples import RateModel, Samples, samples_of, within_window
-from commonrail.data.curves.several import FoundCurve, label_of, named_columns, traces_below_points
+from commonrail.data.curves.several import FoundCurve, courses_at, label_of, named_columns, traces_below_points
 from commonrail.data.curves.shots import cut_shots
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.study_block import Context, TraceModel, drive_unit, mass_density
@@ -52,7 +52,7 @@ def read_curves(model: RateModel, context: Context) -> list[ReadCurve]:
         return [_curve(model, FoundCurve(_single(model, context), None, None), context, "")]
     reader = {"columns": named_columns, "shots": cut_shots, "layout": traces_below_points}[stated[0]]
     found = reader(model, context)
-    return [_curve(_at_point(model, curve, at), curve, context, label_of(curve)) for curve in found]
+    return [_curve(_at_point(model, curve, context), curve, context, label_of(curve)) for curve in found]
 
 
 def _single(model: RateModel, context: Context) -> Samples:
@@ -62,18 +62,20 @@ def _single(model: RateModel, context: Context) -> Samples:
     return within_window(samples_of(table, model.rate, model, context.at), model, context.at)
 
 
-def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
-    """The block at the operating point of one of its curves."""
-    found = {"rail_pressure": curve.rail_pressure, "energising_time": curve.energising_time}
-    found = {key: value for key, value in found.items() if value is not None}
+def _at_point(model: RateModel, curve: FoundCurve, context: Context) -> RateModel:
+    """The block at the operating point of one of its curves; a measured course goes before the pressure of a name."""
+    at, courses = context.at, courses_at(curve, model, context)
+    stated = {"rail_pressure": curve.rail_pressure, "energising_time": curve.energising_time}
+    found = {key: value for key, value in stated.items() if value is not None and key not in courses}
     for key in found:
         if getattr(model, key) is not None or (key == "energising_time" and model.energisings is not None):
             raise (at / key).error("each curve of the file has its own; remove this key")
-    if model.drive is not None:
+    if model.drive is not None and "drive" not in courses:
         raise (at / "drive").error(
-            "one measured drive cannot belong to several curves; read each from a block of its own"
+            "one measured drive cannot belong to several curves; name columns by the pattern of the key columns, as in "
+            '{ column = "I_{p}bar" }, or read each curve from a block of its own'
         )
-    return model.model_copy(update=found)
+    return model.model_copy(update={**found, **courses})
 
 
 def _curve(model: RateModel, curve: FoundCurve, context: Context, label: str) -> ReadCurve:

@@ -12,7 +12,7 @@ from commonrail.base.hooks import note
 from commonrail.base.units import to_text
 from commonrail.data.curves.samples import RateModel, Samples, samples_of, within_window
 from commonrail.data.repeats import averaged, groups_of
-from commonrail.data.study_block import Context
+from commonrail.data.study_block import Context, TraceModel
 from commonrail.readers.columns import MOST_SHOWN, Column
 from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place
@@ -49,8 +49,7 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     fit.
     """
     at = context.at
-    stated = {"Pa": model.rail_pressure_unit or "", "s": model.energising_time_unit or ""}
-    pattern = ColumnPattern(model.columns or "", stated, at / "columns")
+    pattern = ColumnPattern(model.columns or "", stated_units(model), at / "columns")
     sheet = context.sheet(model.file, at, model.form)
     points = [point for name in sheet.names if (point := pattern.read(name)) is not None]
     if not points:
@@ -71,6 +70,37 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
         for table, point in zip(tables, points, strict=True)
     ]
     return _gathered(points, samples, at / "columns")
+
+
+def courses_at(curve: FoundCurve, model: RateModel, context: Context) -> dict[str, TraceModel]:
+    """Courses of a block by their keys whose `column` is a pattern, each with the column at a curve's operating point.
+
+    Raises `InputError` if not exactly one column fits.
+    """
+    found = {}
+    for key in ("rail_pressure", "cylinder_pressure", "return_pressure", "drive"):
+        item = getattr(model, key)
+        if isinstance(item, TraceModel) and model.columns is not None and "{" in item.column:
+            at = context.at / key
+            pattern = ColumnPattern(item.column, stated_units(model), at / "column")
+            sheet = context.sheet(item.file or model.file, at, model.form if item.file is None else item.form)
+            columns = [p.column for name in sheet.names if (p := pattern.read(name)) and _is_at(p, curve)]
+            if len(columns) != 1:
+                raise (at / "column").error(
+                    f'{len(columns)} columns of {sheet.path} fit "{item.column}" at {label_of(curve)}, and one must'
+                )
+            found[key] = item.model_copy(update={"column": columns[0]})
+    return found
+
+
+def _is_at(point: NamedPoint, curve: FoundCurve) -> bool:
+    pairs = (point.rail_pressure, curve.rail_pressure), (point.energising_time, curve.energising_time)
+    return all(a is None or b is None or abs(a - b) <= SAME * b for a, b in pairs)
+
+
+def stated_units(model: RateModel) -> dict[str, str]:
+    """Units of the numbers in names that a block states, by their SI units."""
+    return {"Pa": model.rail_pressure_unit or "", "s": model.energising_time_unit or ""}
 
 
 def _gathered(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Place) -> list[FoundCurve]:
