@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import commonrail as cr
+from commonrail.calibration.screening import _best_seen
 from commonrail.readers.overview import zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
@@ -97,8 +99,9 @@ def test_the_search_of_the_written_study_can_be_found_converged(walked: list[Don
 def test_what_no_file_tells_is_named_and_not_invented(bench: Path, tmp_path: Path) -> None:
     done = run_command("new", tmp_path / "s", "--injector", "cri2-16", "--from", bench / "raw" / "map_january.csv")
     assert done.status == 0, done.err
-    assert "data[1].cylinder_pressure, data[1].return_pressure" in done.out
-    with pytest.raises(cr.InputError, match=r'data\[1\]\.cylinder_pressure: "\?" does not start with a number'):
+    assert "state in" in done.out
+    assert "study.toml: cylinder_pressure, return_pressure\n" in done.out  # once, whatever the number of files
+    with pytest.raises(cr.InputError, match=r'study\.toml, cylinder_pressure: "\?" does not start with a number'):
         cr.load_study(tmp_path / "s" / "study.toml")
 
 
@@ -107,7 +110,7 @@ def test_the_offset_of_a_trigger_is_to_be_stated(bench: Path, tmp_path: Path) ->
     words = ("--from", bench / "raw" / "shots.mf4", "--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa")
     done = run_command("new", tmp_path / "s", "--injector", "virtual-lino-2016", *words)
     assert done.status == 0, done.err
-    assert done.out.splitlines()[-2].endswith("study.toml: data[1].shots.offset")
+    assert f"state in {tmp_path / 's' / 'study.toml'}: data[1].shots.offset" in done.out.splitlines()
     assert "# STATE IT: offset, from the trigger" in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
     with pytest.raises(cr.InputError, match=r'data\[1\]\.shots\.offset: "\?" does not start with a number'):
         cr.load_study(tmp_path / "s" / "study.toml")
@@ -140,10 +143,88 @@ def test_time_zero_of_traces_is_not_taken_in_silence(head: str, columns: str, tm
     text = (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
     for line in ('time_zero = "0 us" # CHECK IT: time of the', 'time_zero = "?" # STATE IT: time of the'):
         assert text.count(line) == 1
-    said = done.out.splitlines()[-3:]
+    said = [line for line in done.out.splitlines() if line.startswith(("state in", "assumed"))]
     assert "data[2].time_zero" in said[0]
     assert "data[1].time_zero" not in said[0]
-    assert said[1] == "taken to be 0, the start of energising; check: data[1].time_zero"
+    assert said[1] == "assumed, check: data[1].time_zero"
+
+
+def traces(path: Path) -> Path:
+    """MAT structure of rates and currents, whose names alone have units and rail pressures; MATLAB knows neither."""
+    time = np.arange(-0.1, 2.0, 0.01)
+    columns = {f"{name}_{p}bar": p + 0.0 * time for p in (100, 200) for name in ("mdot_mg_ms", "I_A")}
+    savemat(path, {"run": {"t_ms": time, **columns}})
+    return path
+
+
+def test_units_and_points_of_names_are_proposed_to_be_checked_and_each_rate_has_its_current(tmp_path: Path) -> None:
+    file = traces(tmp_path / "shots_ET700us.mat")
+    words = ("--from", file, "--cylinder-pressure", "0.1MPa", "--return-pressure", "0.2MPa", "--free", "armature.mass")
+    done = run_command("new", tmp_path / "s", "--injector", "direct-acting-kr", *words)
+    keys = ("time_unit", "rate_unit", "time_zero", "energising_time")
+    assert f"assumed, check: {', '.join(f'data[1].{key}' for key in keys)}" in done.out, done.err
+    text = (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
+    assert text.count("# CHECK IT: ") == len(keys)
+    study = cr.load_study(tmp_path / "s" / "study.toml")
+    assert study.space.names == ("armature.mass",)
+    for data, rail in zip(study.data, (10e6, 20e6), strict=True):
+        assert isinstance(data, cr.RateData)
+        assert (data.point.rail_pressure, data.point.pulses[0].duration) == (rail, pytest.approx(700e-6))
+        assert isinstance(data.point.drive, cr.Trace)
+        assert set(data.point.drive.value) == {rail / 1e5}  # the current of this pressure, 1 A for each bar
+        assert (data.point.cylinder_pressure, data.point.return_pressure) == (1e5, 2e5)
+
+
+def test_what_the_file_of_a_driven_injector_does_not_tell_is_asked_for(tmp_path: Path) -> None:
+    rows = "".join(f"{10 * i},{i}\n" for i in range(9))
+    (tmp_path / "a.csv").write_text(f"time [us],rate [mg/ms]\n{rows}", encoding="utf-8")
+    done = run_command("new", tmp_path / "s", "--injector", "direct-acting-kr", "--from", tmp_path / "a.csv")
+    asked = "cylinder_pressure return_pressure data[1].rail_pressure data[1].energising_time data[1].drive.column"
+    assert ", ".join(asked.split()) in done.out, done.err
+
+
+def test_pressures_of_the_bench_are_those_of_the_data_that_state_none(bench: Path, tmp_path: Path) -> None:
+    raw = bench / "raw"
+    words = ("--from", raw / "rates.csv", "--from", raw / "map_january.csv", "--free", "valve.lift")
+    words += ("--cylinder-pressure", "6MPa", "--return-pressure", "0.3MPa")
+    assert run_command("new", tmp_path / "s", "--injector", "virtual-lino-2016", *words).status == 0
+    study = tmp_path / "s" / "study.toml"
+    text = study.read_text(encoding="utf-8")
+    study.write_text(
+        text.replace('layout = "matrix"', 'layout = "matrix"\ncylinder_pressure = "7 MPa"'), encoding="utf-8"
+    )
+    rate, *_, quantity = cr.load_study(study).data
+    assert [rate.points[0].cylinder_pressure, rate.points[0].return_pressure] == pytest.approx([6e6, 0.3e6])
+    assert [quantity.points[0].cylinder_pressure, quantity.points[0].return_pressure] == pytest.approx([7e6, 0.3e6])
+
+
+def test_a_screening_proposes_what_nobody_measured_and_the_data_can_tell_apart(bench: Path, tmp_path: Path) -> None:
+    words = ("--from", bench / "raw" / "map_january.csv", "--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa")
+    done = run_command("new", tmp_path / "s", "--injector", "cri2-16", *words, "--json")
+    free = done.record["free"]
+    injector = cr.load_injector("cri2-16")
+    assert free
+    assert all(injector.sources[name].mark in ("E", "F") for name in free)
+    space = cr.load_study(tmp_path / "s" / "study.toml").space
+    assert list(space.names) == free
+    assert ((space.lower < space.reference) & (space.reference < space.upper)).all()
+
+
+def test_of_columns_that_do_the_same_one_is_chosen_and_small_ones_are_left() -> None:
+    changes = np.array([[0.5, 0.49, 0.0, 0.0], [0.0, 0.01, 0.2, 0.04], [0.0, 0.0, 0.0, 0.0]])
+    assert _best_seen(changes) == [0, 2]
+
+
+def test_why_a_file_is_no_data_of_a_study_is_said_and_a_unit_can_be_stated(bench: Path, tmp_path: Path) -> None:
+    text = (bench / "raw" / "map_january.csv").read_text(encoding="cp1252").replace("[mm³]", "[mm³/Huub]")
+    (tmp_path / "map.csv").write_text(text, encoding="utf-8")
+    words = ("new", tmp_path / "s", "--injector", "cri2-16", "--from", tmp_path / "map.csv", "--free", "valve.mass")
+    assert (
+        'no unit of the quantity is in the header or the corner ("mm³/Huub" is not a known'
+        in run_command(*words).sentence
+    )
+    assert run_command(*words, "--quantity-unit", "mm3").status == 0
+    assert 'quantity_unit = "mm3"' in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
 
 
 def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:

@@ -7,12 +7,26 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from commonrail.base.errors import InputError
+from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.hooks import note
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
+from commonrail.base.units import to_text
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.screening import screen, usual_space
+from commonrail.calibration.stable_time_step import step_for_all
+from commonrail.data.base import DataSet
+from commonrail.data.registry import kind_of
+from commonrail.data.study_block import Context, drive_unit
 from commonrail.physics.injector import Injector
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.columns import PLAIN, FileForm
+from commonrail.readers.injector.file import dump_injector, load_injector
+from commonrail.readers.limits import Reach
+from commonrail.readers.location import Place
+from commonrail.readers.operating_points import pattern_of
 from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
+from commonrail.readers.quantity_matrix import GivenUnits
+from commonrail.readers.toml import read_model, read_toml
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
 
@@ -69,7 +83,7 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     return written
 
 
-# Free parameters to begin with: what the quantity depends on most and drawings know least.
+# Free parameters where no screening can be made: what the quantity depends on most and drawings know least.
 _FREE = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum")
 _FREE_OF_DIRECT = ("nozzle.discharge_maximum", "needle_seat.diameter")
 
@@ -78,16 +92,36 @@ _MEANINGS = {
     "return_pressure": "pressure at the end of the return line",
     "rail_pressure": "the file does not tell it",
     "energising_time": "the file does not tell it",
+    "time": "column of the times",
+    "rate": "column of the rate of injection",
+    "drive": "column of the measured current or voltage, which drives this injector",
     "time_zero": "time of the file at which energising starts",
     "shots": "offset, from the trigger's edge to the start of energising",
 }
+# Keys of a rate that may have a value although the content of the file does not tell it.
+_CHECKED = {
+    "time_zero": "time of the file at which energising starts; no file tells it",
+    "time_unit": "unit by the name of the column",
+    "rate_unit": "unit by the names of the columns",
+    "rail_pressure": "by the name of the file",
+    "energising_time": "by the name of the file",
+}
+# What stands for an open key in the screening, whose result hardly depends on it.
+_SUBSTITUTES = {"cylinder_pressure": "5 MPa", "return_pressure": "0.5 MPa", "time_zero": ZERO, "offset": ZERO}
 
 
-class BenchPressures(NamedTuple):
-    """Pressures that no data file tells, as texts with their units; empty where they are to be stated later."""
+class StatedByUser(NamedTuple):
+    """What the user states of all files, as texts with their units; empty where it is to be stated later.
 
-    cylinder: str = ""
-    back: str = ""
+    `pressures` of the bench and `points` of rates are texts by the keys of a study; `form` and `units` are those of
+    files that do not tell them; `free` are the parameters to fit, screened if none is named.
+    """
+
+    pressures: Mapping[str, str]
+    points: Mapping[str, str] = {}
+    form: FileForm = PLAIN
+    units: GivenUnits = GivenUnits()
+    free: tuple[str, ...] = ()
 
 
 class Started(NamedTuple):
@@ -104,6 +138,8 @@ class Started(NamedTuple):
         Keys that are to be stated.
     assumed : tuple of str
         Keys that no file tells and that have a value nevertheless, to be checked.
+    free : tuple of str
+        Parameters that a screening at the points of the data proposes, best seen first; empty if there was none.
     """
 
     study: Path
@@ -111,19 +147,20 @@ class Started(NamedTuple):
     surveys: tuple[Survey, ...]
     open: tuple[str, ...]
     assumed: tuple[str, ...]
+    free: tuple[str, ...]
 
 
-def write_study_from(folder: Path, injector: str, sources: Sequence[Path], pressures: BenchPressures) -> Started:
+def write_study_from(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser) -> Started:
     """Write a study into a new or empty folder, with copies of the data files.
 
     Parameters
     ----------
     folder : Path
     injector : str
-        Name of the catalogue, or a TOML file, which is copied.
+        Name of the catalogue, or a TOML file, which is copied; completed if it names other files.
     sources : sequence of Path
         Data files, see `survey`.
-    pressures : BenchPressures
+    stated : StatedByUser
 
     Raises
     ------
@@ -133,29 +170,104 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], press
         If the folder cannot be written.
     """
     model = load_injector(injector)
-    surveys = tuple(survey(path) for path in sources)
+    surveys = tuple(_surveyed(path, stated) for path in sources)
     for found in surveys:
         if not found.block:
-            raise InputError(
-                f"{found.path}: taken for {found.taken_for}; write its block by hand, or correct the file."
-            )
+            raise InputError(f"{found.path}: {found.reason()}; correct the file, or write its block by hand.")
+    named = list(usual_space(model, stated.free).parameters) if stated.free else []
     names = [path.name for path in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"Two of the data files are called {twice}; rename one.")
+    blocks = [_block(found, surveys, model, stated) for found in surveys]
     with writing(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder}: there already is something; name a new or empty folder.")
         (folder / "data").mkdir(parents=True, exist_ok=True)
         copies = [_copy(path, folder / "data" / path.name) for path in sources]
         if injector.endswith(".toml"):
-            copies.append(_copy(Path(injector), folder / "injector.toml"))
+            copies.append(_copied_injector(Path(injector), model, folder / "injector.toml"))
             injector = "injector.toml"
         study = folder / "study.toml"
-        text, missing = _text(injector, model, surveys, pressures)
-        write_text(study, text)
-    assumed = tuple(f"data[{i}].time_zero" for i, s in enumerate(surveys, 1) if s.block.get("time_zero") == ZERO)
-    return Started(study, (study, *copies), surveys, missing, assumed)
+        bench = {key: stated.pressures.get(key) or UNKNOWN for key in ("cylinder_pressure", "return_pressure")}
+        free = named or _screened(model, [bench | block for block in blocks], study)
+        lines = [
+            *_head(injector, bench),
+            *_data_lines(surveys, blocks, stated),
+            *_parameter_lines(model, free, bool(named)),
+        ]
+        write_text(study, "\n".join(lines))
+    missing = [*_open(bench), *(f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in _open(block))]
+    assumed = [f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in block if _checked(key, block, stated)]
+    screened = () if named else tuple(parameter.name for parameter in free)
+    return Started(study, (study, *copies), surveys, tuple(missing), tuple(assumed), screened)
+
+
+def _surveyed(path: Path, stated: StatedByUser) -> Survey:
+    """Survey of a file; with the units that the user states only if the file does not tell them."""
+    is_book = path.suffix.lower() == ".xlsx"
+    form = stated.form._replace(encoding="") if is_book else stated.form._replace(sheet="")
+    found = survey(path, form)
+    return found if found.block or not any(stated.units.by_kind().values()) else survey(path, form, stated.units)
+
+
+def _block(found: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
+    """Keys of the block of a file, `UNKNOWN` where they are to be stated."""
+    names = [s.path.stem for s in surveys]
+    name = found.path.name if names.count(found.path.stem) > 1 else found.path.stem
+    block: dict[str, Any] = {"kind": found.block["kind"], "name": name, "role": "fit"}
+    block |= found.block | {"file": f"data/{found.path.name}"}
+    block |= {key: text for key, text in stated.points.items() if text and key in block and block["kind"] == "rate"}
+    if (unit := drive_unit(model)) and block["kind"] == "rate" and "shots" not in block and "layout" not in block:
+        block["drive"] = _drive(found, unit)
+    return block | {"source": f"{found.path.name}, as it came", "synthetic": ""}
+
+
+def _drive(found: Survey, unit: str) -> dict[str, str]:
+    """Key with the only channel that may be the measured drive, or the pattern of several."""
+    channels = [channel for channel in found.channels if channel.kind == unit]
+    names = [channel.name for channel in channels]
+    column = pattern_of(names) if "columns" in found.block else names[0] if len(names) == 1 else None
+    stated = {"unit": channels[0].unit} if column and channels[0].unit_by_name else {}
+    return {"column": column or UNKNOWN, **stated}
+
+
+def _copied_injector(source: Path, model: Injector, target: Path) -> Path:
+    """Copy of an injector's file; written out where it names other files, which are not there."""
+    document, _ = read_toml(source)
+    if str(document.get("base", "")).endswith(".toml") or "file" in document["fuel"]:
+        dump_injector(model, target)
+        return target
+    return _copy(source, target)
+
+
+def _screened(model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path) -> list[Parameter]:
+    """Parameters to free, by a screening at the points of the data that state them; none if there are no such data."""
+    space, at = usual_space(model), Place(str(study))
+    try:
+        step, data = step_for_all(model, space), list[DataSet]()
+        for i, block in enumerate(blocks):
+            assumed = _assumed(block)
+            kind = kind_of(block["kind"])
+            if not _open(assumed):
+                context = Context(model, step, Reach(study, False), (at / "data")[i])
+                data += kind.read_all(read_model(kind.model, assumed, context.at), context)
+        return screen(model, space, data, step)
+    except CommonrailError as error:
+        note(f"The parameters to free are not screened: {error}")
+        return []
+
+
+def _assumed(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys with substitutes for what is open, where the screening has one."""
+    return {
+        key: _assumed(value)
+        if isinstance(value, Mapping)
+        else _SUBSTITUTES.get(key, value)
+        if value == UNKNOWN
+        else value
+        for key, value in keys.items()
+    }
 
 
 def _copy(source: Path, target: Path) -> Path:
@@ -164,35 +276,53 @@ def _copy(source: Path, target: Path) -> Path:
     return target
 
 
-def _text(
-    injector: str, model: Injector, surveys: Sequence[Survey], pressures: BenchPressures
-) -> tuple[str, tuple[str, ...]]:
-    """Text of the study, and the keys that are to be stated."""
-    lines = [
+def _head(injector: str, bench: Mapping[str, str]) -> list[str]:
+    return [
         "# A calibration: which data, which parameters are free, within which bounds. Paths start at this folder.",
         "",
         'format = "commonrail-study/1"',
         f"title = {_toml(f'Calibration of {injector}')}",
         f"injector = {_toml(injector)}",
         "seed = 1 # the same seed gives the same result",
+        *(_line(key, value) for key, value in bench.items()),
         "",
     ]
-    missing: list[str] = []
-    for i, found in enumerate(surveys):
-        names = [s.path.stem for s in surveys]
-        name = found.path.name if names.count(found.path.stem) > 1 else found.path.stem
-        keys: dict[str, Any] = {"kind": found.block["kind"], "name": name, "role": "fit"}
-        keys |= found.block | {"file": f"data/{found.path.name}"}
-        keys |= {"cylinder_pressure": pressures.cylinder or UNKNOWN, "return_pressure": pressures.back or UNKNOWN}
-        keys |= {"source": f"{found.path.name}, as it came", "synthetic": ""}
-        missing += [f"data[{i + 1}].{key}" for key in _open(keys)]
+
+
+def _data_lines(surveys: Sequence[Survey], blocks: Sequence[dict[str, Any]], stated: StatedByUser) -> list[str]:
+    lines: list[str] = []
+    for found, block in zip(surveys, blocks, strict=True):
         lines += [f"# {found.taken_for}{'; ' + found.said if found.said else ''}", "[[data]]"]
-        lines += [_line(key, value) for key, value in keys.items()] + [""]
-    for parameter in _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
-        lines += ["[[parameter]]", f"name = {_toml(parameter)}", 'below = "10 %"', 'above = "10 %"', ""]
+        lines += [_line(key, value, _checked(key, block, stated)) for key, value in block.items()] + [""]
+    return lines
+
+
+def _parameter_lines(model: Injector, free: Sequence[Parameter], is_named: bool) -> list[str]:
+    heading = "# Free: what nobody measured and these data see, best seen first, within usual ranges."
+    lines = [heading] if free and not is_named else []
+    for parameter in free:
+        low, high = (to_text(bound, parameter.unit, 4) for bound in (parameter.lower, parameter.upper))
+        lines += [
+            "[[parameter]]",
+            f"name = {_toml(parameter.name)}",
+            f"lower = {_toml(low)}",
+            f"upper = {_toml(high)}",
+            "",
+        ]
+    for name in () if free else _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
+        lines += ["[[parameter]]", f"name = {_toml(name)}", 'below = "10 %"', 'above = "10 %"', ""]
     lines += ["[optimiser] # differential evolution, then least squares from that many members of its last population"]
-    lines += ["members = 24", "generations = 30", "polish = 3", ""]
-    return "\n".join(lines), tuple(missing)
+    return [*lines, "members = 24", "generations = 30", "polish = 3", ""]
+
+
+def _checked(key: str, block: Mapping[str, Any], stated: StatedByUser) -> bool:
+    """Return whether a key has a value that is to be checked: neither content of the file nor user tells it."""
+    return (
+        key in _CHECKED
+        and block["kind"] == "rate"
+        and block[key] not in (UNKNOWN, stated.points.get(key))
+        and (key != "time_zero" or block[key] == ZERO)
+    )
 
 
 def _open(keys: Mapping[str, Any]) -> list[str]:
@@ -203,14 +333,14 @@ def _open(keys: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def _line(key: str, value: Any) -> str:
+def _line(key: str, value: Any, is_checked: bool = False) -> str:
     comments = {
         "role": '"fit", or "validation": compared, not fitted',
         "window": "samples that count, from the start of energising",
         "synthetic": "what about the data is not measured",
     }
-    if key == "time_zero" and value == ZERO:
-        comments[key] = f"CHECK IT: {_MEANINGS[key]}; no file tells it"
+    if is_checked:
+        comments[key] = f"CHECK IT: {_CHECKED[key]}"
     if _open({key: value}) and key in _MEANINGS:
         comments[key] = f"STATE IT: {_MEANINGS[key]}"
     return f"{key} = {_toml(value)}" + (f" # {comments[key]}" if key in comments else "")

@@ -9,7 +9,7 @@ from enum import Enum
 from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
-from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
 
 from commonrail.base.choices import Precision
 from commonrail.base.errors import nearest
@@ -178,8 +178,23 @@ class JudgementModel(FileModel):
     leave_out: list[Annotated[LeaveOut, Field(strict=False)]] = Field(default=[], max_length=len(LeaveOut))
 
 
+def _with_pressures(block: Any, shared: Mapping[str, Any]) -> Any:
+    """A block of data with the pressures of the bench that it has keys for and does not state."""
+    name = block.get("kind") if isinstance(block, Mapping) else None
+    kind = find_kind(name) if isinstance(name, str) else None
+    return {**{key: shared[key] for key in shared if key in kind.model.model_fields}, **block} if kind else block
+
+
 class StudyModel(FileModel):
     """The whole file."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _share_pressures(cls, tables: Any) -> Any:
+        shared = {key: tables[key] for key in ("cylinder_pressure", "return_pressure") if key in tables}
+        if not shared or not isinstance(tables.get("data"), list):
+            return tables
+        return {**tables, "data": [_with_pressures(block, shared) for block in tables["data"]]}
 
     format: Literal["commonrail-study/1"]
     title: Name
@@ -196,6 +211,8 @@ class StudyModel(FileModel):
     loss_scale: Annotated[float, Unit("1")] | None = None
     fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
     same_bits: bool = False
+    cylinder_pressure: Annotated[float, Unit("Pa")] | None = None  # of the data that state none, as the next
+    return_pressure: Annotated[float, Unit("Pa")] | None = None
     judgement: JudgementModel = JudgementModel()
     meters: MeterTables = Field(default_factory=dict)
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)

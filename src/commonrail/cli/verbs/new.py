@@ -20,7 +20,7 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, check_folder
 
 if TYPE_CHECKING:
-    from commonrail.calibration.study_file.from_data import Started
+    from commonrail.calibration.study_file.from_data import Started, StatedByUser
 
 
 @verb
@@ -38,6 +38,16 @@ def new(
     ] = (),
     cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the bench, e.g. 5MPa.")] = "",
     return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "",
+    rail_pressure: Annotated[str, Option(help="Rail pressure of rates whose files do not state it.")] = "",
+    energising_time: Annotated[str, Option(help="Energising time of rates whose files do not state it.")] = "",
+    free: Annotated[
+        tuple[str, ...], Option(metavar="NAME", help="Parameter to fit; repeatable. [default: screened by the data]")
+    ] = (),
+    sheet: Annotated[str, Option(help="Sheet of the workbooks. [default: the first with cells]")] = "",
+    encoding: Annotated[str, Option(help="Encoding of the texts, e.g. cp1252. [default: detected]")] = "",
+    pressure_unit: Annotated[str, Option(help="Unit of the rail pressures of maps that have none.")] = "",
+    time_unit: Annotated[str, Option(help="Unit of the energising times of maps that have none.")] = "",
+    quantity_unit: Annotated[str, Option(help="Unit of the quantities of maps that have none, e.g. mm3.")] = "",
     plugin: Annotated[str, Option(metavar="NAME", help="Write a package with a verb and an optimiser instead.")] = "",
     json: Json = False,
 ) -> None:
@@ -57,18 +67,27 @@ def new(
             raise InputError("Name a new or empty folder for the study, as in commonrail new my-injector.")
         folder = Path(plugin)
     check_folder(folder)
+    pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
+    points = {"rail_pressure": rail_pressure, "energising_time": energising_time}
+    units = pressure_unit, time_unit, quantity_unit
+    of_data = any((*pressures.values(), *points.values(), *units, *free, sheet, encoding))
     if plugin:
-        if from_ or injector is not None or cylinder_pressure or return_pressure:
+        if from_ or injector is not None or of_data:
             raise InputError("--plugin stands alone; omit the options of a study.")
         _say_written(write_plugin(folder, plugin), f"pip install -e {folder}, then pytest {folder}", json)
         return
     if from_ or injector is not None:
         if injector is None or not from_:
             raise InputError("Give --injector and one or more files with --from, or neither.")
-        _of_files(folder, injector, from_, (cylinder_pressure, return_pressure), json)
+        from commonrail.calibration.study_file.from_data import StatedByUser
+        from commonrail.readers.columns import FileForm, check_encoding
+        from commonrail.readers.quantity_matrix import GivenUnits
+
+        form = FileForm(check_encoding(encoding, "--encoding") if encoding else "", sheet=sheet)
+        _of_files(folder, injector, from_, StatedByUser(pressures, points, form, GivenUnits(*units), free), json)
         return
-    if cylinder_pressure or return_pressure:
-        raise InputError("--cylinder-pressure and --return-pressure belong to --from; omit them.")
+    if of_data:
+        raise InputError("Pressures, times, units, sheet, encoding and --free belong to --from; omit them.")
     from commonrail.calibration.study_file.from_data import write_new
 
     _say_written(write_new(folder), f"commonrail calibrate {folder / 'study.toml'}", json)
@@ -120,18 +139,18 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
     return write_into(folder, {path: text.encode() for path, text in texts.items()})
 
 
-def _of_files(folder: Path, injector: str, sources: Sequence[Path], pressures: tuple[str, str], json: bool) -> None:
+def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser, json: bool) -> None:
     from commonrail.base.units import parse
-    from commonrail.calibration.study_file.from_data import BenchPressures, write_study_from
+    from commonrail.calibration.study_file.from_data import write_study_from
 
-    for text, option in zip(pressures, ("--cylinder-pressure", "--return-pressure"), strict=True):
+    for key, text in {**stated.pressures, **stated.points}.items():
         if text:
-            parse(text, "Pa", option)
-    started = write_study_from(folder, injector, sources, BenchPressures(*pressures))
+            parse(text, "s" if key == "energising_time" else "Pa", f"--{key.replace('_', '-')}")
+    started = write_study_from(folder, injector, sources, stated)
     if json:
         taken = {found.path.name: found.taken_for for found in started.surveys}
         files = [str(path) for path in started.files]
-        assumed = {"assumed": list(started.assumed)}
+        assumed = {"assumed": list(started.assumed), "free": list(started.free)}
         print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)} | assumed)
         return
     _print(started)
@@ -146,5 +165,7 @@ def _print(started: Started) -> None:
     if started.open:
         click.echo(f"state in {started.study}: {', '.join(started.open)}")
     if started.assumed:
-        click.echo(f"taken to be 0, the start of energising; check: {', '.join(started.assumed)}")
+        click.echo(f"assumed, check: {', '.join(started.assumed)}")
+    if started.free:
+        click.echo(f"free, best seen by the data first: {', '.join(started.free)}")
     click.echo(f"next: check {started.study}, then commonrail calibrate {started.study}")
