@@ -54,7 +54,8 @@ def new(
     """Write a small study to start from.
 
     Its example curve is synthetic and marked so. With --from it is a study of your own files: maps, traces or
-    records of shots, copied and described as they were understood.
+    records of shots, copied and described as they were understood, with the parameters that a screening at the points
+    of the data proposes.
 
     \b
     Examples:
