@@ -16,6 +16,7 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, end_process)
     open_standard_streams()
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # it would search all installed packages for them
     leave_out_warnings()
     from commonrail.base.hooks import tell_notes, tell_of_compiling
     from commonrail.cli.console import compiling, say, say_of_ending

@@ -28,6 +28,9 @@ class Catalogue(NamedTuple):
         own = self.shipped()
         return own + [name for name in registry.installed(self.group) if name not in own]
 
+    def __contains__(self, name: object) -> bool:
+        return name in self.shipped() or name in registry.installed(self.group)
+
     def shipped(self) -> list[str]:
         """Names of the files that ship without ``.toml``, sorted."""
         files = (entry.name for entry in (resources.files(self.package) / self.folder).iterdir())

@@ -6,7 +6,7 @@ A number with its unit is ``Annotated[float, Unit("Pa")]``. Where a file may add
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Any, NamedTuple
@@ -18,7 +18,8 @@ from pydantic import (
     GetCoreSchemaHandler,
     PlainValidator,
     SkipValidation,
-    create_model,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
     model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -55,10 +56,16 @@ class FileModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown_keys(cls, data: Any) -> Any:
-        for key in data if isinstance(data, dict) and cls.model_config["extra"] == "forbid" else ():
-            if key not in cls.model_fields:
-                raise fault(f'there is no key "{key}"{nearest_key(key, cls.model_fields)}')
+        if isinstance(data, dict) and cls.model_config["extra"] == "forbid":
+            refuse_unknown_keys(data, [field.alias or name for name, field in cls.model_fields.items()])
         return data
+
+
+def refuse_unknown_keys(table: Mapping[str, Any], known: Collection[str]) -> None:
+    """Raise a fault for the first key that is not known."""
+    for key in table:
+        if key not in known:
+            raise fault(f'there is no key "{key}"{nearest_key(key, known)}')
 
 
 @dataclass(frozen=True)
@@ -119,9 +126,10 @@ class Stated:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         table = core_schema.no_info_before_validator_function(_as_table, handler.generate_schema(Number))
-        return core_schema.no_info_after_validator_function(self._read, table)
+        return core_schema.no_info_after_validator_function(self.read, table)
 
-    def _read(self, item: Number) -> Number:
+    def read(self, item: Number) -> Number:
+        """The number in SI; a fault if it has no value, or one outside its domain."""
         if "value" not in item.model_fields_set:
             raise fault("the inline table has no value")
         q, value = self.quantity, Unit(self.quantity.unit).read(item.value)
@@ -134,23 +142,44 @@ def _as_table(item: Any) -> Any:
     return item if isinstance(item, dict) else {"value": item}
 
 
+def _number(item: tuple[Q, Any], read: ValidatorFunctionWrapHandler) -> Number:
+    quantity, stated = item
+    return Stated(quantity).read(read(_as_table(stated)))
+
+
+_NUMBERS = "<numbers>"  # key of no file
+
+
 class ParameterTable(Sourced):
     """Table of numbers, whose mark and source are those of every number that has none."""
 
+    numbers: dict[str, Annotated[Number, WrapValidator(_number)]] = Field(default={}, alias=_NUMBERS)
+
     def values(self) -> Values:
         """The numbers that are given, by name."""
-        return {name: number.given(self.origin()) for name, number in self if isinstance(number, Number)}
+        return {name: number.given(self.origin()) for name, number in self.numbers.items()}
 
 
 @dataclass(frozen=True)
 class Quantities:
-    """Type of a `ParameterTable` with numbers of these names, units and domains."""
+    """Type of a `ParameterTable` with numbers of these names, units and domains.
+
+    Tables of all components share one schema, which takes long to make: each number goes into it with its quantity.
+    """
 
     known: Mapping[str, Q]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        numbers: Any = {name: (Annotated[Number, Stated(q)], None) for name, q in self.known.items()}
-        return handler.generate_schema(create_model("ParameterTable", __base__=source, **numbers))
+        keys = [key for key in source.model_fields if key != "numbers"]
+
+        def parted(item: Any) -> Any:
+            if not isinstance(item, dict):
+                return item
+            refuse_unknown_keys(item, [*keys, *self.known])
+            numbers = {key: (self.known[key], value) for key, value in item.items() if key in self.known}
+            return {key: item[key] for key in keys if key in item} | {_NUMBERS: numbers}
+
+        return core_schema.no_info_before_validator_function(parted, handler(source))
 
 
 def choice(kind: type[Enum]) -> PlainValidator:

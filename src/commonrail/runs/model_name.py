@@ -13,7 +13,7 @@ from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import injector_catalogue, load_injector, load_meters
+from commonrail.readers.injector.file import in_catalogue, injector_catalogue, load_injector, load_meters
 from commonrail.readers.location import Place, located
 
 CALIBRATED = "calibrated.toml"
@@ -90,7 +90,7 @@ def read_model_name(text: str) -> NamedModel:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
     run = None
-    if source not in injector_catalogue() and Path(source).is_dir():
+    if not in_catalogue(source) and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
 
         note_stopped(Path(source))
@@ -120,16 +120,17 @@ def _split(text: str) -> tuple[str | None, str, str | None]:
 
 def _exists(source: str) -> bool:
     try:
-        return source in injector_catalogue() or Path(source).exists()
+        return in_catalogue(source) or Path(source).exists()
     except (OSError, ValueError):  # a name too long, or with a null character
         return False
 
 
 def _injector(source: str) -> Injector:
-    path, known = Path(source), injector_catalogue()
-    if source in known or source.endswith(".toml"):
+    path = Path(source)
+    if in_catalogue(source) or source.endswith(".toml"):
         return load_injector(source)
     if not _exists(source):
+        known = injector_catalogue()
         raise InputError(
             f"{source}: there is no such file, run folder or injector of the catalogue{nearest(source, known)}; "
             f"the catalogue has {', '.join(known)}."
@@ -146,7 +147,7 @@ def _injector(source: str) -> Injector:
 
 def _meters(source: str) -> tuple[Meter, ...]:
     """Meters that a calibration has left in the injector's file."""
-    if source in injector_catalogue():
+    if in_catalogue(source):
         return ()
     path = Path(source)
     return load_meters(path / CALIBRATED if path.is_dir() else path)

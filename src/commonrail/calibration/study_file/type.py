@@ -23,7 +23,7 @@ from commonrail.calibration.study_file.keys import (
 from commonrail.data.study_block import Name
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import unread_parameters
-from commonrail.readers.injector.file import injector_catalogue, load_injector
+from commonrail.readers.injector.file import in_catalogue, load_injector
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import read_model, read_toml
@@ -156,7 +156,7 @@ def type_text(injector_type: InjectorType) -> str:
 def names_injector(injector_type: InjectorType) -> bool:
     """Return whether the file names the type's injector: it is the catalogue's but for the values in the file."""
     own = injector_type.injector
-    if own is None or own.name not in injector_catalogue():
+    if own is None or not in_catalogue(own.name):
         return False
     base = load_injector(own.name)
     stated = {*injector_type.by_name, *(value.name for value in injector_type.fixed)}

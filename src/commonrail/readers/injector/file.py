@@ -163,6 +163,11 @@ def injector_catalogue() -> list[str]:
     return _CATALOGUE.names()
 
 
+def in_catalogue(name: str) -> bool:
+    """True for a name of `injector_catalogue`; installed packages are searched only where none of that name ships."""
+    return name in _CATALOGUE
+
+
 def shipped_injectors() -> list[str]:
     """Names of the injectors that ship, sorted."""
     return _CATALOGUE.shipped()

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetCoreSchemaHandler, create_model
+from pydantic import Field, GetCoreSchemaHandler, PlainValidator, TypeAdapter, create_model
 from pydantic_core import CoreSchema, core_schema
 
 from commonrail.physics.injector import Source
@@ -108,7 +109,19 @@ class MeterHead(Sourced):
 
 _quantities: Any = {key: (Annotated[Amount | None, _Amounts(q)], None) for key, q in QUANTITIES.items()}
 MeterModel = create_model("MeterModel", __base__=MeterHead, **_quantities)
-MeterTables = Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)]  # type: ignore[valid-type]
+
+
+@cache
+def _adapter() -> TypeAdapter[dict[str, MeterHead]]:
+    return TypeAdapter(Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)])  # type: ignore[valid-type]
+
+
+def meter_tables(item: Any) -> dict[str, MeterHead]:
+    """Tables ``[meters.NAME]`` by name; their models, which take long to make, are made where a file has some."""
+    return _adapter().validate_python(item, strict=True)
+
+
+MeterTables = Annotated[Any, PlainValidator(meter_tables)]
 
 
 class _MeterFile(FileModel):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import BeforeValidator, Field, PlainValidator, create_model
 
 from commonrail.base.arguments import not_whole
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
@@ -15,11 +15,9 @@ from commonrail.base.units import to_text
 from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder_stiffness
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
-from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
 from commonrail.physics.variants import MODELS, Variant, reader_of, unread_parameters
 from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
-from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
 from commonrail.readers.limits import Reach
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import read_model, read_toml
@@ -35,6 +33,9 @@ from commonrail.readers.toml_fields import (
     choice,
     fault,
 )
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
 
 # Drawing of plunger and needle in an injector's file: seven cylinders, from which Eq. (8) gives stiffness and mass.
 
@@ -108,12 +109,18 @@ class _Definition(FuelModel):
     name: str = "fuel"
 
 
+def _meter_tables(item: Any) -> Any:
+    from commonrail.readers.injector.meters import meter_tables  # of which most files have none
+
+    return meter_tables(item)
+
+
 class _FuelTable(Sourced):
     """Fuel in one of three forms, and its temperature."""
 
     name: str | None = None
     file: str | None = None
-    definition: _Definition | None = None
+    definition: Annotated[Any, PlainValidator(_Definition.model_validate)] = None
     temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])]
 
 
@@ -131,12 +138,13 @@ class _Head(FileModel):
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
     nozzle_law: str = ""  # of an installed package; "" is Eq. (9)
-    meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
+    # of the bench that it was calibrated on: see `load_meters`
+    meters: Annotated[Any, PlainValidator(_meter_tables)] = Field(default_factory=dict)
 
 
 _kinds = dict.fromkeys(COMPONENTS, ParameterTable) | {"plunger_needle": DrawnTable}
 _components: Any = {
-    component: (Annotated[kind, Quantities(component_quantities(component))], kind())
+    component: (Annotated[kind, Quantities(component_quantities(component))], kind.model_construct())
     for component, kind in _kinds.items()
 }
 _InjectorModel = create_model("_InjectorModel", __base__=_Head, **_components)
@@ -147,6 +155,8 @@ def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
 
     Raises `InputError` and `ConfigurationError` as `load_meters`.
     """
+    from commonrail.readers.injector.meters import MeterHead, meters_of_tables
+
     tables: Mapping[str, MeterHead] = read_model(_InjectorModel, document, at).meters
     for name, table in tables.items():
         for key, amount in table.amounts():
