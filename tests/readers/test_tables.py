@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.readers import csv, tables
 from commonrail.readers.columns import Column, FileForm, Table
 from commonrail.readers.tables import read_columns

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from commonrail.base.arguments import flag, function, instance, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import StudyError
+from commonrail.base.hooks import held_interrupts
 from commonrail.calibration.ensemble import injector_of, mean_scores
 from commonrail.calibration.plausibility.check import after_fit, of_settings, of_start
 from commonrail.calibration.plausibility.finding import Finding
@@ -29,7 +30,6 @@ from commonrail.data.metering import with_meters
 from commonrail.data.records import JUDGED
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.meters import Meter
-from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
 

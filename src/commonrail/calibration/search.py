@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
+from commonrail.base.hooks import StopRequest
 from commonrail.calibration.distributed_objective import SpreadObjective
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import FitObjective, Objective
@@ -40,7 +41,6 @@ from commonrail.calibration.study import Method, Study
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.engine.time_step import nice_step
-from commonrail.workers.interrupt import StopRequest
 from commonrail.workers.workers import Workers
 
 # Steps of a search as they are told, so that they can be kept, and the state from which it goes on.

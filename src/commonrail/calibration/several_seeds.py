@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from commonrail.base.arguments import function, sequence, shown, thread_count, whole
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.hooks import StopRequest, held_interrupts
 from commonrail.base.text import number
 from commonrail.base.units import to_text
 from commonrail.calibration.run import Calibration, calibrate
@@ -23,7 +24,6 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.data.registry import of_role
 from commonrail.engine.simulate import usable_threads
-from commonrail.workers.interrupt import StopRequest, held_interrupts
 from commonrail.workers.workers import Workers
 
 # Further searches of a study: with other seeds, and without the rows that they then predict.

@@ -39,7 +39,7 @@ from commonrail.data.registry import ANY_KIND, of_role
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import QUANTITIES, Meter
-from commonrail.readers.toml_fields import UNSTATED
+from commonrail.readers.toml import UNSTATED
 
 # Further searches by which a study's fit is judged.
 

@@ -18,10 +18,9 @@ def main() -> None:
     open_standard_streams()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # it would search all installed packages for them
     leave_out_warnings()
-    from commonrail.base.hooks import tell_notes, tell_of_compiling
+    from commonrail.base.hooks import end_at_second, tell_notes, tell_of_compiling
     from commonrail.cli.console import compiling, say, say_of_ending
     from commonrail.cli.grammar import cli
-    from commonrail.workers.interrupt import end_at_second
 
     tell_of_compiling(compiling)
     tell_notes(say)

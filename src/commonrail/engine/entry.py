@@ -17,9 +17,9 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
 from commonrail.compiler.numba import exchange_rounding, widest_vectors
-from commonrail.engine.block import ClockedMemory, Law, Machine, keep_if_asked, make_clocks, make_simulate, shape_of
+from commonrail.engine.block import ClockedMemory, Law, Machine, keep_if_asked, make_clocks, make_simulate
 from commonrail.engine.job import GIVEN, Array, Vector
-from commonrail.engine.recorder import Outcome, make_rows
+from commonrail.engine.recorder import Outcome, make_rows, shape_of
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE
 from commonrail.physics.variants import Variant
 

@@ -21,10 +21,9 @@ import numpy as np
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
-from commonrail.engine.block import shape_of
 from commonrail.engine.job import Given, Job, Samples, Vector, address, fill, scratch_for
 from commonrail.engine.machine_code import MachineCode, machine_code
-from commonrail.engine.recorder import Outcome
+from commonrail.engine.recorder import Outcome, shape_of
 from commonrail.physics.model import Waves
 from commonrail.physics.variants import Variant, wiring
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.engine.block import (
-    FUEL,
     Memory,
     any_vectors,
     copy_number,
@@ -22,7 +21,7 @@ from commonrail.engine.block import (
 from commonrail.engine.job import MAXIMUM_STEPS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import Prepared, make_job, prepare
-from commonrail.engine.recorder import make_rows
+from commonrail.engine.recorder import FUEL, make_rows
 from commonrail.engine.status import check_inputs
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE

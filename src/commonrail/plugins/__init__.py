@@ -7,7 +7,7 @@ ELSEWHERE = {
     "data": "commonrail.data.registry:KINDS",
     "features": "commonrail.data.features.table:FEATURES",
     "fuels": "commonrail.readers.fuel:shipped_fuels",
-    "injectors": "commonrail.readers.injector.file:shipped_injectors",
+    "injectors": "commonrail.readers.injector:shipped_injectors",
     "optimisers": "commonrail.calibration.optimisers.registry:shipped_methods",
     "readers": "commonrail.readers.tables:ENDINGS",
 }

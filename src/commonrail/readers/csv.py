@@ -33,7 +33,7 @@ from commonrail.readers.columns import (
     find_column,
     name_and_unit,
 )
-from commonrail.readers.limits import LONGEST_NAME, check_columns, read_lines
+from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
 LONGEST_NUMBER = 100  # [characters]

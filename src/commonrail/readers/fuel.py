@@ -15,11 +15,10 @@ from pydantic import ConfigDict, Field, GetCoreSchemaHandler, PlainValidator, cr
 from pydantic_core import CoreSchema, core_schema
 
 from commonrail.base.arguments import plain_text
+from commonrail.base.registry import Catalogue
 from commonrail.physics.fuel import Fuel, Law, Origin, Polynomial
-from commonrail.readers.catalogue import Catalogue
 from commonrail.readers.location import Place
-from commonrail.readers.toml import parse_toml, read_model
-from commonrail.readers.toml_fields import MARKS, FileModel, Mark, OneOf, fault
+from commonrail.readers.toml import MARKS, FileModel, Mark, OneOf, fault, parse_toml, read_model
 
 _CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fuel "{}"', "", "fuels")
 

@@ -14,7 +14,7 @@ import numpy as np
 from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.base.units import NAMES, compatible, convert
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
 from commonrail.readers.csv import CsvFile
 from commonrail.readers.grid import WorkbookSheet

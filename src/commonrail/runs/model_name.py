@@ -6,15 +6,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters import Meter
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import in_catalogue, injector_catalogue, load_injector, load_meters
+from commonrail.readers.injector import in_catalogue, injector_catalogue, load_injector, load_meters
 from commonrail.readers.location import Place, located
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
 
 CALIBRATED = "calibrated.toml"
 MOST_MODELS = 8  # colours and markers that can be told apart

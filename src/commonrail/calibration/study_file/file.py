@@ -35,16 +35,14 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.physics.law import Q
 from commonrail.physics.meters import Meter
-from commonrail.physics.parameters import Q
 from commonrail.physics.variants import reader_of, unread_parameters
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.meters import installed_meters, meters_of_tables
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
+from commonrail.readers.injector import load_injector
+from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.logo import read_logo
-from commonrail.readers.toml import read_model_file
-from commonrail.readers.toml_fields import UNSTATED
+from commonrail.readers.meters import installed_meters, meters_of_tables
+from commonrail.readers.toml import UNSTATED, read_model_file
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 

@@ -21,8 +21,8 @@ from commonrail.calibration.study import LeaveOut
 from commonrail.data.registry import KINDS, find_kind
 from commonrail.data.study_block import DataModel, Name
 from commonrail.physics.injector import parameter_quantities
-from commonrail.readers.injector.meters import MeterTables
-from commonrail.readers.toml_fields import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
+from commonrail.readers.injector import MeterTables
+from commonrail.readers.toml import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
 
 # Far above what anybody calibrates; below what would fill the memory. The loader counts samples and rows.
 MOST_SETS = 1000

@@ -10,14 +10,23 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, GetCoreSchemaHandler, PlainValidator, TypeAdapter, create_model
 from pydantic_core import CoreSchema, core_schema
 
+from commonrail.base.registry import installed_text
 from commonrail.physics.injector import Source
+from commonrail.physics.law import Q
 from commonrail.physics.meters import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
-from commonrail.physics.parameters import Q
-from commonrail.readers.catalogue import installed_text
 from commonrail.readers.location import Place, located
-from commonrail.readers.toml import parse_toml, read_model
-from commonrail.readers.toml_fields import UNSTATED, FileModel, Sourced, Text, Unit, choice, fault
-from commonrail.readers.toml_writer import key_text
+from commonrail.readers.toml import (
+    UNSTATED,
+    FileModel,
+    Sourced,
+    Text,
+    Unit,
+    choice,
+    fault,
+    key_text,
+    parse_toml,
+    read_model,
+)
 
 MOST_METERS = 100
 
@@ -113,7 +122,7 @@ MeterModel = create_model("MeterModel", __base__=MeterHead, **_quantities)
 
 @cache
 def _adapter() -> TypeAdapter[dict[str, MeterHead]]:
-    return TypeAdapter(Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)])  # type: ignore[valid-type]
+    return TypeAdapter(Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)])  # type: ignore[valid-type, arg-type]
 
 
 def meter_tables(item: Any) -> dict[str, MeterHead]:
@@ -121,13 +130,10 @@ def meter_tables(item: Any) -> dict[str, MeterHead]:
     return _adapter().validate_python(item, strict=True)
 
 
-MeterTables = Annotated[Any, PlainValidator(meter_tables)]
-
-
 class _MeterFile(FileModel):
     """File of an installed package."""
 
-    meters: MeterTables
+    meters: Annotated[Any, PlainValidator(meter_tables)]
 
 
 def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dict[str, MeterHead]:
