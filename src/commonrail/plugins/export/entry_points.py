@@ -27,7 +27,6 @@ from numba.np.arrayobj import make_array, populate_array
 from commonrail.base.choices import Actuation
 from commonrail.compiler.numba import widest_vectors
 from commonrail.engine.block import (
-    FUEL,
     INPUTS,
     Law,
     Memory,
@@ -38,7 +37,7 @@ from commonrail.engine.block import (
     make_wave_transport,
 )
 from commonrail.engine.entry import row_copier, row_gatherer
-from commonrail.engine.recorder import Outcome, make_rows, report_remaining
+from commonrail.engine.recorder import FUEL, Outcome, make_rows, report_remaining
 from commonrail.physics import fuel_kernel
 from commonrail.physics.components import solenoid
 from commonrail.physics.law import physics
