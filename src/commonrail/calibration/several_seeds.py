@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from commonrail.base.arguments import function, sequence, shown, thread_count, whole
 from commonrail.base.errors import ConfigurationError, SimulationError
@@ -24,7 +24,9 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.data.registry import of_role
 from commonrail.engine.simulate import usable_threads
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 # Further searches of a study: with other seeds, and without the rows that they then predict.
 

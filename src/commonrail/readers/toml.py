@@ -203,7 +203,10 @@ def choice(kind: type[Enum]) -> PlainValidator:
 
 @dataclass(frozen=True)
 class OneOf:
-    """Type of a table whose form follows from the value of a key; `more` finds further forms when they are met."""
+    """Type of a table whose form follows from the value of a key.
+
+    `more` finds further forms when they are met, those that are None among them.
+    """
 
     key: str
     forms: Mapping[str, Any]
@@ -212,7 +215,7 @@ class OneOf:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         *others, last = (f'"{name}"' for name in self.forms)
         return core_schema.tagged_union_schema(
-            {f"<{name}>": handler.generate_schema(form) for name, form in self.forms.items()}
+            {f"<{name}>": handler.generate_schema(form) for name, form in self.forms.items() if form is not None}
             | {"<>": core_schema.no_info_plain_validator_function(self._other)},
             self._tag,
             custom_error_type="sentence",
@@ -223,7 +226,7 @@ class OneOf:
         found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
         if not isinstance(found, str):
             return None
-        return f"<{found}>" if found in self.forms else "<>" if self.more(found) else None
+        return f"<{found}>" if self.forms.get(found) is not None else "<>" if self.more(found) else None
 
     def _other(self, item: Any) -> BaseModel:
         if isinstance(item, BaseModel):

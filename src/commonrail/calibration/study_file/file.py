@@ -26,7 +26,6 @@ from commonrail.calibration.study_file.keys import (
     StudyModel,
 )
 from commonrail.calibration.study_file.meter import free_parameters
-from commonrail.calibration.study_file.type import read_type, with_type
 from commonrail.data.base import DataSet
 from commonrail.data.quantities.reading import AFTER_ENERGISING
 from commonrail.data.registry import kind_of
@@ -79,7 +78,13 @@ def load_study(path: str | Path) -> Study:
 def _study(file: Path) -> Study:
     model, at, reach, text = read_model_file(StudyModel, file)
     injector = _injector(model.injector, reach, at / "injector")
-    model = with_type(model, injector, read_type(model, reach, at), at)
+    if model.type is not None:
+        from commonrail.calibration.study_file.type import load_type, with_type
+
+        known = load_type(reach.path(reach.file.parent, model.type, at / "type"), reach)
+        model = with_type(model, injector, known, at)
+    elif not model.parameter:
+        raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
     injector = _started(injector, model, at)
     tables = {**installed_meters((block.meter for block in model.data), model.meters), **model.meters}
     free = free_parameters(tables, at / "meters")

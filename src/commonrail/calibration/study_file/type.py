@@ -202,23 +202,7 @@ def _parameter(parameter: TypeParameter) -> dict[str, Any]:
 # A study that names a type: start, prior and bounds of its free parameters, values of the others.
 
 
-def read_type(model: StudyModel, reach: Reach, at: Place) -> InjectorType | None:
-    """Type that a study names, or None.
-
-    Parameters
-    ----------
-    model : StudyModel
-    reach : Reach
-        Folder of the study.
-    at : Place
-        Of the study.
-    """
-    if model.type is None:
-        return None
-    return load_type(reach.path(reach.file.parent, model.type, at / "type"), reach)
-
-
-def with_type(model: StudyModel, injector: Injector, known: InjectorType | None, at: Place) -> StudyModel:
+def with_type(model: StudyModel, injector: Injector, known: InjectorType, at: Place) -> StudyModel:
     """The study with what it takes from its type.
 
     A free parameter of the type has the type's value as start and prior, unless the study states a start, a prior or a
@@ -231,20 +215,10 @@ def with_type(model: StudyModel, injector: Injector, known: InjectorType | None,
     model : StudyModel
     injector : Injector
         Of the study, before any value is changed.
-    known : InjectorType or None
-        None leaves the study as it is.
+    known : InjectorType
     at : Place
         Of the study.
-
-    Raises
-    ------
-    InputError
-        If the study has no free parameter and no type.
     """
-    if known is None:
-        if not model.parameter:
-            raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
-        return model
     fixed = {item.name for item in model.fixed}
     offered = {p.name: p for p in known.given_to(injector, fixed)}
     free = model.parameter or [ParameterModel(name=name) for name in offered]

@@ -19,13 +19,12 @@ from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.base.text import listed
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
-from commonrail.plugins.certainty.estimate import Estimate
+from commonrail.plugins.certainty.estimate import Estimate, bounded
 from commonrail.plugins.certainty.posterior.density import PosteriorDensity
 
 # Starts of the chains and independent proposals, from a multivariate t distribution about the most likely values.
 
 FREEDOM = 5.0  # degrees of freedom: tails wider than those of the posterior
-WIDEST = 12.0**-0.5  # standard deviation of a position between the bounds of which nothing is known
 _LEAST = 1e-10  # eigenvalue over the largest
 _STEPS = 30  # of a walk for each parameter: chosen; the starts need no more than to lie apart
 
@@ -96,16 +95,6 @@ def _chord(points: Floats, along: Floats, radius: float) -> tuple[Floats, Floats
 def local_surrogate(estimate: Estimate) -> Surrogate:
     """Distribution of the linear approximation, no wider than the bounds."""
     return Surrogate(estimate.unit, bounded(estimate))
-
-
-def bounded(estimate: Estimate) -> Floats:
-    """Covariance (d, d) of the positions, of which none is known worse than to lie between the bounds."""
-    total = np.array(estimate.covariance.total)
-    loose = ~np.isfinite(np.diag(total))
-    total[loose, :] = total[:, loose] = 0.0
-    total[loose, loose] = WIDEST**2
-    shrink = np.minimum(1.0, WIDEST / np.sqrt(np.maximum(np.diag(total), 1e-300)))
-    return np.asarray(total * np.outer(shrink, shrink))
 
 
 LARGEST_R_HAT, LEAST_SIZE = 1.05, 400.0  # beyond which nothing is said from the draws
