@@ -46,13 +46,14 @@ def fault(sentence: str) -> PydanticCustomError:
     return PydanticCustomError("sentence", "{sentence}", {"sentence": sentence})
 
 
-def _mark(item: Any) -> str:
+def read_mark(item: Any) -> str:
+    """Mark of a source."""
     if item not in MARKS:
         raise fault(f'"{item}" is no mark; write one of {", ".join(MARKS)}')
     return str(item)
 
 
-Mark = Annotated[str, PlainValidator(_mark)]
+Mark = Annotated[str, PlainValidator(read_mark)]
 Text = Annotated[str, Field(min_length=1)]
 
 
