@@ -432,16 +432,16 @@ from .plugins.tolerance.study import (
 from .readers.fuel import (
     load_fuel as load_fuel,
 )
-from .readers.injector import (
+from .readers.injector.file import (
     dump_injector as dump_injector,
 )
-from .readers.injector import (
+from .readers.injector.file import (
     injector_catalogue as injector_catalogue,
 )
-from .readers.injector import (
+from .readers.injector.file import (
     load_injector as load_injector,
 )
-from .readers.injector import (
+from .readers.injector.file import (
     load_meters as load_meters,
 )
 from .report.page import (

@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.study_file.file import load_study
 from commonrail.calibration.study_file.from_data import write_new
-from commonrail.readers.injector import load_injector
+from commonrail.readers.injector.file import load_injector
 from commonrail.report.page import write_report
 
 STUDY, INJECTOR, DATA = "study.toml", "injector.toml", "data/evi.csv"

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.choices import Drive
-from commonrail.readers.injector import dump_injector, load_injector
+from commonrail.readers.injector.file import dump_injector, load_injector
 from tests.cli.conftest import Command
 
 NAME = "virtual-lino-2016"

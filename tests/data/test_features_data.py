@@ -24,7 +24,7 @@ from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
-from commonrail.readers.injector import dump_injector
+from commonrail.readers.injector.file import dump_injector
 from commonrail.readers.location import Place, Reach
 from tests.data.samples import PRESSURES, STEP, curve_table
 

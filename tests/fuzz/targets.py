@@ -27,7 +27,7 @@ from commonrail.engine.time_step import longest_step, medium_of
 from commonrail.physics.injector import Injector, parameter_paths
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.tolerance.file import load_tolerances
-from commonrail.readers.injector import injector_text, load_injector
+from commonrail.readers.injector.file import injector_text, load_injector
 from commonrail.readers.overview import survey
 from commonrail.report.page import write_report
 from commonrail.runs.folder import read_run

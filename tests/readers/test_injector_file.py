@@ -12,7 +12,7 @@ from commonrail.base.choices import Body, Boundary, Drive
 from commonrail.base.errors import InputError
 from commonrail.physics.injector import Source, parameter_quantities
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector import dump_injector, injector_catalogue, load_injector
+from commonrail.readers.injector.file import dump_injector, injector_catalogue, load_injector
 
 from .conftest import TEMPLATES
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.readers.injector import dump_injector, load_injector
+from commonrail.readers.injector.file import dump_injector, load_injector
 from commonrail.runs.folder import note_stopped
 from commonrail.runs.model_name import read_model_name
 

@@ -10,14 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.engine.block import (
-    Memory,
-    any_vectors,
-    copy_number,
-    make_advance,
-    make_begin,
-    make_wave_transport,
-)
+from commonrail.engine.block import Memory, any_vectors, copy_number, make_advance, make_begin, make_wave_transport
 from commonrail.engine.job import MAXIMUM_STEPS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import Prepared, make_job, prepare

@@ -6,7 +6,7 @@ from __future__ import annotations
 ELSEWHERE = {
     "features": "commonrail.data.features.table:FEATURES",
     "fuels": "commonrail.readers.fuel:shipped_fuels",
-    "injectors": "commonrail.readers.injector:shipped_injectors",
+    "injectors": "commonrail.readers.injector.file:shipped_injectors",
     "optimisers": "commonrail.calibration.optimisers.registry:shipped_methods",
     "readers": "commonrail.readers.tables:ENDINGS",
 }

@@ -20,7 +20,7 @@ from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import DataSet, Score
 from commonrail.data.records import LABELS, MEAN, MEASURED
 from commonrail.physics.meters import is_of_meter
-from commonrail.readers.injector import dump_injector
+from commonrail.readers.injector.file import dump_injector
 from commonrail.readers.location import read_text
 from commonrail.readers.toml import read_toml
 from commonrail.runs.traces import Curve, Traces, read_traces, write_traces

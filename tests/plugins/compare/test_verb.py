@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from commonrail.readers.injector import dump_injector, load_injector
+from commonrail.readers.injector.file import dump_injector, load_injector
 from tests.cli.conftest import Command, check_made_again, run_command
 
 NAME = "virtual-lino-2016"

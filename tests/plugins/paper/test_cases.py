@@ -18,7 +18,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.plugins.family.study import load_family
 from commonrail.plugins.paper.bench import bench_curve
 from commonrail.plugins.paper.bench_file import ENERGISING_TIME, load_truth
-from commonrail.readers.injector import load_injector
+from commonrail.readers.injector.file import load_injector
 from tools.make_fleet import QUANTITY_NOISE
 
 CASES = Path(__file__).resolve().parents[3] / "cases"

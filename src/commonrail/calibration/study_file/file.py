@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.arguments import file_path, not_whole
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.base.input import noting_files
+from commonrail.base.input import noting_files, read_plain
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.constraints import parse_products
 from commonrail.calibration.goal import Loss
@@ -37,10 +38,9 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.law import Q
 from commonrail.physics.meters import Meter
 from commonrail.physics.variants import reader_of, unread_parameters
-from commonrail.readers.injector import load_injector
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.meters import installed_meters, meters_of_tables
 from commonrail.readers.location import Place, Reach, located
-from commonrail.readers.logo import read_logo
-from commonrail.readers.meters import installed_meters, meters_of_tables
 from commonrail.readers.toml import UNSTATED, read_model_file
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
@@ -365,3 +365,22 @@ def _check_temperatures(p: Parameter, injector: Injector, at: Place) -> None:
             f"{at}: the bounds of {p.name}, {p.lower:g} K to {p.upper:g} K, leave the range of "
             f"{injector.fuel.name}, {low:g} K to {high:g} K; narrow them."
         )
+
+
+# Logo of a report, kept as text within the result so that the page needs no other file.
+
+LARGEST_LOGO = 200_000  # [bytes]
+_KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"<svg": "image/svg+xml"}
+
+
+def read_logo(path: Path, at: Place) -> str:
+    """Picture as a data URI.
+
+    It is a PNG, JPEG or SVG of at most `LARGEST_LOGO` bytes, named in the study `at` a place. Raises `InputError`
+    if it cannot be read, is too large or is no such picture.
+    """
+    content = read_plain(path, LARGEST_LOGO)
+    for opening, kind in _KINDS.items():
+        if content.lstrip().startswith(opening):
+            return f"data:{kind};base64,{b64encode(content).decode()}"
+    raise at.error(f"{path}: this is no PNG, JPEG or SVG; save the logo as one of them")

@@ -11,7 +11,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
 from commonrail.physics.injector import Injector
-from commonrail.readers.injector import load_injector
+from commonrail.readers.injector.file import load_injector
 from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.

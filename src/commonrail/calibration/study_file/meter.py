@@ -12,9 +12,9 @@ from commonrail.calibration.study_file.keys import StudyModel
 from commonrail.physics.injector import Source
 from commonrail.physics.law import Domain, Q
 from commonrail.physics.meters import QUANTITIES, Meter, parameter_name
-from commonrail.readers.injector import load_meters
+from commonrail.readers.injector.file import load_meters
+from commonrail.readers.injector.meters import Amount, MeterHead, meters_of_tables
 from commonrail.readers.location import Place, located
-from commonrail.readers.meters import Amount, MeterHead, meters_of_tables
 from commonrail.readers.toml import read_model, read_toml
 
 # One meter of a file that describes meters: a study, or the calibrated injector of a run.

@@ -23,7 +23,7 @@ from commonrail.calibration.study_file.keys import (
 from commonrail.data.study_block import Name
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import unread_parameters
-from commonrail.readers.injector import in_catalogue, load_injector
+from commonrail.readers.injector.file import in_catalogue, load_injector
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Text, read_model, read_toml
 

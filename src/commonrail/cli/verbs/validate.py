@@ -34,7 +34,7 @@ def validate(
     from commonrail.calibration.scoring import check_drive, score_all
     from commonrail.calibration.study_file.file import load_study
     from commonrail.data.metering import meter_records, meters_of, with_meters
-    from commonrail.readers.injector import in_catalogue, load_injector, load_meters
+    from commonrail.readers.injector.file import in_catalogue, load_injector, load_meters
     from commonrail.report.fit.record import meter_lines
     from commonrail.report.fit.tables import tables_of
 

@@ -33,7 +33,7 @@ from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.law import Domain
 from commonrail.plugins.family.type import OF_PART
 from commonrail.readers.columns import Column
-from commonrail.readers.injector import load_injector
+from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import Place, Reach
 from commonrail.readers.tables import read_columns
 

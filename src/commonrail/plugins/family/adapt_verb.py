@@ -61,7 +61,7 @@ def adapt(
       commonrail adapt types/cri2.toml --from points.csv --injector part.toml --out model.toml
     """
     from commonrail.plugins.family.adapt import adapt as run
-    from commonrail.readers.injector import dump_injector
+    from commonrail.readers.injector.file import dump_injector
 
     if advise:
         _advise(injector_type, points, injector, (cylinder_pressure, return_pressure), threads, json)

@@ -46,7 +46,7 @@ from commonrail.plugins.page.subject import (
     stable_sliders,
     variant_of,
 )
-from commonrail.readers.injector import injector_text
+from commonrail.readers.injector.file import injector_text
 from commonrail.report.html import render
 
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]

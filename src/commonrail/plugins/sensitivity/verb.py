@@ -150,7 +150,7 @@ def _points(rails: Sequence[str], times: Sequence[str], pressures: tuple[float, 
 def _subject(source: str) -> Injector | Study:
     """Injector, study, or study at the values of a run."""
     from commonrail.calibration.study_file.file import load_study
-    from commonrail.readers.injector import load_injector
+    from commonrail.readers.injector.file import load_injector
     from commonrail.readers.toml import read_toml
 
     path = Path(source)
@@ -166,7 +166,7 @@ def _subject(source: str) -> Injector | Study:
 def _of_run(run: Path) -> Study:
     """The study of a run folder about its calibrated values."""
     from commonrail.calibration.space import Space
-    from commonrail.readers.injector import load_injector
+    from commonrail.readers.injector.file import load_injector
     from commonrail.runs.folder import read_fit
 
     study, best = read_fit(run)

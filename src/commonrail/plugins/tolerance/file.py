@@ -35,7 +35,7 @@ from commonrail.plugins.tolerance.study import (
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
-from commonrail.readers.injector import load_injector
+from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model, read_toml
 

@@ -1,0 +1,1 @@
+"""Files of injectors and of their catalogue."""
