@@ -117,7 +117,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     failed = replace(solution(), status=Status.STEP_UNSTABLE, find_longest_step=lambda: 2.2e-6)
-    monkeypatch.setattr("commonrail.cli.injection.simulated", lambda *_, **__: failed)
+    monkeypatch.setattr("commonrail.engine.simulate.simulate", lambda *_, **__: failed)
     done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
     assert (done.status, done.out) == (4, "")
     assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence} A step of 2 us would do."

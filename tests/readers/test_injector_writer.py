@@ -13,7 +13,7 @@ from commonrail.base.arguments import COUNTS
 from commonrail.base.errors import OutputError
 from commonrail.physics.fuel import Origin
 from commonrail.physics.injector import FUEL_TEMPERATURE, Source
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.readers.fuel import fuel_catalogue, load_fuel
 from commonrail.readers.injector.file import dump_injector, injector_catalogue, load_injector
 

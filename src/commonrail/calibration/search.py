@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
-from commonrail.base.hooks import compiling_seconds
-from commonrail.calibration.distributed_objective import SpreadObjective
+from commonrail.base.hooks import StopRequest, compiling_seconds
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import FitObjective, Objective
 from commonrail.calibration.optimisers.base import (
@@ -41,8 +40,9 @@ from commonrail.calibration.study import Method, Study
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.engine.time_step import nice_step
-from commonrail.workers.interrupt import StopRequest
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 # Steps of a search as they are told, so that they can be kept, and the state from which it goes on.
 
@@ -323,6 +323,8 @@ class Search:
         self.study, self.listeners, self.objective = study, listeners, objective
         if workers is not None:
             assert isinstance(objective, Objective)
+            from commonrail.calibration.distributed_objective import SpreadObjective
+
             self.objective = SpreadObjective(objective, workers, study.space.reference)
         self.check_stop = listeners.stop.check
         self.history: list[Generation] = []

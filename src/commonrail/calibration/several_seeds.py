@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from commonrail.base.arguments import function, sequence, shown, thread_count, whole
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.hooks import StopRequest, held_interrupts
 from commonrail.base.text import number
 from commonrail.base.units import to_text
 from commonrail.calibration.run import Calibration, calibrate
@@ -23,8 +24,9 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.data.registry import of_role
 from commonrail.engine.simulate import usable_threads
-from commonrail.workers.interrupt import StopRequest, held_interrupts
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 # Further searches of a study: with other seeds, and without the rows that they then predict.
 

@@ -56,10 +56,10 @@ def reported(
 
     `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
+    from commonrail.base.hooks import held_interrupts
     from commonrail.report.page import write_report
     from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
-    from commonrail.workers.interrupt import held_interrupts
 
     shown = stage_of if stage is None else stage
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed

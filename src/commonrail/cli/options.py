@@ -184,12 +184,12 @@ def check_workers(count: int | None, address: str | None) -> None:
 
 def open_workers(count: int | None, address: str | None) -> AbstractContextManager[Workers | None]:
     """Workers as asked for; none by default."""
+    check_workers(count, address)
+    if count is None and address is None:
+        return nullcontext()
     from commonrail.workers.workers import Workers
 
-    check_workers(count, address)
-    if address is not None:
-        return Workers.cluster(address, count)
-    return nullcontext() if count is None else Workers.processes(count)
+    return Workers.processes(count) if address is None else Workers.cluster(address, count)
 
 
 def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...] | float:

@@ -21,7 +21,7 @@ from commonrail.base.input import read_plain
 from commonrail.base.units import fits
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
 from commonrail.readers.guarded.parent import read_apart
-from commonrail.readers.limits import LONGEST_LINE, Shape
+from commonrail.readers.location import LONGEST_LINE, Shape
 
 LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept

@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from commonrail.base.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
-from commonrail.base.hooks import quiet
+from commonrail.base.hooks import held_interrupts, quiet
 from commonrail.base.input import sha256
 from commonrail.base.output import PART, write_text, writing
 from commonrail.calibration.identifiability import identify
@@ -31,8 +31,9 @@ from commonrail.runs.fingerprint import content_of, other_targets
 from commonrail.runs.folder import STUDY, refuse_used, write_judgement, write_results
 from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, State, read_about
 from commonrail.runs.lock import trusted
-from commonrail.workers.interrupt import held_interrupts
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 _LEFT = (JOURNAL, LOCK)  # and what SQLite puts beside them
 
@@ -398,6 +399,8 @@ def _work(
 ) -> Work[Study, Calibration]:
     """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written."""
     if workers is not None:
+        from commonrail.workers.workers import Workers
+
         instance(workers, Workers, "workers")
     instance(listener, Listener, "listener")
     threads = thread_count(threads)

@@ -19,7 +19,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.units import convert, fits
 from commonrail.plugins.maps.table import Axis, MapTable
-from commonrail.readers.limits import read_text
+from commonrail.readers.location import read_text
 
 NUMBERS = 6  # in a line
 LARGEST = 20_000_000  # [bytes]

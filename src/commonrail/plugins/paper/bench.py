@@ -19,8 +19,8 @@ from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector, Source, parameter_quantities
+from commonrail.physics.law import Domain, Q
 from commonrail.physics.meters import LowPass, Meter, first_order
-from commonrail.physics.parameters import Domain, Q
 
 # Measuring chain: limited bandwidth, noise and resolution of a signal.
 

@@ -36,7 +36,7 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 
 Codes = NDArray[np.int8]
 NO_EVENT = -1  # code of a feature that does not exist: the needle never opens, or never closes

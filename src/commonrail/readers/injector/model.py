@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import BeforeValidator, Field, PlainValidator, create_model
 
 from commonrail.base.arguments import not_whole
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
@@ -15,15 +16,11 @@ from commonrail.base.units import to_text
 from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder_stiffness
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
-from commonrail.physics.meters import Meter
-from commonrail.physics.parameters import Q
-from commonrail.physics.variants import MODELS, Variant, reader_of, unread_parameters
+from commonrail.physics.law import Q
+from commonrail.physics.variants import Variant, model_of, reader_of, unread_parameters
 from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
-from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import read_model, read_toml
-from commonrail.readers.toml_fields import (
+from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.toml import (
     FileModel,
     Given,
     Number,
@@ -34,7 +31,12 @@ from commonrail.readers.toml_fields import (
     Values,
     choice,
     fault,
+    read_model,
+    read_toml,
 )
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
 
 # Drawing of plunger and needle in an injector's file: seven cylinders, from which Eq. (8) gives stiffness and mass.
 
@@ -92,20 +94,32 @@ class DrawnTable(ParameterTable):
         return (self.drawing.values() if self.drawing else {}) | super().values()
 
 
-COMPONENTS = tuple(
-    dict.fromkeys(component for model in MODELS.values() for component in get_type_hints(model.Parameters))
-)
-
 _DEFAULT = Source("E", "default of commonrail")
 
 
-def component_quantities(component: str) -> dict[str, Q]:
+def components_of(*actuations: Actuation) -> list[str]:
+    """Components of injectors, each a table of the file; by default those of all."""
+    models = map(model_of, actuations or Actuation)
+    return list(dict.fromkeys(component for model in models for component in get_type_hints(model.Parameters)))
+
+
+def component_quantities(component: str, actuation: Actuation | None = None) -> dict[str, Q]:
     """Unit, meaning and domain of the parameters of a component, by the last part of their names."""
-    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{component}.")}
+    known = parameter_quantities(actuation)
+    return {path.partition(".")[2]: q for path, q in known.items() if path.startswith(f"{component}.")}
 
 
 class _Definition(FuelModel):
     name: str = "fuel"
+
+
+def _meter_tables(item: Any) -> Any:
+    from commonrail.readers.injector.meters import meter_tables  # of which most files have none
+
+    return meter_tables(item)
+
+
+MeterTables = Annotated[Any, PlainValidator(_meter_tables)]
 
 
 class _FuelTable(Sourced):
@@ -113,8 +127,8 @@ class _FuelTable(Sourced):
 
     name: str | None = None
     file: str | None = None
-    definition: _Definition | None = None
-    temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])]
+    definition: Annotated[Any, PlainValidator(_Definition.model_validate)] = None
+    temperature: Annotated[Number, Stated(parameter_quantities(Actuation.SERVO)[FUEL_TEMPERATURE])]
 
 
 class _Head(FileModel):
@@ -131,15 +145,32 @@ class _Head(FileModel):
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
     nozzle_law: str = ""  # of an installed package; "" is Eq. (9)
-    meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
+    # of the bench that it was calibrated on: see `load_meters`
+    meters: MeterTables = Field(default_factory=dict)
 
 
-_kinds = dict.fromkeys(COMPONENTS, ParameterTable) | {"plunger_needle": DrawnTable}
-_components: Any = {
-    component: (Annotated[kind, Quantities(component_quantities(component))], kind())
-    for component, kind in _kinds.items()
-}
-_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_components)
+@cache
+def _model_of(actuation: Actuation) -> type[_Head]:
+    """Whole file of an injector of an actuation."""
+    tables: dict[str, Any] = {}
+    for component in components_of(actuation):
+        kind = DrawnTable if component == "plunger_needle" else ParameterTable
+        known = Quantities(component_quantities(component, actuation))
+        tables[component] = Annotated[kind, known], kind.model_construct()
+    return create_model("_InjectorModel", __base__=_Head, **tables)
+
+
+def _checked(document: Mapping[str, Any], at: Place) -> Any:
+    """Model of a parsed file; a part of injectors that are actuated otherwise is refused."""
+    stated = document.get("actuation")
+    actuation = next((kind for kind in Actuation if kind.value == stated), Actuation.SERVO)
+    parts = components_of(actuation)
+    for key in document:
+        if key not in parts and key not in _Head.model_fields and key in components_of():
+            raise (at / key).error(
+                f'an injector with actuation = "{actuation.value}" has no such part; its parts are {", ".join(parts)}'
+            )
+    return read_model(_model_of(actuation), document, at)
 
 
 def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
@@ -147,7 +178,9 @@ def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
 
     Raises `InputError` and `ConfigurationError` as `load_meters`.
     """
-    tables: Mapping[str, MeterHead] = read_model(_InjectorModel, document, at).meters
+    from commonrail.readers.injector.meters import MeterHead, meters_of_tables
+
+    tables: Mapping[str, MeterHead] = _checked(document, at).meters
     for name, table in tables.items():
         for key, amount in table.amounts():
             if amount.free:
@@ -161,18 +194,12 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
     `stem`: name of an injector whose file gives none. `reach`: where the file of its fuel may lie. Raises `InputError`
     and `ConfigurationError` as `load_injector`.
     """
-    model = read_model(_InjectorModel, document, at)
+    model = _checked(document, at)
     given: dict[str, Given] = {}
-    own = tuple(get_type_hints(MODELS[model.actuation].Parameters))
-    for component in COMPONENTS:
-        if component in own:
-            given |= _values_of(component, getattr(model, component).values(), at / component)
-        elif component in model.model_fields_set:
-            raise (at / component).error(
-                f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
-                f"{', '.join(own)}"
-            )
-    _refuse_unread(model, own, at)
+    for component in (components := components_of(model.actuation)):
+        quantities = component_quantities(component, model.actuation)
+        given |= _values_of(component, getattr(model, component).values(), quantities, at / component)
+    _refuse_unread(model, components, at)
     _check_knots(given, document.get("nozzle", {}), at / "nozzle")
     for path, item in given.items():
         if words := not_whole(path, item.value):
@@ -195,7 +222,7 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
 _DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
 
 
-def _refuse_unread(model: Any, components: tuple[str, ...], at: Place) -> None:
+def _refuse_unread(model: Any, components: Collection[str], at: Place) -> None:
     """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
     stated = model.model_fields_set
     if model.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
@@ -217,9 +244,8 @@ def _variant(model: Any, at: Place) -> Variant:
         return Variant(*variant[:-1], nozzle_law=model.nozzle_law)
 
 
-def _values_of(component: str, values: Values, at: Place) -> Values:
+def _values_of(component: str, values: Values, quantities: Mapping[str, Q], at: Place) -> Values:
     """Values of a component by dotted name: as given, else the default."""
-    quantities = component_quantities(component)
     missing = [name for name, q in quantities.items() if name not in values and q.default is None]
     if missing:
         first, *others = missing
@@ -260,7 +286,8 @@ def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
     if [table.name, table.file, table.definition].count(None) != 2:
         raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
     if table.definition is not None:
-        return table.definition.fuel(table.definition.name)
+        defined: _Definition = table.definition
+        return defined.fuel(defined.name)
     if table.file is not None:
         path = reach.path(Path(at.file).parent, table.file, at / "file")
         return parse_fuel(read_toml(path)[0], path.stem, str(path))
