@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.output import check_target, writing
-from commonrail.base.units import parse, parse_difference
+from commonrail.base.units import parse, parse_difference, to_text
 from commonrail.cli.grammar import Argument, Option
 
 if TYPE_CHECKING:
@@ -209,13 +209,15 @@ def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energ
 def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     """The injector with values from ``--set path=value``; a value has its unit or is a plain SI number.
 
-    Raises `InputError` if a setting cannot be read. Raises `ConfigurationError` if a value lies outside its domain.
+    Warns on stderr of values that no built injector has. Raises `InputError` if a setting cannot be read. Raises
+    `ConfigurationError` if a value lies outside its domain.
     """
+    from commonrail.cli.console import say
     from commonrail.physics.variants import reader_of, unread_parameters
 
     if not settings:
         return injector
-    found = list(map(_setting, settings))
+    found = [_setting(injector, text) for text in settings]
     values = dict(found)
     if len(values) < len(found):
         twice = next(path for i, (path, _) in enumerate(found) if path in dict(found[:i]))
@@ -225,21 +227,29 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
             f"--set {name}: {injector.name} with {injector.variant.label} does not read it; take a model with "
             f"{reader_of(name)}, or omit it."
         )
-    return injector.with_values(values)
+    chosen = injector.with_values(values)
+    for name, value in values.items():
+        q = chosen.quantities[name]
+        if q.usual is not None and not q.is_usual(value):
+            low, high = (to_text(limit, q.unit, 4) for limit in q.usual)
+            say(
+                f"warning: --set {name}: the {q.meaning} is {to_text(value, q.unit, 4)}, and {low} to {high} is usual; "
+                "check its unit."
+            )
+    return chosen
 
 
-def _setting(text: str) -> tuple[str, float]:
+def _setting(injector: Injector, text: str) -> tuple[str, float]:
     from commonrail.base.arguments import not_whole
-    from commonrail.physics.injector import parameter_quantities
 
     path, equals, value = (part.strip() for part in text.partition("="))
-    known = parameter_quantities()
+    known = injector.quantities
     if not (path and equals and value):
         raise InputError(f'--set {text}: expected PATH=VALUE, such as "nozzle.holes=7".')
     if path not in known:
         raise InputError(
-            f"--set {path}: there is no such parameter{nearest(path, known)}; "
-            "`commonrail catalogue parameters` lists them."
+            f"--set {path}: {injector.name} has no such parameter{nearest(path, known)}; "
+            "`commonrail catalogue parameters` lists those of all injectors."
         )
     try:
         found = float(value)
