@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -84,6 +84,25 @@ def free_run_folder(stem: str, under: Path = Path("runs")) -> Path:
 def stem_of(source: Path) -> str:
     """Name for runs of a file: one that is called study or family says less than its folder."""
     return source.absolute().parent.name if source.stem in ("study", "family") else source.stem
+
+
+def is_given(name: str) -> bool:
+    """Return whether an option of the verb that runs stands on the command line, by its parameter's name."""
+    import click
+    from click.core import ParameterSource
+
+    return click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT
+
+
+def refuse_unused(needed: Mapping[str, tuple[bool, str]]) -> None:
+    """Refuse options that would do nothing.
+
+    `needed`: by the parameter's name, whether there is what it acts upon, and what that is, such as "--out FILE".
+    Raises `InputError` for the first one that is given in vain.
+    """
+    for name, (there, what) in needed.items():
+        if not there and is_given(name):
+            raise InputError(f"--{name.replace('_', '-')}: without {what} it does nothing; add that, or omit it.")
 
 
 # Axes on the command line: lists and ranges of values with their unit.
