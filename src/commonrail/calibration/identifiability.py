@@ -107,11 +107,9 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
         for part in registry.entries("after_fit").values():
             check_stop()
             try:
-                judge = part.load()
+                part.call(fit)
             except PluginError as error:  # the others judge the fit all the same
                 hooks.note(str(error))
-            else:
-                judge(fit)
     return found
 
 
