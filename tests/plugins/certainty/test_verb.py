@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -80,3 +81,14 @@ def test_draws_with_other_quantities_drawn_too_are_not_simulated_without_them(ru
 def test_a_certainty_without_a_posterior_removes_the_former_draws(run: Path) -> None:
     assert run_command("certainty", run, "--local", "--threads", 1).status == 0
     assert not (run / "posterior.npz").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def barred(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", barred)
+    monkeypatch.setattr("commonrail.plugins.certainty.run.certify", None)
+    done = run_command("certainty", run)
+    assert done.status == 3
+    assert f"{run} cannot be written (Permission denied)" in done.sentence
