@@ -176,12 +176,25 @@ class OneOf:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         *others, last = (f'"{name}"' for name in self.forms)
         return core_schema.tagged_union_schema(
-            {f"<{name}>": handler.generate_schema(form) for name, form in self.forms.items()}
+            {f"<{name}>": self._schema(name, form, handler) for name, form in self.forms.items()}
             | {"<>": core_schema.no_info_plain_validator_function(self._other)},
             self._tag,
             custom_error_type="sentence",
             custom_error_message=f"{self.key} must be {', '.join(others)} or {last}",
         )
+
+    def _schema(self, name: str, form: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Schema of a form, which refuses a key that only others have with the forms that have it."""
+
+        def refuse(item: Any) -> Any:
+            for key in item if isinstance(item, Mapping) else ():
+                having = [other for other, one in self.forms.items() if key in getattr(one, "model_fields", ())]
+                if having and name not in having:
+                    others = " or ".join(f'"{other}"' for other in having)
+                    raise fault(f'{self.key} = "{name}" has no key "{key}", but {self.key} = {others} has it')
+            return item
+
+        return core_schema.no_info_before_validator_function(refuse, handler.generate_schema(form))
 
     def _tag(self, item: Any) -> str | None:
         found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,8 @@ def test_a_better_fit_is_said_first_and_left_as_an_injector(run: Path) -> None:
     assert "most-likely.toml" in (run / "SHA256SUMS").read_text(encoding="utf-8")
     page = (run / "report.html").read_text(encoding="utf-8")
     assert page.index("2 ln L is higher by") < page.index("What to do next") < page.index("<h2>Certainty")
+    headings = re.findall(r"<h[23][^>]*>([^<]+)", page)
+    assert len(headings) == len(set(headings))
 
 
 def test_no_interval_is_told_of_chains_that_do_not_agree(run: Path) -> None:

@@ -96,13 +96,14 @@ def _study(file: Path) -> Study:
             f'it has no effect with the loss "{model.loss.value}"; take "soft_l1", or remove it'
         )
     space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
+    method = method_of(model.optimiser, space, at / "optimiser")
     with located(at):
         return Study(
             model.title,
             injector,
             data,
             space,
-            method_of(model.optimiser, space, at / "optimiser"),
+            method,
             model.seed,
             time_step,
             text,
