@@ -132,7 +132,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
             ("simulate", "direct-acting-kr", *POINT, "--variant", "flexible"),
             "a direct-acting injector has a rigid body",
         ),
-        ((*SIMULATE, "--set", "rail.volume=20cm3"), 'does not read it; take a model with rail_boundary = "volume"'),
+        ((*SIMULATE, "--set", "rail.volume=20cm3"), 'does not read rail.volume; take a model with rail_boundary = "v'),
         (("simulate", "nothing.toml", *POINT), "nothing.toml"),
         ((*SIMULATE, "--cylinder-pressure", "5"), "--cylinder-pressure: "),
         ((*SIMULATE, "--return-pressure", "0MPa"), "The return pressure must lie between"),

@@ -232,7 +232,6 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     `ConfigurationError` if a value lies outside its domain.
     """
     from commonrail.cli.console import say
-    from commonrail.physics.variants import reader_of, unread_parameters
 
     if not settings:
         return injector
@@ -241,11 +240,6 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     if len(values) < len(found):
         twice = next(path for i, (path, _) in enumerate(found) if path in dict(found[:i]))
         raise InputError(f"--set {twice}: it is set twice; keep one.")
-    for name in unread_parameters(injector.variant).intersection(values):
-        raise InputError(
-            f"--set {name}: {injector.name} with {injector.variant.label} does not read it; take a model with "
-            f"{reader_of(name)}, or omit it."
-        )
     chosen = injector.with_values(values)
     for name, value in values.items():
         q = chosen.quantities[name]
@@ -256,6 +250,17 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
                 "check its unit."
             )
     return chosen
+
+
+def refuse_return_pressure(injector: Injector) -> None:
+    """Refuse (`InputError`) the option --return-pressure for an injector without a return."""
+    from commonrail.physics.variants import RETURN, reader_of, unread_inputs
+
+    if RETURN in unread_inputs(injector.variant) and is_given(RETURN):
+        raise InputError(
+            f"--return-pressure: {injector.name} has no return and does not read it; take a model with "
+            f"{reader_of(RETURN)}, or omit it."
+        )
 
 
 def _setting(injector: Injector, text: str) -> tuple[str, float]:

@@ -37,7 +37,6 @@ from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.meters import Meter
 from commonrail.physics.parameters import Q
-from commonrail.physics.variants import reader_of, unread_parameters
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.injector.meters import installed_meters, meters_of_tables
 from commonrail.readers.limits import Reach
@@ -123,11 +122,6 @@ def _study(file: Path) -> Study:
 def _injector(text: str, reach: Reach, at: Place) -> Injector:
     if text.endswith(".toml"):
         return load_injector(reach.path(reach.file.parent, text, at), reach)
-    if "@" in text:
-        raise at.error(
-            f'"{text}" names a variant, which a study does not take; state rail_boundary, drive_kind and variant in an '
-            "injector file of the study."
-        )
     with located(at):
         return load_injector(text, reach)
 
@@ -163,10 +157,8 @@ def _check_own(name: str, injector: Injector, at: Place) -> None:
             f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
             f"{nearest(name, injector.values)}"
         )
-    if name in unread_parameters(injector.variant):
-        raise (at / "name").error(
-            f"{injector.name} with {injector.variant.label} does not read {name}; take {reader_of(name)}, or remove it"
-        )
+    with located(at / "name"):
+        injector.check_read([name])
 
 
 def _start(model: ParameterModel, at: Place) -> float | None:

@@ -12,7 +12,16 @@ from commonrail.base.output import write_text, writing
 from commonrail.base.units import parse
 from commonrail.cli.console import print_json, print_pairs, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, OutFile, PlotFile, check_distinct, check_file, read_energisings, with_overrides
+from commonrail.cli.options import (
+    Json,
+    OutFile,
+    PlotFile,
+    check_distinct,
+    check_file,
+    read_energisings,
+    refuse_return_pressure,
+    with_overrides,
+)
 
 if TYPE_CHECKING:
     from commonrail.cli.injection import Run
@@ -117,6 +126,7 @@ def simulate(
     )
     step = parse(time_step or "1us", "s", "--time-step")
     chosen = with_overrides(injection.with_body(named.injector, variant), set_)
+    refuse_return_pressure(chosen)
     begin = time.perf_counter()
     solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))
     run = injection.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)

@@ -87,7 +87,7 @@ def read_dcm(path: Path) -> list[MapTable]:
     first = next(content, (1, ""))
     if not re.fullmatch(rf"{_FORMAT}\s+2\.\d", first[1]):
         raise InputError(f"{path}, line {first[0]}: a DCM file begins with {_FORMAT} 2.0; this one does not.")
-    found = []
+    found: list[MapTable] = []
     for number, line in content:
         words = line.split()
         if re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]):

@@ -20,6 +20,7 @@ from commonrail.cli.options import (
     check_file,
     is_given,
     read_axis,
+    refuse_return_pressure,
     refuse_unused,
     with_overrides,
 )
@@ -120,6 +121,7 @@ def sweep(
         read_conditions(cylinder_pressure, return_pressure, time_step, threads),
     )
     injector = with_overrides(read_model_name(model).injector, set_)
+    refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
     if hold is None:
         say(SIMULATING)

@@ -20,6 +20,7 @@ from commonrail.cli.options import (
     check_distinct,
     check_file,
     read_axis,
+    refuse_return_pressure,
     refuse_unused,
     with_overrides,
 )
@@ -151,6 +152,8 @@ def map_(
     conditions = read_conditions(cylinder_pressure, return_pressure, time_step, threads)
     named = _named(models, set_)
     injector = named[0].injector
+    for model in named:
+        refuse_return_pressure(model.injector)
     wanted = _axes(injector, conditions, (rail_pressure, quantity, energising_time), axes)
     points = None if measured is None else read_measured_map(measured, density_at(injector, conditions))
     fit = _fit(named[0], bands)
