@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -165,3 +166,28 @@ def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
         found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
     parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
     assert 'the columns "q" and "q2" have the unit of a quantity' in survey(path).facts["no map"]
+
+
+def test_comments_and_empty_lines_are_passed_over_and_lines_keep_their_numbers(tmp_path: Path) -> None:
+    rng = random.Random(1)
+    kinds = [
+        "",
+        "  ",
+        "\x0c",
+        "\u2003\t",
+        "# note",
+        " \t# note",
+        "\x1c#",
+        "1,2",
+        "  3,4",
+        "\u20035,#6",
+        "7,8 # no note",
+    ]
+    lines = ["time [us],rate [mm3/ms]", *(rng.choice(kinds) for _ in range(3000))]
+    path = tmp_path / "notes.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    grid = read_grid(path)
+    expected = [number for number, line in enumerate(lines, 1) if line.strip() and line.strip()[0] != "#"]
+    assert list(grid.lines) == expected
+    notes = [line.strip()[1:].strip() for line in lines if line.strip().startswith("#")]
+    assert list(grid.comments) == notes[:1000]

@@ -137,6 +137,11 @@ class StopRequest:
 _STOP = StopRequest()
 
 
+def check_stop() -> None:
+    """Raise KeyboardInterrupt if a stop was asked for: within long steps that cannot be handed the request."""
+    _STOP.check()
+
+
 def end_at_second(tell: Callable[[str], None]) -> None:
     """Let a second Ctrl-C end this process at once, as commands do; in a library it raises `KeyboardInterrupt`.
 

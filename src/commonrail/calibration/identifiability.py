@@ -21,6 +21,7 @@ from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
+from commonrail.base.hooks import check_stop
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
@@ -91,6 +92,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
 
     Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
     as shipped `certify` and `judged_bands`. Their bits depend on the processor, with `same_bits` too.
+    `KeyboardInterrupt` if a stop was asked for.
     """
     study = calibration.study
     fitted = of_role(study.data, Role.FIT)
@@ -103,12 +105,11 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     if found.influence:
         fit = FinishedFit(calibration, found, np.array([best, *_others(calibration)]), threads)
         for part in registry.entries("after_fit").values():
+            check_stop()
             try:
-                judge = part.load()
+                part.call(fit)
             except PluginError as error:  # the others judge the fit all the same
                 hooks.note(str(error))
-            else:
-                judge(fit)
     return found
 
 

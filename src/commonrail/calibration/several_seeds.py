@@ -178,9 +178,10 @@ def for_seeds(
         raise ConfigurationError("The seeds must be at least one, each once.")
     start = time.perf_counter()
 
-    def tell(futures: Sequence[Future[_Found]], pending: int) -> None:
+    def tell(futures: Sequence[Future[_Found]], pending: set[Future[_Found]]) -> None:
         if progress is not None:
-            done, seconds = len(futures) - pending, time.perf_counter() - start
+            done = sum(future not in pending and future.exception() is None for future in futures)
+            seconds = time.perf_counter() - start
             with suppress(OSError, ValueError):  # a terminal that went away must not end the work
                 progress(SeedProgress(counter.generations, len(futures) * generations, done, len(futures), seconds))
 
@@ -215,8 +216,8 @@ class _Counter:
         self.stop.check()
 
 
-def _watch(futures: Sequence[Future[_Found]], tell: Callable[[int], None]) -> None:
-    """Tell how many are pending until all searches have ended; raise what ended one of them."""
+def _watch(futures: Sequence[Future[_Found]], tell: Callable[[set[Future[_Found]]], None]) -> None:
+    """Tell which are pending until all searches have ended; raise what ended one of them."""
     pending = set(futures)
     while pending:
         done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -224,4 +225,4 @@ def _watch(futures: Sequence[Future[_Found]], tell: Callable[[int], None]) -> No
             error = future.exception()
             if error is not None and not isinstance(error, KeyboardInterrupt):
                 raise error
-        tell(len(pending))
+        tell(pending)

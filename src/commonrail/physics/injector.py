@@ -12,7 +12,7 @@ from commonrail.base.choices import Actuation, Laws
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.law import Domain, Q, describe, field_paths
-from commonrail.physics.variants import EXTENDING, Variant, model_of
+from commonrail.physics.variants import EXTENDING, Variant, model_of, reader_of, unread_parameters
 
 FUEL_TEMPERATURE = "fuel.temperature"
 
@@ -142,9 +142,32 @@ class Injector:
         Raises
         ------
         ConfigurationError
-            If a name is unknown, or a value is of another kind or outside its domain.
+            If a name is unknown, its parameter is not read by the variant, or a value is of another kind or outside
+            its domain.
         """
-        return replace(self, values={**self.values, **_named(values)})
+        changed = replace(self, values={**self.values, **_named(values)})
+        self.check_read(values)
+        return changed
+
+    def check_read(self, names: Iterable[str]) -> None:
+        """Refuse parameters that the variant does not read: their values would change nothing.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Dotted names.
+
+        Raises
+        ------
+        ConfigurationError
+            For the first such name, with the variants that read it.
+        """
+        for name in names:
+            if name in unread_parameters(self.variant):
+                raise ConfigurationError(
+                    f"{self.name} with {self.variant.label} does not read {name}; take a model with {reader_of(name)}, "
+                    "or omit it."
+                )
 
 
 @functools.cache

@@ -216,12 +216,28 @@ class OneOf:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         *others, last = (f'"{name}"' for name in self.forms)
         return core_schema.tagged_union_schema(
-            {f"<{name}>": handler.generate_schema(form) for name, form in self.forms.items() if form is not None}
+            {
+                f"<{name}>": core_schema.no_info_before_validator_function(self._known, handler.generate_schema(form))
+                for name, form in self.forms.items()
+                if form is not None
+            }
             | {"<>": core_schema.no_info_plain_validator_function(self._other)},
             self._tag,
             custom_error_type="sentence",
             custom_error_message=f"{self.key} must be {', '.join(others)} or {last}",
         )
+
+    def _known(self, item: Any) -> Any:
+        """The table itself; a key that only other forms have is refused with those forms."""
+        for key in item if isinstance(item, Mapping) else ():
+            having = [name for name in self.forms if key in getattr(self._form(name), "model_fields", ())]
+            if having and item[self.key] not in having:
+                others = " or ".join(f'"{name}"' for name in having)
+                raise fault(f'{self.key} = "{item[self.key]}" has no key "{key}", but {self.key} = {others} has it')
+        return item
+
+    def _form(self, name: str) -> Any:
+        return self.forms.get(name) or self.more(name)
 
     def _tag(self, item: Any) -> str | None:
         found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
@@ -232,7 +248,7 @@ class OneOf:
     def _other(self, item: Any) -> BaseModel:
         if isinstance(item, BaseModel):
             return item
-        form = self.more(item[self.key])
+        form = self.more(self._known(item)[self.key])
         assert form is not None  # it was tagged
         return form.model_validate(item)
 

@@ -341,6 +341,8 @@ def calibrate_into(
         If it cannot be written; what was done before is kept.
     StudyError
         If the study cannot be run; what was done before is kept.
+    KeyboardInterrupt
+        At Ctrl-C before a candidate was simulated, and after the search: the fit is kept, and `resume` judges it.
 
     Notes
     -----
@@ -397,7 +399,10 @@ def resume(
 def _work(
     listener: Listener, threads: int | None, workers: Workers | None, *, strict: bool = False
 ) -> Work[Study, Calibration]:
-    """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written."""
+    """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written.
+
+    Ctrl-C in the judgement raises `KeyboardInterrupt`: the fit is kept, and `resume` judges it.
+    """
     if workers is not None:
         from commonrail.workers.workers import Workers
 
@@ -421,11 +426,16 @@ def _work(
         journal.check_place()
         write_results(journal.folder, calibration, {})  # the fit is kept whatever happens to its judgement
         listener.note("judging how well the data determine each parameter ...")
-        identified = identify(calibration, threads)
-        refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
+        with held_interrupts() as stop:
+            if calibration.status == State.INTERRUPTED:
+                stop.asked = False  # that was the search; its best values are judged
+            identified = identify(calibration, threads)
+            refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
         identified.sections |= {"refits": refits} if refits else {}
         journal.check_place()
         write_judgement(journal.folder, calibration, identified)
+        if refits.get("interrupted"):
+            raise KeyboardInterrupt
         return calibration
 
     return work

@@ -37,7 +37,6 @@ from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Q
 from commonrail.physics.meters import Meter
-from commonrail.physics.variants import reader_of, unread_parameters
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.injector.meters import installed_meters, meters_of_tables
 from commonrail.readers.location import Place, Reach, located
@@ -99,13 +98,14 @@ def _study(file: Path) -> Study:
             f'it has no effect with the loss "{model.loss.value}"; take "soft_l1", or remove it'
         )
     space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
+    method = method_of(model.optimiser, space, at / "optimiser")
     with located(at):
         return Study(
             model.title,
             injector,
             data,
             space,
-            method_of(model.optimiser, space, at / "optimiser"),
+            method,
             model.seed,
             time_step,
             text,
@@ -125,11 +125,6 @@ def _study(file: Path) -> Study:
 def _injector(text: str, reach: Reach, at: Place) -> Injector:
     if text.endswith(".toml"):
         return load_injector(reach.path(reach.file.parent, text, at), reach)
-    if "@" in text:
-        raise at.error(
-            f'"{text}" names a variant, which a study does not take; state rail_boundary, drive_kind and variant in an '
-            "injector file of the study."
-        )
     with located(at):
         return load_injector(text, reach)
 
@@ -165,10 +160,8 @@ def _check_own(name: str, injector: Injector, at: Place) -> None:
             f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
             f"{nearest(name, injector.values)}"
         )
-    if name in unread_parameters(injector.variant):
-        raise (at / "name").error(
-            f"{injector.name} with {injector.variant.label} does not read {name}; take {reader_of(name)}, or remove it"
-        )
+    with located(at / "name"):
+        injector.check_read([name])
 
 
 def _start(model: ParameterModel, at: Place) -> float | None:

@@ -190,7 +190,7 @@ def _text(
         lines += [_line(key, value) for key, value in keys.items()] + [""]
     for parameter in _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
         lines += ["[[parameter]]", f"name = {_toml(parameter)}", 'below = "10 %"', 'above = "10 %"', ""]
-    lines += ["[optimiser] # differential evolution, then least squares from that many members of its last population"]
+    lines += ["[optimiser] # differential evolution, then `polish` refinements by least squares"]
     lines += ["members = 24", "generations = 30", "polish = 3", ""]
     return "\n".join(lines), tuple(missing)
 

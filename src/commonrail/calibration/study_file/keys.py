@@ -122,7 +122,7 @@ class ConstraintsModel(FileModel):
 def _known_method(name: str) -> str:
     if registry.named(name) is None:
         known = " or ".join(f'"{known}"' for known in registry.methods())
-        raise fault(f'this must be {known}, not "{name}"')
+        raise fault(f'this must be {known}, not "{name}"; one of another package needs that package installed')
     return name
 
 

@@ -14,7 +14,16 @@ from commonrail.base.text import FieldUnit, field_unit, number
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_json, print_pairs, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, OutFile, PlotFile, check_distinct, check_file, read_energisings, with_overrides
+from commonrail.cli.options import (
+    Json,
+    OutFile,
+    PlotFile,
+    check_distinct,
+    check_file,
+    read_energisings,
+    refuse_return_pressure,
+    with_overrides,
+)
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import OperatingPoint
@@ -120,6 +129,7 @@ def simulate(
     )
     step = parse(time_step or "1us", "s", "--time-step")
     chosen = with_overrides(with_body(named.injector, variant), set_)
+    refuse_return_pressure(chosen)
     begin = time.perf_counter()
     solution = solve(chosen, point, engine, step, precision)
     run = Run(chosen, point, solution, step, time.perf_counter() - begin, precision)

@@ -25,6 +25,7 @@ from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
 from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
+from commonrail.base.hooks import check_stop
 
 # Step of a one-sided difference, in positions between the bounds, on the way to the optimum: valleys of many parameters
 # bend within 1e-3; the ripple of a PWM drive is that wide, and that of quantities, whose injections end between two
@@ -170,9 +171,13 @@ class Likelihood:
         return self.with_noises(fitted)
 
     def residuals(self, points: Floats) -> Floats:
-        """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
+        """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted.
+
+        `KeyboardInterrupt` if a stop was asked for, within `held_interrupts`.
+        """
         if not len(points):  # a profile of the only parameter has no other to fit
             return np.empty((0, self.size))
+        check_stop()
         found = self._residuals(points)
         broken: Bools = np.asarray(~np.isfinite(found).all(axis=1))
         self.simulated += len(points)

@@ -173,7 +173,8 @@ class Truth:
         ConfigurationError
             If a value is unknown or outside its domain.
         """
-        return replace(injector.with_values(self.values), variant=injector.variant._replace(boundary=self.boundary))
+        variant = injector.variant._replace(boundary=self.boundary)
+        return replace(injector, variant=variant, values={**injector.values, **self.values})
 
     def facts(self) -> list[tuple[str, str]]:
         """Every number with name, unit, mark and source, for reports."""
@@ -328,9 +329,8 @@ def _shoot(
         horizon=SAMPLES * INTERVAL,
     )
     friction = np.column_stack((truth.friction.coulomb, truth.friction.viscous))
-    shot = simulate_reference(
-        hidden.with_values({"drive.boost_voltage": boosted}), point, INTERVAL, truth.resolution, friction
-    )
+    hidden = replace(hidden, values={**hidden.values, "drive.boost_voltage": boosted})
+    shot = simulate_reference(hidden, point, INTERVAL, truth.resolution, friction)
     if shot.status.failed:
         raise SimulationError(f"{truth.name} at {to_text(rail_pressure, 'Pa')}: {shot.sentence}")
     return shot

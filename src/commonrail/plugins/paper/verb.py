@@ -57,7 +57,11 @@ def reproduce(
     if quick and seeds is not None:
         raise InputError("--quick sets the number of seeds itself; give one of the two.")
     count = QUICK_SEEDS if quick else seeds or SEEDS
-    outcome = run_reproduction(truth, count, out or free_run_folder("reproduce"), threads, quick)
+    try:
+        outcome = run_reproduction(truth, count, out or free_run_folder("reproduce"), threads, quick)
+    except KeyboardInterrupt:
+        say("commonrail: interrupted before a repetition was complete, so that there is nothing to keep.")
+        raise SystemExit(INTERRUPTED) from None
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})

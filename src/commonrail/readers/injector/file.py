@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from commonrail.base.arguments import file_path, instance, instances, known_names, mapping, plain_text, source_of
 from commonrail.base.choices import Actuation
+from commonrail.base.errors import InputError
 from commonrail.base.output import check_sum, write_text
 from commonrail.base.registry import Catalogue
 from commonrail.base.units import to_text
@@ -212,6 +213,11 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     if isinstance(source, Path):
         check_sum(source)
         return _read(read_text(source, LARGEST_TOML), str(source), source.stem, reach)
+    if "@" in source:
+        raise InputError(
+            f'"{source}" names a variant, which is not taken here; state rail_boundary, drive_kind and variant in an '
+            "injector file and name that."
+        )
     file = f"{source}.toml"
     return _read(_CATALOGUE.text(source, _similar(file, reach)), file, source, Reach(Path(file), False))
 
