@@ -12,6 +12,7 @@ from commonrail.base import hooks, registry
 from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import PluginError
+from commonrail.base.hooks import check_stop
 from commonrail.calibration.ensemble import equal_ends, fitted_values
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.influence import Influence, around, influence_of
@@ -21,7 +22,6 @@ from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
-from commonrail.base.hooks import check_stop
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned

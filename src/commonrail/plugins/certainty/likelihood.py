@@ -14,6 +14,7 @@ import numpy as np
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import StudyError
+from commonrail.base.hooks import check_stop
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Objective
@@ -25,7 +26,6 @@ from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
 from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
-from commonrail.base.hooks import check_stop
 
 # Step of a one-sided difference, in positions between the bounds, on the way to the optimum: valleys of many parameters
 # bend within 1e-3; the ripple of a PWM drive is that wide, and that of quantities, whose injections end between two
