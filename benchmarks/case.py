@@ -15,7 +15,9 @@ from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.paper.run import measure
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.file import (
+    load_injector,
+)
 
 INJECTOR = "virtual-lino-2016"
 POINT = OperatingPoint(160e6, study.ENERGISING_TIME, horizon=1.56e-3)

@@ -138,10 +138,8 @@ def right_hand_side(clocks: Clocks = CLOCKS) -> list[dict[str, float]]:
     found = []
     for resolution in (COARSE, MEDIUM):
         model = ScipyModel(injector(), POINT, resolution)
-        y, dy = model.start.copy(), np.empty_like(model.start)
-        arguments = (y, model.outside, model.constants, model.cells, model.friction, dy)
-        compiled = getattr(model.rates, "compiled", model.rates)
-        bare = _each(lambda k=compiled, a=arguments: k(*a), clocks)  # type: ignore[misc]
+        y = model.start.copy()
+        bare = _each(model.evaluate, clocks)
         called_back = _each(lambda m=model, y=y: m.slopes(0.0, y), clocks)  # type: ignore[misc]
         cells = float(resolution.cells[0])
         found.append({"cells": cells, "compiled_seconds": bare, "from_python_seconds": called_back})

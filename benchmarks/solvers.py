@@ -48,7 +48,6 @@ class PeerModel(Model):
         super().__init__(injector, point, resolution, None)
         self.evaluations = 0
         super().slopes(point.start, self.start)  # loads the kernel and sets the courses that are constant
-        self._kernel = getattr(self.rates, "compiled", self.rates)
         places = zip((0, 1, 2, 6), courses(point), strict=True)
         self._traces = [(k, np.array(c.time), np.array(c.value)) for k, c in places if isinstance(c, Trace)]
 
@@ -59,9 +58,9 @@ class PeerModel(Model):
             raise _Stuck
         for k, time, value in self._traces:
             self.outside[k] = np.interp(t, time, value)
-        dy = np.empty_like(y)
-        self._kernel(y, self.outside, self.constants, self.cells, self.friction, dy)
-        return dy
+        self.y[:] = y
+        self.evaluate()
+        return self.dy.copy()
 
     def tolerances(self) -> dict[str, Any]:
         """Relative and absolute."""

@@ -36,7 +36,7 @@ from commonrail.physics.components import (
     solenoid,
     valve,
 )
-from commonrail.physics.parameters import describe
+from commonrail.physics.law import describe
 
 Law = Callable[..., Any]
 

@@ -13,7 +13,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.physics.variants import Variant
 from commonrail.readers.injector.file import load_injector
 

@@ -75,6 +75,11 @@ def test_an_error_of_the_system_becomes_a_sentence(tmp_path: Path) -> None:
         raise OSError(errno.ENOSPC, "no room")
 
 
+def test_where_nothing_may_be_written_no_room_is_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="take a place where you may write"), writing(tmp_path):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+
 def test_a_link_in_place_of_the_part_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     victim = tmp_path / "victim"
     victim.write_text("mine")

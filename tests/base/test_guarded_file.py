@@ -28,7 +28,7 @@ ALLOWED = {
     "cli/options.py": "tries whether a target can be written, after `check_target`",
     "cli/verbs/new.py": "files of the installed package",
     "cli/start.py": "the null device in place of a closed stream",
-    "readers/catalogue.py": "files of the installed package",
+    "base/registry.py": "files of the installed package",
     "calibration/study_file/from_data.py": "files of the installed package",
     "compiler/cache.py": "guards its own folder: files of this user alone",
     "engine/machine_code.py": "a file of the installed package",

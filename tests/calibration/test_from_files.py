@@ -233,6 +233,8 @@ def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
     assert "belong to --from" in run_command("new", tmp_path / "s", "--cylinder-pressure", "5MPa").sentence
     twice = run_command("new", tmp_path / "s", "--injector", "cri2-16", "--from", raw, "--from", raw)
     assert "Two of the data files are called rates.csv" in twice.sentence
+    unread = ("--injector", "cri2-16", "--from", raw, "--free", "drive.peak_band")
+    assert "does not read drive.peak_band" in run_command("new", tmp_path / "s", *unread).sentence
     assert not (tmp_path / "s").exists()
 
 

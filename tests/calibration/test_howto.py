@@ -21,7 +21,7 @@ from commonrail.physics.injector import parameter_quantities
 from commonrail.readers.columns import Column
 from commonrail.readers.injector.model import component_quantities
 from commonrail.readers.tables import read_columns
-from commonrail.readers.toml_fields import ParameterTable, Quantities
+from commonrail.readers.toml import ParameterTable, Quantities
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "howto"
 

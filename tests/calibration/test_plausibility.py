@@ -22,7 +22,7 @@ from commonrail.data.curves.data import RateData, RateScore
 from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.injector import Injector
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q
 from commonrail.runs.fingerprint import TARGET
 
 BOUNDS = 3e-6 * np.arange(521)

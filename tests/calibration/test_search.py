@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.base import hooks
+from commonrail.base.hooks import StopRequest
 from commonrail.calibration import search
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.optimisers.evolution import (
@@ -22,7 +23,6 @@ from commonrail.calibration.search import NOT_SIMULATED, Listeners, Progress, Se
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method
 from commonrail.engine.status import Status
-from commonrail.workers.interrupt import StopRequest
 
 SPACE = Space(
     [Parameter(n, x, 0.0, 1.0, "1", mark="E", source="test") for n, x in {"a": 0.3, "b": 0.6}.items()], ["a < b"]

@@ -337,6 +337,7 @@ def test_fault_is_named(study_file: Edit, fault: str) -> None:
     with pytest.raises(kind, match=message) as caught:
         load_study(path)
     assert ".toml" in str(caught.value) or fault == "no catalogue injector"
+    assert str(caught.value).count(str(path)) <= 1
     assert "\n" not in str(caught.value)
 
 

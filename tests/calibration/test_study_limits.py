@@ -97,7 +97,7 @@ def test_an_unknown_injector_of_the_catalogue_names_the_study(study_file: Edit) 
 def test_a_variant_behind_the_injector_is_refused_with_the_place_where_it_is_stated(study_file: Edit) -> None:
     """`simulate` and `compare` take cri2-16@ideal, so somebody will write it here."""
     path = study_file(('injector = "injector.toml"', 'injector = "cri2-16@ideal"'))
-    assert 'injector: "cri2-16@ideal" names a variant, which a study does not take; state' in refused(path)
+    assert 'injector: "cri2-16@ideal" names a variant, which is not taken here; state' in refused(path)
 
 
 def test_a_drawing_beyond_numbers_names_the_injectors_file(injector_file: Edit) -> None:

@@ -191,7 +191,12 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         MAP[: MAP.index("40,300")],
         r"map\.csv: the file has 0 rows of numbers, and at least 1",
     ),
-    "rate key": (InputError, 'window = ["0 us", "1 us"]', MAP, r'data\[1\]: there is no key "window"'),
+    "rate key": (
+        InputError,
+        'window = ["0 us", "1 us"]',
+        MAP,
+        r'data\[1\]: kind = "quantities" has no key "window", but kind = "rate" or "features" has it',
+    ),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ from typing import Any
 import pytest
 
 from commonrail.base.errors import StudyError
+from commonrail.base.hooks import _ask
 from commonrail.calibration.search import Progress
+from commonrail.runs.listing import list_runs
 from commonrail.workers import cluster
 from tests.cli.conftest import Command, check_made_again, run_command, small_study
 
@@ -172,6 +175,46 @@ def test_ctrl_c_writes_the_best_so_far_and_ends_with_130(
     assert done.record["result"]["status"] == "interrupted"
     assert len(done.record["result"]["generations"]) == 2
     assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
+
+
+def test_ctrl_c_in_the_judgement_keeps_the_fit_and_resume_judges_it(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from commonrail.calibration.identifiability import identify
+
+    def pressed(*arguments: Any) -> Any:
+        _ask(signal.SIGTERM, None)
+        return identify(*arguments)
+
+    run = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr("commonrail.runs.fit.identify", pressed)
+        done = command("calibrate", study, "--out", run, "--json")
+    assert done.status == 130
+    assert done.sentence == (
+        f"interrupted; the fit is in {run}, but not how well the data determine it. `commonrail resume {run}` judges "
+        "that."
+    )
+    assert "certainty" not in done.record["result"]
+    assert {path.name for path in run.iterdir()} == FILES
+    assert list_runs(run)[0].state == "interrupted"
+    judged = command("resume", run, "--json")
+    assert judged.status == 0
+    assert "certainty" in judged.record["result"]
+
+
+def test_a_search_that_was_stopped_is_judged(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from commonrail.calibration.run import calibrate
+
+    def pressed(study: Any, *, progress: Callable[..., None], **how: Any) -> Any:
+        return calibrate(study, progress=lambda _: _ask(signal.SIGTERM, None), **how)
+
+    monkeypatch.setattr("commonrail.runs.fit.calibrate", pressed)
+    done = command("calibrate", study, "--out", tmp_path / "run", "--json")
+    assert done.status == 130
+    assert "certainty" in done.record["result"]
 
 
 def test_a_study_that_cannot_be_read_ends_with_2(command: Command, tmp_path: Path) -> None:

@@ -78,3 +78,11 @@ def test_a_folder_without_a_run_ends_with_2(command: Command, tmp_path: Path, ve
     assert (done.status, done.out) == (2, "")
     assert f"`commonrail runs {tmp_path}` lists those in it" in done.sentence
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_another_verb_names_that_verb(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "journal.sqlite").touch()
+    (tmp_path / "fleet.json").write_text('{"schema": 1, "kind": "fleet"}', encoding="utf-8")
+    done = command("resume", tmp_path)
+    assert done.status == 2
+    assert "written by `commonrail fleet`" in done.sentence

@@ -117,7 +117,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     failed = replace(solution(), status=Status.STEP_UNSTABLE, find_longest_step=lambda: 2.2e-6)
-    monkeypatch.setattr("commonrail.cli.injection.simulated", lambda *_, **__: failed)
+    monkeypatch.setattr("commonrail.engine.simulate.simulate", lambda *_, **__: failed)
     done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
     assert (done.status, done.out) == (4, "")
     assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence} A step of 2 us would do."
@@ -132,7 +132,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
             ("simulate", "direct-acting-kr", *POINT, "--variant", "flexible"),
             "a direct-acting injector has a rigid body",
         ),
-        ((*SIMULATE, "--set", "rail.volume=20cm3"), 'does not read it; take a model with rail_boundary = "volume"'),
+        ((*SIMULATE, "--set", "rail.volume=20cm3"), 'does not read rail.volume; take a model with rail_boundary = "v'),
         (("simulate", "nothing.toml", *POINT), "nothing.toml"),
         ((*SIMULATE, "--cylinder-pressure", "5"), "--cylinder-pressure: "),
         ((*SIMULATE, "--return-pressure", "0MPa"), "The return pressure must lie between"),
@@ -141,7 +141,9 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
         ((*SIMULATE, "--energising", "0us:1us"), "Give --energising-time for one injection"),
         ((*SIMULATE, "--out", "/nowhere/x.csv"), "--out: there is no folder"),
         ((*SIMULATE, "--plot", "."), "--plot: . is a folder"),
-        ((*SIMULATE, "--set", "a.b=1"), "--set a.b: there is no such parameter"),
+        ((*SIMULATE, "--set", "a.b=1"), "has no such parameter"),
+        # of a direct-acting injector
+        ((*SIMULATE, "--set", "armature.mass=1g"), "`commonrail catalogue parameters` lists those of all injectors."),
         (
             (*SIMULATE, "--engine", "reference", "--precision", "f32"),
             "--precision f32: the reference engine computes in f64 only",
@@ -187,6 +189,16 @@ def test_an_absurd_value_fails_as_a_simulation_and_not_as_a_fault(command: Comma
     line = ("simulate", "cri2-16", "--rail-pressure", "80MPa", "--energising-time", "500us")
     done = command(*line, "--set", "nozzle.holes=1e308")
     assert done.status == 4, done.err
+
+
+def test_a_set_value_that_no_injector_has_is_told(command: Command) -> None:
+    usual = command(*SIMULATE, "--set", "valve.mass=6g")
+    assert "is usual" not in usual.err
+    odd = command(*SIMULATE, "--set", "valve.mass=6kg")  # 6 g meant
+    assert (
+        "--set valve.mass: the mass of armature and shutter is 6 kg, and 100 mg to 100 g is usual; check its unit."
+        in odd.err
+    )
 
 
 def test_an_engine_that_is_not_to_be_had_is_refused(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,8 +15,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.simulator import Simulator
 from commonrail.data.study_block import Context
 from commonrail.physics.injector import Injector
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place
+from commonrail.readers.location import Place, Reach
 
 STEP = 1e-6
 ITSELF = np.empty((1, 0))

@@ -25,8 +25,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.readers.injector.file import dump_injector
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place
+from commonrail.readers.location import Place, Reach
 from tests.data.samples import PRESSURES, STEP, curve_table
 
 HEAD = 'kind = "features"\nname = "train"\nrole = "fit"\nrail_pressure = "160 MPa"\n' + PRESSURES

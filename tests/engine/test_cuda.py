@@ -61,7 +61,9 @@ import numpy as np
 from dataclasses import replace
 from commonrail.engine import cuda
 from commonrail.engine.simulate import simulate, simulate_batch
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.file import (
+    load_injector,
+)
 from tests.engine import test_cuda as here
 chopped = load_injector("virtual-lino-2016")
 injector = replace(chopped, variant=here.Variant())

@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.engine import direct_acting_time_step
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import candidate_matrix
-from commonrail.engine.time_step import longest, longest_step, medium_of, stiffest_corner, too_long
+from commonrail.engine.time_step import (
+    DIRECT_LENGTHENS,
+    DIRECT_SHORTENS,
+    RIGID,
+    longest,
+    longest_step,
+    medium_of,
+    stiffest_corner,
+    too_long,
+)
 from commonrail.physics.injector import Injector
 from commonrail.readers.injector.file import load_injector
 
@@ -28,16 +36,16 @@ def test_the_limit_is_the_largest_eigenvalue_of_both_masses(direct: Injector) ->
     stiffness = np.array([[2.0 * push + v["armature.spring_stiffness"], -push], [-push, push + seat]])
     root = np.diag([v["armature.mass"] ** -0.5, v["needle.mass"] ** -0.5])
     fastest = float(np.linalg.eigvalsh(root @ stiffness @ root)[-1] ** 0.5)
-    assert longest(direct.variant, v, medium) == pytest.approx(direct_acting_time_step.RIGID / fastest, rel=1e-9)
+    assert longest(direct.variant, v, medium) == pytest.approx(RIGID / fastest, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", direct_acting_time_step.SHORTENS[:4])
+@pytest.mark.parametrize("name", DIRECT_SHORTENS[:4])
 def test_what_shortens_the_step_does(direct: Injector, name: str) -> None:
     medium, stiff = medium_of(direct, 20e6), direct.with_values({name: 1e9})
     assert longest(stiff.variant, stiff.values, medium) < 0.6 * longest(direct.variant, direct.values, medium)
 
 
-@pytest.mark.parametrize("name", direct_acting_time_step.LENGTHENS)
+@pytest.mark.parametrize("name", DIRECT_LENGTHENS)
 def test_what_lengthens_the_step_does(direct: Injector, name: str) -> None:
     medium, small = medium_of(direct, 20e6), direct.with_values({name: 1e-3 * direct.values[name]})
     assert longest(small.variant, small.values, medium) < 0.8 * longest(direct.variant, direct.values, medium)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from commonrail.base.choices import Actuation
+from commonrail.base.choices import Actuation, Boundary
 from commonrail.base.errors import ConfigurationError
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 
@@ -48,3 +48,13 @@ def test_a_missing_value_is_named(regulated: Injector) -> None:
     values = {k: v for k, v in regulated.values.items() if k != "sac.volume"}
     with pytest.raises(ConfigurationError, match=r"sac\.volume"):
         replace(regulated, values=values)
+
+
+def test_a_value_that_the_variant_does_not_read_is_refused(regulated: Injector) -> None:
+    """It would change nothing, of an ideal rail its volume and of a regulated drive the voltage of the PWM."""
+    assert regulated.variant.boundary is Boundary.IDEAL
+    for name, reader in (("rail.volume", "@volume"), ("drive.supply_voltage", "@pwm")):
+        with pytest.raises(ConfigurationError, match=rf"does not read {name}; take a model with .*{reader}"):
+            regulated.with_values({name: regulated.values[name]})
+    behind = replace(regulated, variant=regulated.variant._replace(boundary=Boundary.VOLUME))
+    assert behind.with_values({"rail.volume": "20 cm3"}).values["rail.volume"] == pytest.approx(20e-6)

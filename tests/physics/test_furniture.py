@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q
 
 LIFT = Q("m", "lift", usual=(20e-6, 5e-3))
 SLOPE = Q("m/Pa", "slope", Domain.ANY, usual=(-1e-10, 2e-10))

@@ -36,7 +36,7 @@ def base(actuation: Actuation) -> cr.Injector:
     """Injector whose currents reach all levels of their drive in the time that is simulated, and no zero among them."""
     injector = cr.load_injector("direct-acting-kr" if actuation is Actuation.DIRECT else "cri2-16")
     drive = {"drive.quench_voltage": 30.0, "drive.diode_voltage": 30.0, "drive.peak_duration": 60e-6}
-    return injector.with_values({**drive, "drive.peak_current": 10.0, "drive.hold_current": 5.0})
+    return replace(injector, values={**injector.values, **drive, "drive.peak_current": 10.0, "drive.hold_current": 5.0})
 
 
 def marched(variant: Variant, factors: Mapping[str, float] = {}, changed: tuple[str, ...] = ()) -> object:
@@ -46,7 +46,8 @@ def marched(variant: Variant, factors: Mapping[str, float] = {}, changed: tuple[
     nothing reads.
     """
     own = base(variant.actuation)
-    injector = replace(own, variant=variant).with_values({name: f * own.values[name] for name, f in factors.items()})
+    scaled = {name: f * own.values[name] for name, f in factors.items()}
+    injector = replace(own, variant=variant, values={**own.values, **scaled})
     rail = 20e6 if variant.actuation is Actuation.DIRECT else 100e6
     at = Setting(rail, 5e6, 0.5e6, DT)
     c = coefficients_at(injector, cr.OperatingPoint(*at[:1], "400 us", *at[1:3]), DT)

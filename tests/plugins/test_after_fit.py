@@ -28,6 +28,10 @@ TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 PART = """
 def judge(fit):
     fit.identified.sections["spray"] = {"angle": 14, "optima": len(fit.optima)}
+
+
+def fails(fit):
+    raise ZeroDivisionError
 """
 
 
@@ -67,8 +71,9 @@ def test_a_part_of_another_package_adds_a_section(fit: Calibration, tmp_path: Pa
     assert record["certainty"]["parameters"]
 
 
-def test_a_broken_part_is_named_and_the_others_judge(fit: Calibration, tmp_path: Path) -> None:
-    parts = "[commonrail.after_fit]\nspray = example_judge:absent\n"
+@pytest.mark.parametrize("name", ["absent", "fails"])
+def test_a_broken_part_is_named_and_the_others_judge(fit: Calibration, tmp_path: Path, name: str) -> None:
+    parts = f"[commonrail.after_fit]\nspray = example_judge:{name}\n"
     with (
         distribution(tmp_path, {"example_judge": PART}, parts),
         pytest.warns(RuntimeWarning, match=r'example-plugin 1\.2: "spray" of commonrail\.after_fit'),

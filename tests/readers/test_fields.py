@@ -10,10 +10,19 @@ from pydantic import Field
 from commonrail.base.choices import Body
 from commonrail.base.errors import InputError
 from commonrail.physics.injector import Source
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q
 from commonrail.readers.location import Place
-from commonrail.readers.toml import read_model
-from commonrail.readers.toml_fields import FileModel, Number, OneOf, ParameterTable, Quantities, Stated, Unit, choice
+from commonrail.readers.toml import (
+    FileModel,
+    Number,
+    OneOf,
+    ParameterTable,
+    Quantities,
+    Stated,
+    Unit,
+    choice,
+    read_model,
+)
 
 MASS = Q("kg", "mass of the part", Domain.POSITIVE)
 

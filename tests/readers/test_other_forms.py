@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -180,3 +181,28 @@ def test_numbers_that_a_workbook_has_as_texts_with_commas_are_read_and_names_sta
     book.save(tmp_path / "a.xlsx")
     with pytest.raises(InputError, match="some numbers have a decimal point and some a comma"):
         read_columns(tmp_path / "a.xlsx", [Column("part"), Column("rate", "kg/s")])
+
+
+def test_comments_and_empty_lines_are_passed_over_and_lines_keep_their_numbers(tmp_path: Path) -> None:
+    rng = random.Random(1)
+    kinds = [
+        "",
+        "  ",
+        "\x0c",
+        "\u2003\t",
+        "# note",
+        " \t# note",
+        "\x1c#",
+        "1,2",
+        "  3,4",
+        "\u20035,#6",
+        "7,8 # no note",
+    ]
+    lines = ["time [us],rate [mm3/ms]", *(rng.choice(kinds) for _ in range(3000))]
+    path = tmp_path / "notes.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    grid = read_grid(path)
+    expected = [number for number, line in enumerate(lines, 1) if line.strip() and line.strip()[0] != "#"]
+    assert list(grid.lines) == expected
+    notes = [line.strip()[1:].strip() for line in lines if line.strip().startswith("#")]
+    assert list(grid.comments) == notes[:1000]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.readers.limits import LONGEST_LINE, read_lines, read_text
+from commonrail.readers.location import LONGEST_LINE, read_lines, read_text
 
 
 def written(tmp_path: Path, data: bytes) -> Path:

@@ -10,7 +10,7 @@ import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from commonrail.readers.toml_writer import inline_table, key_text, table_lines, value_text
+from commonrail.readers.toml import inline_table, key_text, table_lines, value_text
 
 CHARACTERS = st.characters(exclude_categories=["Cs"])  # no halves of surrogate pairs: no file can hold them
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -128,7 +130,8 @@ LONG = 4e-3  # [s]
 @pytest.fixture(scope="module")
 def grazing() -> Injector:
     values = {f"{part}.{name}": value for part, each in GRAZING.items() for name, value in each.items()}
-    return load_injector("crin").with_values(values)
+    crin = load_injector("crin")
+    return replace(crin, values={**crin.values, **values})
 
 
 def test_the_quantity_does_not_jump_where_the_needle_begins_to_touch_its_seat(grazing: Injector) -> None:

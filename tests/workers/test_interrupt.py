@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from commonrail.workers.interrupt import held_interrupts
+from commonrail.base.hooks import held_interrupts
 from tests.waiting import PATIENCE
 
 
@@ -46,7 +46,7 @@ def test_in_a_library_a_second_ctrl_c_interrupts_at_once() -> None:
 COMMAND = """
 import ctypes, os, signal, sys
 from commonrail.cli.console import say_of_ending
-from commonrail.workers.interrupt import end_at_second, held_interrupts
+from commonrail.base.hooks import end_at_second, held_interrupts
 end_at_second(say_of_ending)
 with held_interrupts() as stop:
     os.kill(os.getpid(), signal.SIGINT)

@@ -39,6 +39,7 @@ _CURES = {
     "Fuel": "read it with commonrail.load_fuel({})",
     "OperatingPoint": 'write commonrail.OperatingPoint("160 MPa", "700 us")',
     "Trace": "write commonrail.Trace(times, values) with times [s] and SI values",
+    "DataSet": "write commonrail.RateData(…), QuantityData(…), ReturnData(…) or FeatureData(…)",
     "Calibration": "take what commonrail.calibrate returns",
     "Solution": "take what commonrail.simulate returns",
     "Bench": "write commonrail.Bench(truth, injector, time_step)",

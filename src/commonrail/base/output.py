@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import os
 import re
@@ -76,7 +77,9 @@ def writing(path: Path, option: str = "") -> Iterator[None]:
     except OSError as error:
         place = f"{option}: {path}" if option else f"{path}"
         reason = error.strerror or type(error).__name__
-        raise OutputError(f"{place} cannot be written ({reason}); make room there or name another place.") from error
+        barred = isinstance(error, PermissionError) or error.errno == errno.EROFS
+        cure = "take a place where you may write" if barred else "make room there or name another place"
+        raise OutputError(f"{place} cannot be written ({reason}); {cure}.") from error
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from commonrail.base import hooks, registry
 from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import PluginError
+from commonrail.base.hooks import check_stop
 from commonrail.calibration.ensemble import equal_ends, fitted_values
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.influence import Influence, around, influence_of
@@ -91,6 +92,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
 
     Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
     as shipped `certify` and `judged_bands`. Their bits depend on the processor, with `same_bits` too.
+    `KeyboardInterrupt` if a stop was asked for.
     """
     study = calibration.study
     fitted = of_role(study.data, Role.FIT)
@@ -103,12 +105,11 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     if found.influence:
         fit = FinishedFit(calibration, found, np.array([best, *_others(calibration)]), threads)
         for part in registry.entries("after_fit").values():
+            check_stop()
             try:
-                judge = part.load()
+                part.call(fit)
             except PluginError as error:  # the others judge the fit all the same
                 hooks.note(str(error))
-            else:
-                judge(fit)
     return found
 
 

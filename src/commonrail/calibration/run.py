@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from commonrail.base.arguments import flag, function, instance, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import StudyError
+from commonrail.base.hooks import held_interrupts
 from commonrail.calibration.ensemble import injector_of, mean_scores
 from commonrail.calibration.plausibility.check import after_fit, of_settings, of_start
 from commonrail.calibration.plausibility.finding import Finding
@@ -29,8 +31,9 @@ from commonrail.data.metering import with_meters
 from commonrail.data.records import JUDGED
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.meters import Meter
-from commonrail.workers.interrupt import held_interrupts
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -123,6 +126,8 @@ def calibrate(
     function(warn, "warn")
     strict = flag(strict, "strict")
     if workers is not None:
+        from commonrail.workers.workers import Workers
+
         instance(workers, Workers, "workers")
     if checkpoint is not None:
         instance(checkpoint, Checkpoint, "checkpoint")

@@ -15,7 +15,7 @@ from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.physics.variants import unread_parameters
 
 # Half widths of ranges as shares of the value, chosen: how far an estimate is off where nobody has measured.
@@ -30,11 +30,12 @@ def usual_space(injector: Injector, names: Sequence[str] = ()) -> Space:
     """Parameters of an injector, each within a usual range about its value; by default what nobody has measured.
 
     Measured values, counts, zeros and the temperature of the fuel are no part of these. Raises `InputError` for a name
-    that is unknown, and `ConfigurationError` for a value without a range about it.
+    that is unknown, and `ConfigurationError` for one that the variant does not read, or that has no range.
     """
     for name in names:
         if name not in injector.values:
             raise InputError(f"{injector.name} has no parameter {name}{nearest(name, injector.values)}.")
+    injector.check_read(names)
     return Space([_ranged(injector, name) for name in names or _names(injector)])
 
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
-from commonrail.base.hooks import compiling_seconds
-from commonrail.calibration.distributed_objective import SpreadObjective
+from commonrail.base.hooks import StopRequest, compiling_seconds
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import FitObjective, Objective
 from commonrail.calibration.optimisers.base import (
@@ -33,7 +32,7 @@ from commonrail.calibration.optimisers.base import (
     noise_of,
 )
 from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
-from commonrail.calibration.optimisers.registry import registered
+from commonrail.calibration.optimisers.registry import blamed, registered
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.stable_time_step import longest_for_all
@@ -41,8 +40,9 @@ from commonrail.calibration.study import Method, Study
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.engine.time_step import nice_step
-from commonrail.workers.interrupt import StopRequest
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 # Steps of a search as they are told, so that they can be kept, and the state from which it goes on.
 
@@ -218,17 +218,26 @@ class Searched(Protocol):
 
 
 def steps(optimiser: Optimiser, objective: FitObjective) -> Iterator[Step]:
-    """Run an optimiser to its end, and yield each step once it has been answered."""
-    simulations = 0
+    """Run an optimiser to its end, and yield each step once it has been answered.
+
+    `PluginError` if the optimiser of an installed package fails.
+    """
+    simulations, kind = 0, type(optimiser)
     while not optimiser.finished:
-        done, trials = optimiser.steps, optimiser.ask()
+        with blamed(kind):
+            done, trials = optimiser.steps, optimiser.ask()
+            if trials.x.shape[1:] != (optimiser.space.dimension,):
+                raise ValueError(f"asks for points of shape {trials.x.shape}")
         if trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED):
             screening = trials.wanted is Wanted.SCREENED
-            optimiser.tell(objective.screened(trials.x) if screening else objective.residuals(trials.x))
+            answers = objective.screened(trials.x) if screening else objective.residuals(trials.x)
+            with blamed(kind):
+                optimiser.tell(answers)
             simulations += len(trials.x) * objective.injections
             continue
         step = _costs(trials, objective)
-        optimiser.tell(step.costs)
+        with blamed(kind):
+            optimiser.tell(step.costs)
         if trials.wanted is Wanted.COSTS:
             simulations += step.simulations
         if optimiser.steps > done:
@@ -323,6 +332,8 @@ class Search:
         self.study, self.listeners, self.objective = study, listeners, objective
         if workers is not None:
             assert isinstance(objective, Objective)
+            from commonrail.calibration.distributed_objective import SpreadObjective
+
             self.objective = SpreadObjective(objective, workers, study.space.reference)
         self.check_stop = listeners.stop.check
         self.history: list[Generation] = []
@@ -428,7 +439,8 @@ class Search:
     def _note(self, step: Step) -> None:
         self.simulations += step.simulations
         optimiser = self._begun[-1]
-        reached = Generation.of(optimiser.steps - 1, optimiser)
+        with blamed(type(optimiser)):
+            reached = Generation.of(optimiser.steps - 1, optimiser)
         if len(self._begun) == 1:
             failed = step.statuses[step.statuses > 0].tolist()
             self.failures.update(self.objective.statuses(status).name.lower() for status in failed)
@@ -442,7 +454,9 @@ class Search:
         self.check_stop()
 
     def _checkpoint(self) -> Checkpoint:
-        now = Stage(self._begun[-1].state(), self.simulations, dict(self.failures), self._seconds())
+        with blamed(type(self._begun[-1])):
+            state = self._begun[-1].state()
+        now = Stage(state, self.simulations, dict(self.failures), self._seconds())
         return Checkpoint((*self._before, now), tuple(self.history))
 
     def _take_up(self, checkpoint: Checkpoint) -> None:
@@ -477,7 +491,13 @@ def _row(method: Method, space: Space, seed: int) -> list[_Begin]:
     """Optimisers of a fit in the order in which they run: the one that it names, then refinements of its result."""
     first = registered(method.evolution)
     assert first is not None  # Method has checked it
-    stages: list[_Begin] = [lambda _: first.begin(space, np.random.default_rng(seed), method.evolution)]
+
+    def begun(_: Optimiser | None) -> Optimiser:
+        with blamed(first.begin):
+            found: Optimiser = first.begin(space, np.random.default_rng(seed), method.evolution)
+        return found
+
+    stages: list[_Begin] = [begun]
     if method.polish:
         settings = RefinementSettings(method.polish, method.polish_iterations)
         stages.append(lambda before: Refinement(space, seed, settings, before))  # type: ignore[arg-type]

@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from commonrail.base.arguments import function, sequence, shown, thread_count, whole
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.hooks import StopRequest, held_interrupts
 from commonrail.base.text import number
 from commonrail.base.units import to_text
 from commonrail.calibration.run import Calibration, calibrate
@@ -23,8 +24,9 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.data.registry import of_role
 from commonrail.engine.simulate import usable_threads
-from commonrail.workers.interrupt import StopRequest, held_interrupts
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 # Further searches of a study: with other seeds, and without the rows that they then predict.
 
@@ -176,9 +178,10 @@ def for_seeds(
         raise ConfigurationError("The seeds must be at least one, each once.")
     start = time.perf_counter()
 
-    def tell(futures: Sequence[Future[_Found]], pending: int) -> None:
+    def tell(futures: Sequence[Future[_Found]], pending: set[Future[_Found]]) -> None:
         if progress is not None:
-            done, seconds = len(futures) - pending, time.perf_counter() - start
+            done = sum(future not in pending and future.exception() is None for future in futures)
+            seconds = time.perf_counter() - start
             with suppress(OSError, ValueError):  # a terminal that went away must not end the work
                 progress(SeedProgress(counter.generations, len(futures) * generations, done, len(futures), seconds))
 
@@ -213,8 +216,8 @@ class _Counter:
         self.stop.check()
 
 
-def _watch(futures: Sequence[Future[_Found]], tell: Callable[[int], None]) -> None:
-    """Tell how many are pending until all searches have ended; raise what ended one of them."""
+def _watch(futures: Sequence[Future[_Found]], tell: Callable[[set[Future[_Found]]], None]) -> None:
+    """Tell which are pending until all searches have ended; raise what ended one of them."""
     pending = set(futures)
     while pending:
         done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -222,4 +225,4 @@ def _watch(futures: Sequence[Future[_Found]], tell: Callable[[int], None]) -> No
             error = future.exception()
             if error is not None and not isinstance(error, KeyboardInterrupt):
                 raise error
-        tell(len(pending))
+        tell(pending)

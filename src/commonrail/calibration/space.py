@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from commonrail.base.arguments import settle
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.linear import cholesky, solve_lower, solve_upper
 from commonrail.calibration.constraints import (
     NONE,
     ROUNDING,
@@ -25,7 +24,7 @@ from commonrail.calibration.constraints import (
     parse_constraints,
 )
 from commonrail.calibration.parameter import Parameter
-from commonrail.physics.elementary import exp, log, product
+from commonrail.physics.elementary import cholesky, exp, log, product, solve_lower, solve_upper
 
 # A point pulled back to a boundary stops this fraction short of it, clear of rounding.
 _SHORT_OF_BOUNDARY = 1e-9

@@ -35,11 +35,11 @@ from commonrail.data.base import DataSet, Role
 from commonrail.data.metering import check_meters, meters_of
 from commonrail.data.quantities.cross_validation import levels
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.registry import ANY_KIND, of_role
+from commonrail.data.registry import of_role
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import QUANTITIES, Meter
-from commonrail.readers.toml_fields import UNSTATED
+from commonrail.readers.toml import UNSTATED
 
 # Further searches by which a study's fit is judged.
 
@@ -206,7 +206,7 @@ class Study(Shown):
         instance(self.space, Space, "space of the study")
         settle(
             self,
-            data=instances(self.data, ANY_KIND, "data"),
+            data=instances(self.data, DataSet, "data"),  # type: ignore[type-abstract]
             seed=whole(self.seed, "seed"),
             time_step=check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
@@ -294,7 +294,7 @@ def study(
         If an argument is of another kind, a parameter is unknown, or bounds are crossed.
     """
     instance(injector, Injector, "injector")
-    found = instances([data] if isinstance(data, ANY_KIND) else data, ANY_KIND, "data")
+    found = instances([data] if isinstance(data, DataSet) else data, DataSet, "data")  # type: ignore[type-abstract]
     space = Space([_free(injector, *item) for item in mapping(free, "free", EXAMPLE).items()], tuple(constraints))
     usual = Method(EvolutionSettings(), POLISH, stop_when_converged=True)
     return Study(

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 
 
 class Outcome(NamedTuple):
-    """Run folder, report and the record of the result."""
+    """Run folder, report and the record of the result; `judged` is false if Ctrl-C has stopped the judgement."""
 
     folder: Path
     report: Path
     record: dict[str, Any]
+    judged: bool = True
 
     @property
     def interrupted(self) -> bool:
@@ -56,17 +57,23 @@ def reported(
 
     `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
+    from commonrail.base.hooks import held_interrupts
     from commonrail.report.page import write_report
     from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
-    from commonrail.workers.interrupt import held_interrupts
+    from commonrail.runs.folder import RESULT
 
-    shown = stage_of if stage is None else stage
+    shown, judged = stage_of if stage is None else stage, True
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar:
-            work(Listener(lambda p: bar.show(shown(p)), bar.note))
+            try:
+                work(Listener(lambda p: bar.show(shown(p)), bar.note))
+            except KeyboardInterrupt:
+                if not (folder / RESULT).is_file():
+                    raise
+                judged = False
         report = write_report(folder)
-        return Outcome(folder, report, dict(kind_of(folder).read(folder)))
+        return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
 
 
 def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
@@ -111,11 +118,17 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
 
 
 def end_if_stopped(outcome: Outcome) -> None:
-    """End the command with exit status 130 and a sentence if a search was stopped by a signal."""
+    """End the command with exit status 130 and a sentence if a search or its judgement was stopped by a signal."""
     if outcome.interrupted:
         say(
             f"commonrail: interrupted; the best values so far are in {outcome.folder}. `commonrail resume "
             f"{outcome.folder}` resumes the run."
+        )
+        raise SystemExit(INTERRUPTED)
+    if not outcome.judged:
+        say(
+            f"commonrail: interrupted; the fit is in {outcome.folder}, but not how well the data determine it. "
+            f"`commonrail resume {outcome.folder}` judges that."
         )
         raise SystemExit(INTERRUPTED)
 

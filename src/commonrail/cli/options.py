@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.output import check_target, writing
-from commonrail.base.units import parse, parse_difference
+from commonrail.base.units import parse, parse_difference, to_text
 from commonrail.cli.grammar import Argument, Option
 
 if TYPE_CHECKING:
@@ -84,6 +84,25 @@ def free_run_folder(stem: str, under: Path = Path("runs")) -> Path:
 def stem_of(source: Path) -> str:
     """Name for runs of a file: one that is called study or family says less than its folder."""
     return source.absolute().parent.name if source.stem in ("study", "family") else source.stem
+
+
+def is_given(name: str) -> bool:
+    """Return whether an option of the verb that runs stands on the command line, by its parameter's name."""
+    import click
+    from click.core import ParameterSource
+
+    return click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT
+
+
+def refuse_unused(needed: Mapping[str, tuple[bool, str]]) -> None:
+    """Refuse options that would do nothing.
+
+    `needed`: by the parameter's name, whether there is what it acts upon, and what that is, such as "--out FILE".
+    Raises `InputError` for the first one that is given in vain.
+    """
+    for name, (there, what) in needed.items():
+        if not there and is_given(name):
+            raise InputError(f"--{name.replace('_', '-')}: without {what} it does nothing; add that, or omit it.")
 
 
 # Axes on the command line: lists and ranges of values with their unit.
@@ -184,12 +203,12 @@ def check_workers(count: int | None, address: str | None) -> None:
 
 def open_workers(count: int | None, address: str | None) -> AbstractContextManager[Workers | None]:
     """Workers as asked for; none by default."""
+    check_workers(count, address)
+    if count is None and address is None:
+        return nullcontext()
     from commonrail.workers.workers import Workers
 
-    check_workers(count, address)
-    if address is not None:
-        return Workers.cluster(address, count)
-    return nullcontext() if count is None else Workers.processes(count)
+    return Workers.processes(count) if address is None else Workers.cluster(address, count)
 
 
 def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...] | float:
@@ -209,37 +228,52 @@ def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energ
 def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     """The injector with values from ``--set path=value``; a value has its unit or is a plain SI number.
 
-    Raises `InputError` if a setting cannot be read. Raises `ConfigurationError` if a value lies outside its domain.
+    Warns on stderr of values that no built injector has. Raises `InputError` if a setting cannot be read. Raises
+    `ConfigurationError` if a value lies outside its domain.
     """
-    from commonrail.physics.variants import reader_of, unread_parameters
+    from commonrail.cli.console import say
 
     if not settings:
         return injector
-    found = list(map(_setting, settings))
+    found = [_setting(injector, text) for text in settings]
     values = dict(found)
     if len(values) < len(found):
         twice = next(path for i, (path, _) in enumerate(found) if path in dict(found[:i]))
         raise InputError(f"--set {twice}: it is set twice; keep one.")
-    for name in unread_parameters(injector.variant).intersection(values):
+    chosen = injector.with_values(values)
+    for name, value in values.items():
+        q = chosen.quantities[name]
+        if q.usual is not None and not q.is_usual(value):
+            low, high = (to_text(limit, q.unit, 4) for limit in q.usual)
+            say(
+                f"warning: --set {name}: the {q.meaning} is {to_text(value, q.unit, 4)}, and {low} to {high} is usual; "
+                "check its unit."
+            )
+    return chosen
+
+
+def refuse_return_pressure(injector: Injector) -> None:
+    """Refuse (`InputError`) the option --return-pressure for an injector without a return."""
+    from commonrail.physics.variants import RETURN, reader_of, unread_inputs
+
+    if RETURN in unread_inputs(injector.variant) and is_given(RETURN):
         raise InputError(
-            f"--set {name}: {injector.name} with {injector.variant.label} does not read it; take a model with "
-            f"{reader_of(name)}, or omit it."
+            f"--return-pressure: {injector.name} has no return and does not read it; take a model with "
+            f"{reader_of(RETURN)}, or omit it."
         )
-    return injector.with_values(values)
 
 
-def _setting(text: str) -> tuple[str, float]:
+def _setting(injector: Injector, text: str) -> tuple[str, float]:
     from commonrail.base.arguments import not_whole
-    from commonrail.physics.injector import parameter_quantities
 
     path, equals, value = (part.strip() for part in text.partition("="))
-    known = parameter_quantities()
+    known = injector.quantities
     if not (path and equals and value):
         raise InputError(f'--set {text}: expected PATH=VALUE, such as "nozzle.holes=7".')
     if path not in known:
         raise InputError(
-            f"--set {path}: there is no such parameter{nearest(path, known)}; "
-            "`commonrail catalogue parameters` lists them."
+            f"--set {path}: {injector.name} has no such parameter{nearest(path, known)}; "
+            "`commonrail catalogue parameters` lists those of all injectors."
         )
     try:
         found = float(value)

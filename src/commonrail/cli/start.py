@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -16,11 +17,12 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, end_process)
     open_standard_streams()
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # it would search all installed packages for them
     leave_out_warnings()
-    from commonrail.base.hooks import tell_notes, tell_of_compiling
+    gc.set_threshold(50_000)  # a start makes 60,000 objects that stay: searches for garbage among them take 25 ms
+    from commonrail.base.hooks import end_at_second, tell_notes, tell_of_compiling
     from commonrail.cli.console import compiling, say, say_of_ending
     from commonrail.cli.grammar import cli
-    from commonrail.workers.interrupt import end_at_second
 
     tell_of_compiling(compiling)
     tell_notes(say)

@@ -1,6 +1,6 @@
 """Interface that every kind of measured data implements.
 
-A kind is a frozen dataclass that derives from `DataSet` and stands in `data.registry.KINDS`, with a `Score`, a `View`
+A kind is a frozen dataclass that derives from `DataSet` and is registered in the group "data", with a `Score`, a `View`
 and the model of its block in a study file. Search, journal, fleet, comparison, plausibility and report know these only.
 """
 

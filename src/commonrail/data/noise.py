@@ -16,7 +16,7 @@ from commonrail.base.units import parse
 from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
 from commonrail.physics.meters import QUANTITIES, is_of_meter
 from commonrail.readers.location import Place, located
-from commonrail.readers.toml_fields import FileModel, Unit
+from commonrail.readers.toml import FileModel, Unit
 
 # Quantities of the bench that may be uncertain by their own names; an injector's parameter is one by its dotted name.
 OF_METER = ("delay", "gain", "offset", "quantity_offset", "cutoff")

@@ -17,10 +17,9 @@ from commonrail.engine.plan import reference_density
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Sheet, Table
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place
+from commonrail.readers.location import Place, Reach
 from commonrail.readers.tables import LEAST_SAMPLES, open_sheet, read_columns
-from commonrail.readers.toml_fields import Unit, fault
+from commonrail.readers.toml import Unit, fault
 
 LONGEST_NAME = 200
 

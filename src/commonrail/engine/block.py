@@ -11,17 +11,15 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
-import numpy as np
-
-from commonrail.engine.job import NEVER, Shape, Vector
+from commonrail.engine.job import NEVER
 from commonrail.engine.recorder import (
     FIGURE,
+    FUEL,
     Sample,
     StopRule,
     at,
     check,
     crossed,
-    make_rows,
     next_horizon,
     record,
     record_crossing,
@@ -30,7 +28,6 @@ from commonrail.engine.recorder import (
     set_horizons,
     take_sample,
 )
-from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import layout_of, physics
 from commonrail.physics.model import Inputs, Setting, Waves
 from commonrail.physics.variants import Variant, wiring
@@ -186,7 +183,7 @@ def make_clocks(rows: Any, read: Law) -> Inlets:
     return Inlets(clock_of, tell_time, turn, follow, traced, 0)
 
 
-FUEL, INPUTS = layout_of(FuelCoefficients), layout_of(Inputs)
+INPUTS = layout_of(Inputs)
 
 
 class Machine(NamedTuple):
@@ -357,10 +354,3 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
                 next_end = next_horizon(work, rows, real(k + 1))
 
     return simulate  # type: ignore[no-any-return]
-
-
-@cache
-def shape_of(variant: Variant, vector: Vector) -> Shape:
-    """Sizes of the memory of a block."""
-    columns = len(wiring(variant).parameters.paths) + len(FUEL.paths)
-    return Shape(make_rows(variant, vector.lanes).end, vector.lanes, columns, np.dtype(vector.real).itemsize)

@@ -13,18 +13,11 @@ from commonrail.base.arrays import Floats
 from commonrail.compiler.load import Kernel
 from commonrail.compiler.lower import Source
 from commonrail.compiler.table import WHOLE, floats
-from commonrail.engine.block import (
-    FUEL,
-    Memory,
-    copy_number,
-    make_advance,
-    make_begin,
-    make_wave_transport,
-)
+from commonrail.engine.block import Memory, copy_number, make_advance, make_begin, make_wave_transport
 from commonrail.engine.job import MAXIMUM_STEPS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import Prepared, make_job, prepare
-from commonrail.engine.recorder import make_rows
+from commonrail.engine.recorder import FUEL, make_rows
 from commonrail.engine.status import check_inputs
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE

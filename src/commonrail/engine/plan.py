@@ -22,8 +22,8 @@ from commonrail.engine.time_step import Medium, medium_of, too_long
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.fuel_kernel import coefficient_rows, fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
+from commonrail.physics.law import Domain
 from commonrail.physics.model import Setting
-from commonrail.physics.parameters import Domain
 from commonrail.physics.variants import wiring
 
 # From the values that a user gives for many candidates to their full parameter vectors.

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import namedtuple
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from commonrail.base.choices import Actuation
+from commonrail.engine.job import Shape, Vector
 from commonrail.physics.connections import CLEAR_LIFT, RELAXED, REOPENED
+from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import layout_of, physics
 from commonrail.physics.model import Inputs, Waves
-from commonrail.physics.variants import MODELS, Variant, wiring
+from commonrail.physics.variants import Variant, model_of, wiring
 
 # Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
 #
@@ -98,16 +101,24 @@ def _paths(actuation: Actuation) -> dict[str, str]:
     return _LOOP | {name: f"state.{path}" for name, path in _STATE[actuation].items()} | _DELAYS[actuation]
 
 
+FUEL = layout_of(FuelCoefficients)
 Rows = namedtuple("Rows", ("lanes", *_paths(Actuation.SERVO), "tip", "top", "end"))  # type: ignore[misc]
 
 
 def make_rows(variant: Variant, lanes: int) -> Any:
     """`Rows` of a variant: the number of lanes, the rows by name, and how many there are."""
-    body, held = wiring(variant).body, MODELS[variant.actuation]
+    body, held = wiring(variant).body, model_of(variant.actuation)
     choices = (("coefficients", held.Coefficients), ("state", held.State), ("body", body.State))
     rows = layout_of(Working, choices)
     ends = (rows.row(f"state.body.{name}") for name in (body.TIP, body.TOP))
     return Rows(lanes, *map(rows.row, _paths(variant.actuation).values()), *ends, len(rows.paths))  # type: ignore[call-arg]
+
+
+@cache
+def shape_of(variant: Variant, vector: Vector) -> Shape:
+    """Sizes of the memory of a block."""
+    columns = len(wiring(variant).parameters.paths) + len(FUEL.paths)
+    return Shape(make_rows(variant, vector.lanes).end, vector.lanes, columns, np.dtype(vector.real).itemsize)
 
 
 @physics

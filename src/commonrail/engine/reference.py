@@ -188,9 +188,9 @@ class Model:
         wired.coefficients.store(self.constants, 0, 1, self.c)
         self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
         self.outside = np.zeros(len(AT))
-        self._y, self._dy = np.empty_like(self.start), np.empty_like(self.start)
-        self._rates = _compiled_rates(variant).bound(
-            self._y, self.outside, self.constants, self.cells, self.friction, self._dy
+        self.y, self.dy = np.empty_like(self.start), np.empty_like(self.start)
+        self.evaluate = _compiled_rates(variant).bound(
+            self.y, self.outside, self.constants, self.cells, self.friction, self.dy
         )
         self.variant = variant
         self._evaluations, self._checked_at = 0, point.start
@@ -300,9 +300,9 @@ class Model:
     def slopes(self, t: float, y: Floats) -> Floats:
         """The right-hand side."""
         self._set_outside(t)
-        self._y[:] = y
-        self._rates()
-        return self._dy.copy()
+        self.y[:] = y
+        self.evaluate()  # into `dy`
+        return self.dy.copy()
 
     def _set_outside(self, t: float) -> None:
         at_time = [value_at(course, t) for course in courses(self.point)]

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from types import FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +22,10 @@ from commonrail.engine.status import Status
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.components import feed_pipe, solenoid
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.meters import Flow, Meter, given_values, shown_quantities, shown_rates
 from commonrail.physics.variants import Variant, wiring
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
 
 # Mass balance of a whole simulation, from the traced state.
 
@@ -333,6 +335,8 @@ def metered(solution: Solution, meter: Meter, injector: Injector, point: Operati
         If an argument is of another kind, or the intervals of the samples differ.
     """
     instance(solution, Solution, "solution")
+    from commonrail.physics.meters import Flow, Meter, given_values, shown_quantities, shown_rates
+
     instance(meter, Meter, "meter")
     instance(injector, Injector, "injector")
     instance(point, OperatingPoint, "point")

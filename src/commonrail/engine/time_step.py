@@ -12,7 +12,6 @@ import numpy as np
 from commonrail.base.arguments import Limits, Quantity, amount
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Actuation, Body, Boundary
-from commonrail.engine import direct_acting_time_step
 from commonrail.physics.components.plunger_needle import Seven, around
 from commonrail.physics.flow import pipe_area
 from commonrail.physics.fuel import Fuel
@@ -65,10 +64,20 @@ LENGTHENS = (
     "rail.volume",
 )
 
+# The same of a direct-acting injector.
+DIRECT_SHORTENS = (
+    "armature.contact_stiffness",
+    "armature.spring_stiffness",
+    "needle.spring_stiffness",
+    "needle_seat.contact_stiffness",
+    "needle_seat.diameter",
+)
+DIRECT_LENGTHENS = ("armature.mass", "needle.mass", "accumulation.volume", "sac.volume", "feed_pipe.length")
+
 
 _EITHER = (  # of either actuation: which of them an injector has is a matter of its values
-    {*SHORTENS, *direct_acting_time_step.SHORTENS},
-    {*LENGTHENS, *direct_acting_time_step.LENGTHENS},
+    {*SHORTENS, *DIRECT_SHORTENS},
+    {*LENGTHENS, *DIRECT_LENGTHENS},
 )
 
 
@@ -126,7 +135,7 @@ def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
         NaN anywhere counts as too long.
     """
     if variant.actuation is Actuation.DIRECT:
-        return direct_acting_time_step.bears(values, medium.modulus, medium.speed, dt)
+        return _pair_bears(values, medium, dt)
     moves = _chain_bears if variant.body is Body.FLEXIBLE else _rigid_bears
     fluid = _waves_bear(values, medium, dt) & _volumes_bear(variant.boundary, values, medium, dt)
     return moves(values, medium, dt) & _valve_bears(values, dt) & fluid
@@ -198,10 +207,34 @@ def _volumes_bear(boundary: Boundary, values: Values, medium: Medium, dt: float)
     return seat & (way * pipe_area(values["feed_pipe.diameter"]) <= values["rail.volume"])
 
 
+# Of a direct-acting injector armature and needle are judged as two masses with all contacts closed that can be at once:
+# the armature on its stop and on the needle, the needle on its seat and on the fuel enclosed in the SAC. Leapfrog bears
+# the largest eigenvalue λ of that pair as long as dt² λ < 4; `RIGID` is stricter, so that contacts are resolved.
+
+
+def _pair_bears(values: Values, medium: Medium, dt: float) -> Any:
+    seat = pipe_area(values["needle_seat.diameter"])
+    way = medium.speed * dt
+    moves = dt * dt * _stiffest(values, medium.modulus * seat * seat) < RIGID * RIGID
+    waves = (values["feed_pipe.length"] >= way) & (way * seat <= DRAWN * values["accumulation.volume"])
+    return moves & waves
+
+
+def _stiffest(values: Values, enclosed: Any) -> Any:
+    """Largest eigenvalue [1/s²] of the pair of masses, `enclosed` being K A² of the needle's tip [N m²]."""
+    push = values["armature.contact_stiffness"]
+    fuel = enclosed / values["sac.volume"] + enclosed / values["accumulation.volume"]
+    a = (2.0 * push + values["armature.spring_stiffness"]) / values["armature.mass"]
+    held = values["needle_seat.contact_stiffness"] + values["needle.spring_stiffness"] + fuel
+    n = (push + held) / values["needle.mass"]
+    coupling = push * push / (values["armature.mass"] * values["needle.mass"])
+    return 0.5 * (a + n) + (0.25 * (a - n) * (a - n) + coupling) ** 0.5
+
+
 def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parameters that shorten the longest step as they grow, and those that do as they shrink."""
     if actuation is Actuation.DIRECT:
-        return direct_acting_time_step.SHORTENS, direct_acting_time_step.LENGTHENS
+        return DIRECT_SHORTENS, DIRECT_LENGTHENS
     return SHORTENS, LENGTHENS
 
 

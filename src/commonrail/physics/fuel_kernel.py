@@ -18,8 +18,7 @@ from numpy.polynomial.polynomial import polyval
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.linear import least_squares
-from commonrail.physics.elementary import cosine
+from commonrail.physics.elementary import cosine, least_squares
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.law import physics
 

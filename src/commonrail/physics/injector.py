@@ -11,9 +11,8 @@ from commonrail.base.arguments import Quantity, instance, mapping, number, plain
 from commonrail.base.choices import Actuation, Laws
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.physics.fuel import Fuel
-from commonrail.physics.law import field_paths
-from commonrail.physics.parameters import Domain, Q, describe
-from commonrail.physics.variants import EXTENDING, MODELS, Variant
+from commonrail.physics.law import Domain, Q, describe, field_paths
+from commonrail.physics.variants import EXTENDING, Variant, model_of, reader_of, unread_parameters
 
 FUEL_TEMPERATURE = "fuel.temperature"
 
@@ -37,7 +36,7 @@ def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
     kinds = tuple(Actuation) if actuation is None else (actuation,)
     components: dict[str, Any] = {}
     for kind in kinds:
-        components = {**components, **get_type_hints(MODELS[kind].Parameters)}
+        components = {**components, **get_type_hints(model_of(kind).Parameters)}
     named = {f"{component}.{name}": q for component, kind in components.items() for name, q in describe(kind).items()}
     named[FUEL_TEMPERATURE] = Q("K", "temperature of the fuel", Domain.POSITIVE)
     return named
@@ -46,7 +45,7 @@ def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
 @functools.cache
 def parameter_paths(actuation: Actuation = Actuation.SERVO) -> tuple[str, ...]:
     """Dotted names of the parameters of an actuation in the order of a flat vector."""
-    return tuple(field_paths(MODELS[actuation].Parameters))
+    return tuple(field_paths(model_of(actuation).Parameters))
 
 
 @dataclass(frozen=True)
@@ -143,15 +142,38 @@ class Injector:
         Raises
         ------
         ConfigurationError
-            If a name is unknown, or a value is of another kind or outside its domain.
+            If a name is unknown, its parameter is not read by the variant, or a value is of another kind or outside
+            its domain.
         """
-        return replace(self, values={**self.values, **_named(values)})
+        changed = replace(self, values={**self.values, **_named(values)})
+        self.check_read(values)
+        return changed
+
+    def check_read(self, names: Iterable[str]) -> None:
+        """Refuse parameters that the variant does not read: their values would change nothing.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Dotted names.
+
+        Raises
+        ------
+        ConfigurationError
+            For the first such name, with the variants that read it.
+        """
+        for name in names:
+            if name in unread_parameters(self.variant):
+                raise ConfigurationError(
+                    f"{self.name} with {self.variant.label} does not read {name}; take a model with {reader_of(name)}, "
+                    "or omit it."
+                )
 
 
 @functools.cache
 def _components(actuation: Actuation) -> tuple[Any, Mapping[str, Any]]:
     """Class of the parameters and those of its components, whose type hints take as long to look up as all values."""
-    kind = MODELS[actuation].Parameters
+    kind = model_of(actuation).Parameters
     return kind, get_type_hints(kind)
 
 

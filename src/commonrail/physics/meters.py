@@ -16,7 +16,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import to_text
 from commonrail.physics.injector import Source, parameter_quantities
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q
 
 # Low-passes and lags of signals with equal intervals; each keeps the sum of a signal that comes back to rest.
 #

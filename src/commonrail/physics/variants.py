@@ -13,16 +13,8 @@ from commonrail.base import registry
 from commonrail.base.arguments import chosen, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.physics import connections, direct_acting, model, step
-from commonrail.physics.components import (
-    direct_needle,
-    drive,
-    feed_pipe,
-    guide_friction,
-    nozzle,
-    plunger_needle,
-    rigid_body,
-)
+from commonrail.physics import connections, model, step
+from commonrail.physics.components import drive, feed_pipe, nozzle, plunger_needle
 from commonrail.physics.law import Layout, layout_of, physics
 
 
@@ -126,19 +118,12 @@ class Wiring(NamedTuple):
     positions: Layout
 
 
-_BODIES: dict[Body, model.Body] = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
 _DRIVES: dict[Drive, model.DriveLaw] = {
     Drive.REGULATED: drive.regulated,
     Drive.PWM: drive.pwm,
     Drive.VOLTAGE: drive.voltage_trace,
     Drive.CURRENT: drive.current_trace,
     Drive.FREE_WHEEL: drive.free_wheel,
-}
-_MOTIONS: dict[tuple[Body, Laws], tuple[model.Advance, model.Accelerations]] = {
-    (Body.FLEXIBLE, Laws.PAPER): (plunger_needle.advance, plunger_needle.accelerations),
-    (Body.FLEXIBLE, Laws.EXTENDED): (guide_friction.advance_chain, guide_friction.accelerate_chain),
-    (Body.RIGID, Laws.PAPER): (rigid_body.advance, rigid_body.accelerations),
-    (Body.RIGID, Laws.EXTENDED): (guide_friction.advance_body, guide_friction.accelerate_body),
 }
 _FLOWS: dict[Laws, tuple[model.DischargeLaw, model.GapLaw]] = {
     Laws.PAPER: (nozzle.discharge, connections.plain_gap_cda2),
@@ -153,10 +138,35 @@ EXTENDING = (
     "plunger_needle.friction",
 )
 
-# Modules that hold `Parameters`, `Coefficients` and `State` of each actuation.
-MODELS: dict[Actuation, Any] = {Actuation.SERVO: model, Actuation.DIRECT: direct_acting}
-
 _NOZZLE_LAWS = "nozzle_laws"  # group of the registry
+
+
+# What one variant alone needs is imported with it.
+
+
+def model_of(actuation: Actuation) -> Any:
+    """Module that holds `Parameters`, `Coefficients` and `State` of an actuation."""
+    if actuation is Actuation.SERVO:
+        return model
+    from commonrail.physics import direct_acting
+
+    return direct_acting
+
+
+def _body_of(variant: Variant) -> tuple[model.Body, model.Advance, model.Accelerations]:
+    """Body of a servo injector, and its motion under the laws."""
+    body: model.Body = plunger_needle
+    if rigid := variant.body is Body.RIGID:
+        from commonrail.physics.components import rigid_body
+
+        body = rigid_body
+    if variant.laws is Laws.PAPER:
+        return body, body.advance, body.accelerations
+    from commonrail.physics.components import guide_friction as friction
+
+    if rigid:
+        return body, friction.advance_body, friction.accelerate_body
+    return body, friction.advance_chain, friction.accelerate_chain
 
 
 @functools.cache
@@ -191,7 +201,7 @@ def wiring(variant: Variant) -> Wiring:
 
 def _servo(variant: Variant) -> Wiring:
     ideal = variant.boundary is Boundary.IDEAL
-    body, (advance, accelerations) = _BODIES[variant.body], _MOTIONS[variant.body, variant.laws]
+    body, advance, accelerations = _body_of(variant)
     discharge, gap_cda2 = _flow_laws(variant)
     laws = step.StepLaws(
         advance=advance,
@@ -220,6 +230,9 @@ def _servo(variant: Variant) -> Wiring:
 
 
 def _direct(variant: Variant) -> Wiring:
+    from commonrail.physics import direct_acting
+    from commonrail.physics.components import direct_needle
+
     discharge, _ = _flow_laws(variant)
     laws = direct_acting.DirectLaws(_DRIVES[variant.drive], step.ideal_rail, discharge)
     return Wiring(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 # Groups whose shipped parts are in lists of the core, with their names.
 ELSEWHERE = {
-    "data": "commonrail.data.registry:KINDS",
     "features": "commonrail.data.features.table:FEATURES",
     "fuels": "commonrail.readers.fuel:shipped_fuels",
     "injectors": "commonrail.readers.injector.file:shipped_injectors",
@@ -12,6 +11,12 @@ ELSEWHERE = {
     "readers": "commonrail.readers.tables:ENDINGS",
 }
 SHIPPED: dict[str, dict[str, str]] = {
+    "data": {  # in the order of an objective, a report and its tables
+        "rate": "commonrail.data.curves.data:RateData",
+        "quantities": "commonrail.data.quantities.data:QuantityData",
+        "return quantities": "commonrail.data.quantities.returned:ReturnData",
+        "features": "commonrail.data.feature_targets.data:FeatureData",
+    },
     "results": {
         "comparison.json": "commonrail.plugins.compare.page:RESULT",
         "sensitivity.json": "commonrail.plugins.sensitivity.page:RESULT",

@@ -13,9 +13,9 @@ from pydantic import AfterValidator, Field
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError, nearest
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.readers.location import Place
-from commonrail.readers.toml_fields import FileModel, fault
+from commonrail.readers.toml import FileModel, fault
 
 # Form of a data file where its bytes do not tell it: encoding and decimal sign of a text, sheet of a workbook.
 

@@ -23,17 +23,8 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 from commonrail.base.output import restored, restored_note
 from commonrail.base.units import fits
-from commonrail.readers.columns import (
-    LARGEST,
-    PLAIN,
-    Column,
-    FileForm,
-    Table,
-    cell_place,
-    find_column,
-    name_and_unit,
-)
-from commonrail.readers.limits import LONGEST_NAME, check_columns, read_lines
+from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
 LONGEST_NUMBER = 100  # [characters]

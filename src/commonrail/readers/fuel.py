@@ -11,15 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, GetCoreSchemaHandler, PlainValidator, create_model, model_validator
+from pydantic import ConfigDict, GetCoreSchemaHandler, PlainValidator, model_validator
 from pydantic_core import CoreSchema, core_schema
 
 from commonrail.base.arguments import plain_text
+from commonrail.base.registry import Catalogue
 from commonrail.physics.fuel import Fuel, Law, Origin, Polynomial
-from commonrail.readers.catalogue import Catalogue
 from commonrail.readers.location import Place
-from commonrail.readers.toml import parse_toml, read_model
-from commonrail.readers.toml_fields import MARKS, FileModel, Mark, OneOf, fault
+from commonrail.readers.toml import MARKS, FileModel, OneOf, fault, parse_toml, read_mark, read_model
 
 _CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fuel "{}"', "", "fuels")
 
@@ -81,41 +80,37 @@ def _range(item: Any) -> tuple[float, float]:
     return ends[0], ends[1]
 
 
-def _in(unit: str) -> PlainValidator:
-    def check(item: Any) -> str:
-        if item != unit:
-            raise fault(f'unit is "{item}", convert the coefficients to "{unit}"')
-        return unit
-
-    return PlainValidator(check)
-
-
-_Polynomial = Annotated[Polynomial, PlainValidator(_polynomial)]  # in (T - 353.15 K)/(40 K)
 _Range = Annotated[tuple[float, float], PlainValidator(_range)]
-
-
-class _Law(FileModel):
-    model_config = ConfigDict(extra="ignore")
-
-    mark: Mark
-    source: str
-    error: float = Field(ge=0.0)
 
 
 @dataclass(frozen=True)
 class _Polynomials:
-    """Type of a law: its coefficients K are the polynomials of these names, in a unit."""
+    """Type of a law: its coefficients K are the polynomials of these names in (T - 353.15 K)/(40 K), in a unit.
+
+    The schema is made here: a model of each law takes long to make.
+    """
 
     unit: str
     names: Sequence[str] = ("k1", "k2", "k3", "k4")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        keys: Any = {"unit": (Annotated[str, _in(self.unit)], ...)} | dict.fromkeys(self.names, (_Polynomial, ...))
-        table = handler.generate_schema(create_model("_Law", __base__=_Law, **keys))
+        keys = {
+            "mark": core_schema.no_info_plain_validator_function(read_mark),
+            "source": core_schema.str_schema(strict=True),
+            "error": core_schema.float_schema(strict=True, ge=0.0, allow_inf_nan=False),
+            "unit": core_schema.no_info_plain_validator_function(self._unit),
+            **dict.fromkeys(self.names, core_schema.no_info_plain_validator_function(_polynomial)),
+        }
+        table = core_schema.typed_dict_schema({name: core_schema.typed_dict_field(of) for name, of in keys.items()})
         return core_schema.no_info_after_validator_function(self._law, table)
 
-    def _law(self, table: _Law) -> Law:
-        return Law(tuple(getattr(table, name) for name in self.names), Origin(table.mark, table.source, table.error))
+    def _unit(self, item: Any) -> str:
+        if item != self.unit:
+            raise fault(f'unit is "{item}", convert the coefficients to "{self.unit}"')
+        return self.unit
+
+    def _law(self, table: Mapping[str, Any]) -> Law:
+        return Law(tuple(table[name] for name in self.names), Origin(table["mark"], table["source"], table["error"]))
 
 
 _DENSITIES = {

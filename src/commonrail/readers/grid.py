@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +22,14 @@ from commonrail.base.input import read_plain
 from commonrail.base.units import fits
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
 from commonrail.readers.guarded.parent import read_apart
-from commonrail.readers.limits import LONGEST_LINE, Shape
+from commonrail.readers.location import LONGEST_LINE, Shape
 
 LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept
 
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
-_LINE = re.compile(r"[^\n]+")
+_COMMENT = re.compile(r"^[^\S\n]*#([^\n]*)", re.M)
+_LINE = re.compile(r"^[^\S\n]*[^\s#][^\n]*", re.M)  # that holds something, and is no comment
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _HUNDREDS = re.compile(r"[1-9]\d\d")
@@ -104,25 +106,24 @@ def _decoded(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Lines that are not empty with their numbers, one by one: a file may have as many lines as bytes."""
+    """Lines of cells with their numbers, one by one: a file may have as many lines as bytes."""
     number, last = 1, 0
     for found in _LINE.finditer(text):
         number, last = number + text.count("\n", last, found.start()), found.start()
-        if found[0].strip():
-            yield number, found[0]
+        yield number, found[0]
 
 
 def _parsed(path: Path, text: str, encoding: str) -> Grid:
-    comments, separator = _scanned(path, _lines(text))
+    comments = tuple(found[1].strip() for found in islice(_COMMENT.finditer(text), MOST_COMMENTS))
+    separator = _separator(path, _lines(text))
     cells: list[list[str]] = []
     lines: list[int] = []
     shape = Shape(path)
     for n, line in _lines(text):
-        if not line.lstrip().startswith("#"):
-            row = [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
-            shape.add(len(row), n)
-            cells.append(row)
-            lines.append(n)
+        row = [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+        shape.add(len(row), n)
+        cells.append(row)
+        lines.append(n)
     flat = [cell for row in cells for cell in row if cell]
     comma = separator != "," and _has_commas(path, flat)
     number = _with_comma if comma else _with_point
@@ -143,9 +144,8 @@ def _has_commas(path: Path, cells: Sequence[str]) -> bool:
     return comma
 
 
-def _scanned(path: Path, lines: Iterator[tuple[int, str]]) -> tuple[tuple[str, ...], str]:
-    """Comments, and the separator: the one that stands in more than half of the other lines."""
-    comments: list[str] = []
+def _separator(path: Path, lines: Iterator[tuple[int, str]]) -> str:
+    """The separator: the one that stands in more than half of the lines."""
     total = semicolons = tabs = 0
     for n, line in lines:
         if len(line) > LONGEST_LINE:
@@ -153,15 +153,12 @@ def _scanned(path: Path, lines: Iterator[tuple[int, str]]) -> tuple[tuple[str, .
                 f"{path}, line {n}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
                 "read; keep only the columns that are needed."
             )
-        if line.lstrip().startswith("#"):
-            comments += [line.strip()[1:].strip()] if len(comments) < MOST_COMMENTS else []
-        elif "\0" in line:
+        if "\0" in line:
             raise InputError(f"{path}, line {n}: this is no row of text.")
-        else:
-            total, semicolons, tabs = total + 1, semicolons + (";" in line), tabs + ("\t" in line)
+        total, semicolons, tabs = total + 1, semicolons + (";" in line), tabs + ("\t" in line)
     if not total:
         raise InputError(f"{path}: the file has no rows of text.")
-    return tuple(comments), ";" if semicolons * 2 > total else "\t" if tabs * 2 > total else ","
+    return ";" if semicolons * 2 > total else "\t" if tabs * 2 > total else ","
 
 
 def _like_thousands(cells: list[str]) -> bool:

@@ -1,13 +1,18 @@
-"""Places in files, for messages: every error says file and key or line."""
+"""Files that are read: places in them for messages, folders that they may lie in, limits of their size."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
 
+from commonrail.base.arrays import IndexArray
 from commonrail.base.errors import CommonrailError, InputError, nearest_key
+from commonrail.base.input import read_plain, similar_names
 
 _KINDS = {
     "commonrail-injector": "an injector file",
@@ -72,3 +77,158 @@ def located(place: Place) -> Iterator[None]:
         for line in getattr(error, "__notes__", ()):
             placed.add_note(line)
         raise placed from error
+
+
+# Folder that the names in a file must not lead out of: a study from anywhere must not read what is not its own.
+
+ALLOW = "allow_outside"
+
+
+class Reach(NamedTuple):
+    """Folder that no name may lead out of, unless the file that sets it says so.
+
+    What the `file` names, which the user named, lies in its folder or below, unless it allows places `outside`.
+    """
+
+    file: Path
+    outside: bool
+
+    def path(self, folder: Path, name: str, at: Place) -> Path:
+        """Path of a file named in a file of `folder`.
+
+        Raises `InputError` if it lies outside, be it by its name or because it is a link, and that is not allowed; or
+        if there is none.
+        """
+        path = folder / name
+        if self.outside or self._inside(path):
+            if not os.path.lexists(path) and name.isprintable():  # a name that no file can have is told when it is read
+                raise at.error(f"{path}: there is no such file{similar_names(path)}")
+            return path
+        shown = name if len(name) <= 80 else f"{name[:77]}..."
+        raise at.error(
+            f'"{shown}" lies outside the folder of {self.file.name}; move it there, or write {ALLOW} = true at the top '
+            f"of {self.file.name} if you know where it comes from"
+        )
+
+    def _inside(self, path: Path) -> bool:
+        # both with their links followed: a folder that is itself a link stays the folder that was meant
+        root = os.path.realpath(self.file.parent)
+        return Path(os.path.realpath(path)).is_relative_to(root)
+
+
+# Limits of tables, checked row by row before anything is built of them.
+
+Groups = dict[tuple[str, ...], IndexArray]
+
+MOST_ROWS = 10_000_000  # of a fleet: many injectors, each with a curve
+MOST_COLUMNS = 1000
+LONGEST_NAME = 200  # of a column [characters]
+MOST_CELLS = 2_000_000  # of a grid whose cells stand in memory one by one
+LARGEST_RECTANGLE = 20_000_000  # rows × widest row of a grid, which is filled up where it is taken for a matrix
+MOST_VALUES = 20_000_000  # of all channels of a text, of a variable
+
+
+def check_columns(where: str, columns: int) -> None:
+    """Refuse too many columns; `where` is the file, with the line if there is one."""
+    if columns > MOST_COLUMNS:
+        raise InputError(
+            f"{where}: there are {columns} columns, and at most {MOST_COLUMNS} are read; keep only those that are "
+            "needed."
+        )
+
+
+class Shape:
+    """Rows and cells of a grid, counted while it is read.
+
+    Messages call a row by the `word`.
+    """
+
+    def __init__(self, path: Path, word: str = "line") -> None:
+        self._path, self._word = path, word
+        self._rows = self._cells = self._widest = 0
+
+    def add(self, width: int, number: int) -> None:
+        """Count a row of `width` cells, the one of that number; InputError if it has too many, or all rows have."""
+        check_columns(f"{self._path}, {self._word} {number}", width)
+        self._rows, self._cells, self._widest = self._rows + 1, self._cells + width, max(self._widest, width)
+        if self._cells > MOST_CELLS or self._rows * self._widest > LARGEST_RECTANGLE:
+            raise InputError(
+                f"{self._path}: the table has more than the {MOST_CELLS} cells that are read, or more than "
+                f"{LARGEST_RECTANGLE} if all rows were as long as the longest; keep only what is needed."
+            )
+
+
+# Text from disk: decoded, with its lines limited, and one sentence for each way in which it is no text.
+
+LONGEST_LINE = 100_000  # [bytes]; of a table with a thousand columns
+
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+def read_text(path: Path, largest: int) -> str:
+    """Text of a UTF-8 file of at most `largest` bytes, line ends as ``"\\n"``.
+
+    Raises
+    ------
+    InputError
+        As `read_bytes`, or if it is not UTF-8 text.
+    """
+    return _decoded(path, read_bytes(path, largest), 1)
+
+
+def read_lines(path: Path, largest: int, encoding: str = "") -> Iterator[str]:
+    """Lines of a text file of at most `largest` bytes, without their ends; decoded one by one, to save memory.
+
+    `encoding`: UTF-8 if empty. Raises `InputError` as `read_bytes`, or if a line is too long or not text in that
+    encoding.
+    """
+    data = _recoded(path, largest, encoding) if encoding else read_bytes(path, largest)
+    for number, ended in enumerate(BytesIO(data), start=1):
+        line = ended.removesuffix(b"\n")
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"{path}, line {number}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
+                "read; keep only the columns that are needed."
+            )
+        yield _decoded(path, line, number)
+
+
+def read_bytes(path: Path, largest: int) -> bytes:
+    """Bytes of a text file, without byte order mark and with line ends as ``"\\n"``.
+
+    Raises
+    ------
+    InputError
+        As `read_plain`, or if it is not text.
+    """
+    data = read_plain(path, largest)
+    if data.startswith(_UTF16):
+        raise InputError(f'{path}: this is UTF-16 text; state encoding = "utf-16", or save it as UTF-8.')
+    if b"\0" in data:
+        raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
+    return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
+def _decoded(path: Path, data: bytes, first: int) -> str:
+    """Text of lines of which the first has that number."""
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = first + data[: error.start].count(b"\n")
+        byte = data[error.start]
+        raise InputError(
+            f"{path}, line {line}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8, or state its encoding."
+        ) from error
+
+
+def _recoded(path: Path, largest: int, encoding: str) -> bytes:
+    """Text in another encoding as UTF-8, line ends as ``"\\n"``."""
+    data = read_plain(path, largest)
+    try:
+        text = data.decode(encoding)
+    except UnicodeError as error:
+        raise InputError(f"{path}: this is no text in {encoding}; correct the encoding.") from error
+    if "\0" in text:
+        raise InputError(f"{path}: read in {encoding} this is no text; correct the encoding.")
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "replace")

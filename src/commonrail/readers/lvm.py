@@ -16,8 +16,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 from commonrail.readers.channels import Channel, ChannelSheet
 from commonrail.readers.columns import PLAIN, FileForm
-from commonrail.readers.limits import MOST_VALUES, check_columns, read_lines
-from commonrail.readers.location import Place
+from commonrail.readers.location import MOST_VALUES, Place, check_columns, read_lines
 
 _MAGIC, _END, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _SEPARATORS = {"tab": "\t", "comma": ",", "": "\t"}

@@ -16,7 +16,7 @@ from commonrail.base.text import counted
 from commonrail.readers.channels import ChannelSheet
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, find_column, finite
 from commonrail.readers.guarded.parent import read_apart
-from commonrail.readers.limits import MOST_COLUMNS
+from commonrail.readers.location import MOST_COLUMNS
 from commonrail.readers.quantity_matrix import (
     KINDS,
     FoundMap,

@@ -15,7 +15,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE, read_plain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, finite, name_and_unit
 from commonrail.readers.guarded.parent import read_apart
-from commonrail.readers.limits import Groups
+from commonrail.readers.location import Groups
 
 LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
 

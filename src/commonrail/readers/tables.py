@@ -5,7 +5,7 @@ The unit of a column stands in the file, or is stated by whoever reads it; it is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
@@ -14,27 +14,22 @@ import numpy as np
 from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.base.units import NAMES, compatible, convert
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
-from commonrail.readers.csv import CsvFile
-from commonrail.readers.grid import WorkbookSheet
 from commonrail.readers.location import Place, located
-from commonrail.readers.lvm import LvmFile
-from commonrail.readers.mat import MatFile
-from commonrail.readers.mdf import MdfFile
-from commonrail.readers.parquet import ParquetFile
 
 LEAST_SAMPLES = 4
 
-# Format of a file by the end of its name; all else is CSV.
-SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
-    "xlsx": WorkbookSheet,
-    "mf4": MdfFile,
-    "mdf": MdfFile,
-    "lvm": LvmFile,
-    "mat": MatFile,
-    "parquet": ParquetFile,
-    "pq": ParquetFile,
+# Format of a file by the end of its name, imported when one is met; all else is CSV.
+_CSV, _WORKBOOK = "commonrail.readers.csv:CsvFile", "commonrail.readers.grid:WorkbookSheet"
+SHEETS = {
+    "xlsx": _WORKBOOK,
+    "mf4": "commonrail.readers.mdf:MdfFile",
+    "mdf": "commonrail.readers.mdf:MdfFile",
+    "lvm": "commonrail.readers.lvm:LvmFile",
+    "mat": "commonrail.readers.mat:MatFile",
+    "parquet": "commonrail.readers.parquet:ParquetFile",
+    "pq": "commonrail.readers.parquet:ParquetFile",
 }
 ENDINGS = ("", "csv", "txt", "tsv", *SHEETS)  # installed packages are not searched for these
 _UNREAD = {"nc": "NetCDF", "xls": "old Excel", "tdms": "TDMS"}
@@ -93,7 +88,7 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
             return cast(Sheet, opener(path, form))
     if ending in _UNREAD:
         raise InputError(f"{path}: {_UNREAD[ending]} files are not read; export the columns to a CSV file.")
-    return SHEETS.get(ending, CsvFile)(path, form)
+    return cast(Sheet, registry.load(SHEETS.get(ending, _CSV))(path, form))
 
 
 def installed_sheet(path: Path) -> registry.Entry | None:
@@ -104,7 +99,7 @@ def installed_sheet(path: Path) -> registry.Entry | None:
 
 def is_grid(path: Path) -> bool:
     """True if a file holds cells, in which a table may stand anywhere: a text or a workbook, not named columns."""
-    return SHEETS.get(_ending(path), WorkbookSheet) is WorkbookSheet and not installed_sheet(path)
+    return SHEETS.get(_ending(path), _WORKBOOK) == _WORKBOOK and not installed_sheet(path)
 
 
 def _ending(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""TOML from disk: tables of moderate size, depth and texts, whatever was in the file."""
+"""TOML files: tables of moderate size, checked with types of their own, and text of tables to write."""
 
 from __future__ import annotations
 
@@ -6,17 +6,252 @@ import math
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar, get_args
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    PlainValidator,
+    SkipValidation,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
+from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
 
-from commonrail.base.errors import InputError
-from commonrail.readers.limits import Reach, read_text
-from commonrail.readers.location import Place
-from commonrail.readers.toml_fields import FileModel
+from commonrail.base.errors import InputError, nearest, nearest_key
+from commonrail.base.units import parse, to_text
+from commonrail.physics.injector import Source
+from commonrail.physics.law import Q
+from commonrail.readers.location import Place, Reach, read_text
+
+# Types of what stands in the tables of a TOML file: numbers with their units, marks, sources and choices.
+#
+# A number with its unit is ``Annotated[float, Unit("Pa")]``. Where a file may add mark and source it is
+# ``Annotated[Number, Stated(quantity)]``, and a table of such numbers ``Annotated[ParameterTable, Quantities(known)]``.
+
+MARKS = ("M", "C", "F", "E")  # measured, ECU calibration, fitted, estimate: from the strongest to the weakest
+UNSTATED = Source("E", "no source stated")
+
+
+def fault(sentence: str) -> PydanticCustomError:
+    """Error of a validator; the sentence stands behind the place and has no full stop."""
+    return PydanticCustomError("sentence", "{sentence}", {"sentence": sentence})
+
+
+def read_mark(item: Any) -> str:
+    """Mark of a source."""
+    if item not in MARKS:
+        raise fault(f'"{item}" is no mark; write one of {", ".join(MARKS)}')
+    return str(item)
+
+
+Mark = Annotated[str, PlainValidator(read_mark)]
+Text = Annotated[str, Field(min_length=1)]
+
+
+class FileModel(BaseModel):
+    """Table of a file: no key beyond its fields, no type converted in silence."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict) and cls.model_config["extra"] == "forbid":
+            refuse_unknown_keys(data, [field.alias or name for name, field in cls.model_fields.items()])
+        return data
+
+
+def refuse_unknown_keys(table: Mapping[str, Any], known: Collection[str]) -> None:
+    """Raise a fault for the first key that is not known."""
+    for key in table:
+        if key not in known:
+            raise fault(f'there is no key "{key}"{nearest_key(key, known)}')
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Type of a number that a file gives as text with its unit, ``"160 MPa"``, and the model holds in `unit`."""
+
+    unit: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.read)
+
+    def read(self, item: Any) -> float:
+        """Number in `unit`."""
+        try:
+            return parse(item, self.unit)
+        except InputError as error:
+            raise fault(str(error).removesuffix(".")) from error
+
+
+class Given(NamedTuple):
+    """Value [SI] and its source."""
+
+    value: float
+    source: Source
+
+
+Values = dict[str, Given]
+
+
+class Sourced(FileModel):
+    """Table that may state mark and source of its numbers."""
+
+    mark: Mark | None = None
+    source: str | None = None
+
+    def origin(self, default: Source = UNSTATED) -> Source:
+        """Mark and source that are stated, else those of `default`."""
+        return Source(
+            default.mark if self.mark is None else self.mark, default.text if self.source is None else self.source
+        )
+
+
+class Number(Sourced):
+    """Number [SI] with mark and source."""
+
+    value: SkipValidation[float] = 0.0
+
+    def given(self, default: Source) -> Given:
+        """Value and source; what is not stated is that of the table around it."""
+        return Given(self.value, self.origin(default))
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Type of a `Number`: ``"5 g"`` or ``{ value = "5 g", mark = "M", source = "weighed" }``."""
+
+    quantity: Q
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        table = core_schema.no_info_before_validator_function(_as_table, handler.generate_schema(Number))
+        return core_schema.no_info_after_validator_function(self.read, table)
+
+    def read(self, item: Number) -> Number:
+        """The number in SI; a fault if it has no value, or one outside its domain."""
+        if "value" not in item.model_fields_set:
+            raise fault("the inline table has no value")
+        q, value = self.quantity, Unit(self.quantity.unit).read(item.value)
+        if not q.domain.admits(value):
+            raise fault(f"the {q.meaning} must be {q.domain.value}, not {to_text(value, q.unit)}")
+        return item.model_copy(update={"value": value})
+
+
+def _as_table(item: Any) -> Any:
+    return item if isinstance(item, dict) else {"value": item}
+
+
+def _number(item: tuple[Q, Any], read: ValidatorFunctionWrapHandler) -> Number:
+    quantity, stated = item
+    return Stated(quantity).read(read(_as_table(stated)))
+
+
+class ParameterTable(Sourced):
+    """Table of numbers, whose mark and source are those of every number that has none."""
+
+    numbers: dict[str, Annotated[Number, WrapValidator(_number)]] = Field(
+        default={}, alias="<numbers>"
+    )  # which no file can state
+
+    def values(self) -> Values:
+        """The numbers that are given, by name."""
+        return {name: number.given(self.origin()) for name, number in self.numbers.items()}
+
+
+@dataclass(frozen=True)
+class Quantities:
+    """Type of a `ParameterTable` with numbers of these names, units and domains.
+
+    Tables of all components share one schema, which takes long to make: each number goes into it with its quantity.
+    """
+
+    known: Mapping[str, Q]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        keys = [key for key in source.model_fields if key != "numbers"]
+
+        def parted(item: Any) -> Any:
+            if not isinstance(item, dict):
+                return item
+            refuse_unknown_keys(item, [*keys, *self.known])
+            numbers = {key: (self.known[key], value) for key, value in item.items() if key in self.known}
+            return {key: item[key] for key in keys if key in item} | {"<numbers>": numbers}
+
+        return core_schema.no_info_before_validator_function(parted, handler(source))
+
+
+def choice(kind: type[Enum]) -> PlainValidator:
+    """Type of a text that is the value of a member."""
+    known = {str(member.value): member for member in kind}
+
+    def member(item: Any) -> Enum:
+        if not isinstance(item, str) or item not in known:
+            raise fault(f'"{item}" is not known{nearest(str(item), known)}; write one of {", ".join(known)}')
+        return known[item]
+
+    return PlainValidator(member)
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Type of a table whose form follows from the value of a key.
+
+    `more` finds further forms when they are met, those that are None among them.
+    """
+
+    key: str
+    forms: Mapping[str, Any]
+    more: Callable[[str], type[BaseModel] | None] = lambda _: None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        *others, last = (f'"{name}"' for name in self.forms)
+        return core_schema.tagged_union_schema(
+            {
+                f"<{name}>": core_schema.no_info_before_validator_function(self._known, handler.generate_schema(form))
+                for name, form in self.forms.items()
+                if form is not None
+            }
+            | {"<>": core_schema.no_info_plain_validator_function(self._other)},
+            self._tag,
+            custom_error_type="sentence",
+            custom_error_message=f"{self.key} must be {', '.join(others)} or {last}",
+        )
+
+    def _known(self, item: Any) -> Any:
+        """The table itself; a key that only other forms have is refused with those forms."""
+        for key in item if isinstance(item, Mapping) else ():
+            having = [name for name in self.forms if key in getattr(self._form(name), "model_fields", ())]
+            if having and item[self.key] not in having:
+                others = " or ".join(f'"{name}"' for name in having)
+                raise fault(f'{self.key} = "{item[self.key]}" has no key "{key}", but {self.key} = {others} has it')
+        return item
+
+    def _form(self, name: str) -> Any:
+        return self.forms.get(name) or self.more(name)
+
+    def _tag(self, item: Any) -> str | None:
+        found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
+        if not isinstance(found, str):
+            return None
+        return f"<{found}>" if self.forms.get(found) is not None else "<>" if self.more(found) else None
+
+    def _other(self, item: Any) -> BaseModel:
+        if isinstance(item, BaseModel):
+            return item
+        form = self.more(self._known(item)[self.key])
+        assert form is not None  # it was tagged
+        return form.model_validate(item)
+
 
 # Checking the tables of a file: the first fault as one sentence with its dotted key.
 
@@ -86,6 +321,8 @@ _TYPES = {
     "string_too_long": "a text of at most 200 characters",
 }
 
+
+# From disk: tables of moderate size, depth and texts, whatever was in the file.
 
 LARGEST_TOML = 1_000_000  # [bytes]; a file of settings has some thousands. Its tables take up to 600 times as much.
 LONGEST_LINE = 10_000  # [characters]
@@ -217,3 +454,50 @@ def read_model_file(kind: type[_FileContent], file: Path) -> ModelFile[_FileCont
     at = Place(str(file))
     model: Any = read_model(kind, document, at)
     return ModelFile(model, at, Reach(file, model.allow_outside), text)
+
+
+# TOML text of tables: exact, and without a document that could be edited, which takes a hundred times as long.
+
+_SHORT = {"\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r", '"': '\\"', "\\": "\\\\"}
+_ESCAPED = re.compile(r'[\x00-\x1f\x7f"\\]')
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def value_text(value: Any) -> str:
+    """A text, a number, true or false, or a list of them; numbers as the shortest decimals that are the same floats."""
+    if isinstance(value, str):
+        return f'"{_ESCAPED.sub(_escape, value)}"'
+    if isinstance(value, list):
+        return f"[{', '.join(map(value_text, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(float(value)) if isinstance(value, float) else repr(value)  # a NumPy float writes its type
+
+
+def _escape(found: re.Match[str]) -> str:
+    sign = found.group()
+    return _SHORT.get(sign) or f"\\u{ord(sign):04x}"
+
+
+def key_text(key: str) -> str:
+    """A key, quoted if it has to be."""
+    return key if _BARE.fullmatch(key) else value_text(key)
+
+
+def inline_table(values: Mapping[str, Any]) -> str:
+    """``{key = value, …}`` in one line."""
+    return "{" + ", ".join(f"{key_text(key)} = {value_text(value)}" for key, value in values.items()) + "}"
+
+
+def table_lines(path: str, values: Mapping[str, Any]) -> Iterator[str]:
+    """Lines of a table and of those in it, each below an empty line.
+
+    The path is its dotted key; behind texts, numbers and lists the values hold mappings.
+    """
+    yield ""
+    yield f"[{path}]"
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from table_lines(f"{path}.{key_text(key)}", value)
+        else:
+            yield f"{key_text(key)} = {value_text(value)}"

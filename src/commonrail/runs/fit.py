@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from commonrail.base.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
-from commonrail.base.hooks import quiet
+from commonrail.base.hooks import held_interrupts, quiet
 from commonrail.base.input import sha256
 from commonrail.base.output import PART, write_text, writing
 from commonrail.calibration.identifiability import identify
@@ -31,8 +31,9 @@ from commonrail.runs.fingerprint import content_of, other_targets
 from commonrail.runs.folder import STUDY, refuse_used, write_judgement, write_results
 from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, State, read_about
 from commonrail.runs.lock import trusted
-from commonrail.workers.interrupt import held_interrupts
-from commonrail.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from commonrail.workers.workers import Workers
 
 _LEFT = (JOURNAL, LOCK)  # and what SQLite puts beside them
 
@@ -340,6 +341,8 @@ def calibrate_into(
         If it cannot be written; what was done before is kept.
     StudyError
         If the study cannot be run; what was done before is kept.
+    KeyboardInterrupt
+        At Ctrl-C before a candidate was simulated, and after the search: the fit is kept, and `resume` judges it.
 
     Notes
     -----
@@ -396,8 +399,13 @@ def resume(
 def _work(
     listener: Listener, threads: int | None, workers: Workers | None, *, strict: bool = False
 ) -> Work[Study, Calibration]:
-    """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written."""
+    """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written.
+
+    Ctrl-C in the judgement raises `KeyboardInterrupt`: the fit is kept, and `resume` judges it.
+    """
     if workers is not None:
+        from commonrail.workers.workers import Workers
+
         instance(workers, Workers, "workers")
     instance(listener, Listener, "listener")
     threads = thread_count(threads)
@@ -418,11 +426,16 @@ def _work(
         journal.check_place()
         write_results(journal.folder, calibration, {})  # the fit is kept whatever happens to its judgement
         listener.note("judging how well the data determine each parameter ...")
-        identified = identify(calibration, threads)
-        refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
+        with held_interrupts() as stop:
+            if calibration.status == State.INTERRUPTED:
+                stop.asked = False  # that was the search; its best values are judged
+            identified = identify(calibration, threads)
+            refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
         identified.sections |= {"refits": refits} if refits else {}
         journal.check_place()
         write_judgement(journal.folder, calibration, identified)
+        if refits.get("interrupted"):
+            raise KeyboardInterrupt
         return calibration
 
     return work

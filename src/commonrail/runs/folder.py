@@ -21,7 +21,7 @@ from commonrail.data.base import DataSet, Score
 from commonrail.data.records import LABELS, MEAN, MEASURED
 from commonrail.physics.meters import is_of_meter
 from commonrail.readers.injector.file import dump_injector
-from commonrail.readers.limits import read_text
+from commonrail.readers.location import read_text
 from commonrail.readers.toml import read_toml
 from commonrail.runs.traces import Curve, Traces, read_traces, write_traces
 

@@ -6,15 +6,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters import Meter
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import injector_catalogue, load_injector, load_meters
+from commonrail.readers.injector.file import in_catalogue, injector_catalogue, load_injector, load_meters
 from commonrail.readers.location import Place, located
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
 
 CALIBRATED = "calibrated.toml"
 MOST_MODELS = 8  # colours and markers that can be told apart
@@ -90,7 +92,7 @@ def read_model_name(text: str) -> NamedModel:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
     run = None
-    if source not in injector_catalogue() and Path(source).is_dir():
+    if not in_catalogue(source) and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
 
         note_stopped(Path(source))
@@ -120,16 +122,17 @@ def _split(text: str) -> tuple[str | None, str, str | None]:
 
 def _exists(source: str) -> bool:
     try:
-        return source in injector_catalogue() or Path(source).exists()
+        return in_catalogue(source) or Path(source).exists()
     except (OSError, ValueError):  # a name too long, or with a null character
         return False
 
 
 def _injector(source: str) -> Injector:
-    path, known = Path(source), injector_catalogue()
-    if source in known or source.endswith(".toml"):
+    path = Path(source)
+    if in_catalogue(source) or source.endswith(".toml"):
         return load_injector(source)
     if not _exists(source):
+        known = injector_catalogue()
         raise InputError(
             f"{source}: there is no such file, run folder or injector of the catalogue{nearest(source, known)}; "
             f"the catalogue has {', '.join(known)}."
@@ -146,7 +149,7 @@ def _injector(source: str) -> Injector:
 
 def _meters(source: str) -> tuple[Meter, ...]:
     """Meters that a calibration has left in the injector's file."""
-    if source in injector_catalogue():
+    if in_catalogue(source):
         return ()
     path = Path(source)
     return load_meters(path / CALIBRATED if path.is_dir() else path)

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 from commonrail.base.arguments import LARGEST_WHOLE, whole
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
+from commonrail.base.hooks import STOP_SIGNALS
 from commonrail.engine.simulate import usable_threads
-from commonrail.workers.interrupt import STOP_SIGNALS
 from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure, perform, unpack
 
 # Limits of workers: how many there may be, how long one may take, how often a task may be lost.

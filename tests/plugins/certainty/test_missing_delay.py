@@ -9,6 +9,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.data.noise import Noise
+from commonrail.plugins.certainty import missing
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.lack_of_fit import LEVEL, lack_of_fit, level_of
 from commonrail.plugins.certainty.likelihood import Likelihood
@@ -43,6 +44,18 @@ def test_a_delay_of_five_microseconds_is_found_whatever_the_noise(noise: object)
     # the value that belongs to it is nearer to the truth, 20 % away without
     k7 = bench.truth[2]
     assert abs(delay.point[2] - k7) < 0.7 * abs(found.point[2] - k7)
+
+
+def test_a_search_caught_in_another_maximum_begins_again_at_the_fit_without_a_delay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From −30 µs alone the search ends below the fit that it contains: probability 1 for a delay of 5 µs."""
+    bench, found = fitted("unstated delay 5 us, known white")
+    monkeypatch.setattr(missing, "BEGINS", np.array([-30e-6]))
+    delay = missing_delay(bench.study, found, 1)
+    assert delay is not None
+    assert delay.probability < 1e-3
+    assert 1e-6 < delay.values[0] < 8e-6
 
 
 def test_a_bench_without_a_delay_raises_no_alarm(undelayed: tuple[Bench, Estimate]) -> None:

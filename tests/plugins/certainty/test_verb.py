@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +56,8 @@ def test_a_better_fit_is_said_first_and_left_as_an_injector(run: Path) -> None:
     assert "most-likely.toml" in (run / "SHA256SUMS").read_text(encoding="utf-8")
     page = (run / "report.html").read_text(encoding="utf-8")
     assert page.index("2 ln L is higher by") < page.index("What to do next") < page.index("<h2>Certainty")
+    headings = re.findall(r"<h[23][^>]*>([^<]+)", page)
+    assert len(headings) == len(set(headings))
 
 
 def test_no_interval_is_told_of_chains_that_do_not_agree(run: Path) -> None:
@@ -80,3 +84,14 @@ def test_draws_with_other_quantities_drawn_too_are_not_simulated_without_them(ru
 def test_a_certainty_without_a_posterior_removes_the_former_draws(run: Path) -> None:
     assert run_command("certainty", run, "--local", "--threads", 1).status == 0
     assert not (run / "posterior.npz").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def barred(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", barred)
+    monkeypatch.setattr("commonrail.plugins.certainty.run.certify", None)
+    done = run_command("certainty", run)
+    assert done.status == 3
+    assert f"{run} cannot be written (Permission denied)" in done.sentence

@@ -64,7 +64,8 @@ def candidates_of(injector: Injector, rng: np.random.Generator) -> list[Injector
     own = np.array([injector.values[name] for name in names])
     values = own * rng.uniform(1.0 - SPREAD, 1.0 + SPREAD, (8 * CANDIDATES, len(own)))
     values = values[admissible(names, values, injector.fuel)][:CANDIDATES]
-    return [injector.with_values(dict(zip(names, row.tolist(), strict=True))) for row in values]
+    rows = [dict(zip(names, row.tolist(), strict=True)) for row in values]
+    return [replace(injector, values={**injector.values, **row}) for row in rows]  # some of which the wiring reads
 
 
 def point_of(injector: Injector, rng: np.random.Generator) -> OperatingPoint:

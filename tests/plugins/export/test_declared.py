@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ from commonrail.engine.status import check_inputs
 from commonrail.physics.variants import DRIVE, RAIL, RETURN, Variant, unread_inputs, unread_parameters
 from commonrail.plugins.export.description import AT_REST, terminals, variables
 from commonrail.plugins.export.sources import reads_of
+from commonrail.plugins.export.verb import Form, _next
 
 SERVO = [Variant("flexible", rail, drive) for rail in Boundary for drive in Drive]
 DIRECT = [Variant(drive=drive, actuation=Actuation.DIRECT) for drive in Drive]
@@ -53,3 +55,11 @@ def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None
                 check_inputs(injector, point)
         else:
             check_inputs(injector, point)
+
+
+def test_an_export_says_which_courses_other_variants_read() -> None:
+    said = _next(Form.FMU, injector_of(Variant()._replace(boundary=Boundary.VOLUME)), Path("a.fmu"))
+    assert "a rail pressure over time with" in said
+    assert "@ideal" in said
+    assert "@current-trace" in said
+    assert "other variants" not in _next(Form.FMU, injector_of(Variant("rigid", "ideal", "current trace")), Path("a"))

@@ -48,6 +48,9 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     own = ("--injector", study.parent / "injector.toml")
     adapted = command("adapt", file, "--from", points, *own, "--out", model, "--json")
     assert adapted.record["adapted"] == pytest.approx([60e-9], rel=1e-9)
+    of_run = command("adapt", file, "--from", points, "--injector", run, "--out", model, "--json")
+    assert of_run.record["adapted"] == adapted.record["adapted"]  # the values that differ are those of the type
+    adapted = command("adapt", file, "--from", points, *own, "--out", model, "--json")
     solution = cr.simulate(cr.load_injector(model), cr.OperatingPoint(160e6, 700e-6))
     assert solution.injected_volume == pytest.approx(60e-9, rel=1e-9)
     assert "flow factor" in model.read_text(encoding="utf-8").splitlines()[0]

@@ -118,5 +118,5 @@ def test_an_injector_that_is_not_the_catalogues_is_not_named_so(tmp_path: Path) 
 def test_a_parameter_that_the_variant_does_not_read_is_refused(study_file: Edit, table: str) -> None:
     stated = f'[[{table}]]\nname = "rail.volume"\n'
     stated += 'value = "20 cm3"\n' if table == "fixed" else 'lower = "10 cm3"\nupper = "30 cm3"\n'
-    with pytest.raises(cr.InputError, match=r"does not read rail\.volume; take rail_boundary = \"volume\""):
+    with pytest.raises(cr.ConfigurationError, match=r"name: .* does not read rail\.volume; .*@volume"):
         cr.load_study(study_file((UPPER, UPPER + stated)))

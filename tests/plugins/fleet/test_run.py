@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError, StudyError
+from commonrail.base.hooks import _ask
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study_file.file import load_study
 from commonrail.compiler.target import describe
@@ -22,7 +23,6 @@ from commonrail.plugins.fleet import journal as begun_module
 from commonrail.plugins.fleet.journal import FAILED, JOURNAL, Journal
 from commonrail.plugins.fleet.run import FleetProgress, FleetRun, run_fleet
 from commonrail.plugins.fleet.study import load_fleet
-from commonrail.workers.interrupt import _ask
 from tests.cli.conftest import run_command
 from tests.plugins.fleet.conftest import COUNT, edited, results
 from tests.waiting import wait_until

@@ -103,11 +103,34 @@ def test_a_measured_map_is_set_beside_the_model(command: Command, tmp_path: Path
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--out", "map.txt"), "maps are written as .csv"),
+        (("--label", "InjVlv_tiET"), "--label: without a file of --out with labels (no CSV) it does nothing"),
+        (("--label", "InjVlv_tiET", "--out", "et.csv"), "--label: without a file of --out with labels"),
+        (("--quantity-label", "q", "--out", "et.dcm"), "--quantity-label: without a file of --quantity-out"),
+        (("--time-unit", "ms"), "--time-unit: without --out or --quantity-out it does nothing"),
         (("--label", "a b", "--out", "et.dcm"), "no name of a label"),
         (("--pressure-unit", "mm", "--out", "et.dcm"), "cannot become"),
-        (("--unreachable", "empty", "--out", "et.dcm"), "holds a number in every cell"),
+        (("--bands", "laplace"), "--bands: virtual-lino-2016 is no run folder"),
+        (("--measured", "nothing.csv"), "there is no such file"),
         (("--axes", "nothing.dcm"), "there is no such file"),
+        (("--axes", "et.dcm", "--rail-pressure", "80MPa", "--quantity", "1mm3"), "omit one of the three"),
+    ],
+)
+def test_options_are_checked_before_the_work(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], word: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command("map", "virtual-lino-2016", *options)
+    assert done.status == 2, done.err
+    assert word in done.sentence
+    assert "simulating" not in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--out", "map.txt"), "maps are written as .csv"),
+        (("--unreachable", "empty", "--out", "et.dcm"), "holds a number in every cell"),
         (("--rail-pressure", "1MPa"), "pressure"),
         (
             ("--rail-pressure", "400,800,600bar"),

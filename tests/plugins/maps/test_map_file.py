@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.plugins.maps.dcm import axes_of_dcm, number_text, read_dcm
+from commonrail.plugins.maps.dcm import MOST_MAPS, axes_of_dcm, number_text, read_dcm
 from commonrail.plugins.maps.file import ENDINGS, write_map_file
 from commonrail.plugins.maps.table import MapTable
 from tests.plugins.maps.tables import table
@@ -73,6 +73,7 @@ def test_numbers_have_a_point_and_no_exponent() -> None:
         ("KONSERVIERUNG_FORMAT 2.0", "KONSERVIERUNG 2", "begins with KONSERVIERUNG_FORMAT"),
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7", "expected KENNFELD NAME NX NY"),
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7 4", "3 numbers in its ST/Y lines, and 4 are expected"),
+        ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7 2", "hold more than the 2 numbers that are expected for 7 × 2"),
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 999999 999999", "1 to 1000000 are read"),
         ("ST/Y   0.75", "ST/Y   zero", '"zero" are not numbers'),
         ("ST/Y   0.75", "ST/Y   nan", "not finite"),
@@ -88,6 +89,17 @@ def test_a_damaged_dcm_is_refused_with_its_line(tmp_path: Path, old: str, new: s
     with pytest.raises(InputError, match=re.escape(word)) as found:
         read_dcm(path)
     assert re.match(rf"{re.escape(str(path))}, line \d+: ", str(found.value))
+
+
+def test_a_file_of_very_many_maps_is_refused_where_they_are_too_many(tmp_path: Path) -> None:
+    """One of 8 MB took half a minute."""
+    one = "KENNFELD m 1 1\nST/X 1\nST/Y 1\nWERT 1\nEND\n"
+    path = tmp_path / "many.dcm"
+    path.write_text("KONSERVIERUNG_FORMAT 2.0\n" + MOST_MAPS * one)
+    assert len(read_dcm(path)) == MOST_MAPS
+    path.write_text("KONSERVIERUNG_FORMAT 2.0\n" + (MOST_MAPS + 1) * one)
+    with pytest.raises(InputError, match=f"line {2 + 5 * MOST_MAPS}: there are more than the {MOST_MAPS} maps"):
+        read_dcm(path)
 
 
 def test_axes_come_from_a_dcm_file(tmp_path: Path) -> None:

@@ -311,5 +311,9 @@ def test_a_sweep_without_a_sound_simulation_is_refused() -> None:
 
 def test_a_parameter_that_the_variant_does_not_read_is_refused() -> None:
     volume = Variable("rail.volume", "m3", np.array([10e-6, 20e-6]))  # of an ideal rail: both would give the same
-    with pytest.raises(cr.ConfigurationError, match=r"does not read rail\.volume: .*@volume"):
+    with pytest.raises(cr.ConfigurationError, match=r"does not read rail\.volume; .*@volume"):
         sweep(INJECTOR, [volume], SINGLE)
+    direct = cr.load_injector("direct-acting-kr")
+    back = Variable("return_pressure", "Pa", np.array([0.5e6, 1e6]))
+    with pytest.raises(cr.ConfigurationError, match="has no return"):
+        sweep(direct, [back], SINGLE)

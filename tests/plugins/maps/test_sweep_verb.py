@@ -85,6 +85,8 @@ def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -
         (("--vary", "temperature=20,392.85degC"), "is defined from"),
         (("--vary", "energising_time=1ms", "--out", "-"), "name a file or folder"),
         (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),
+        (("--vary", "energising_time=1ms", "--longest", "3ms"), "--longest: without --hold it does nothing"),
+        (("--vary", "energising_time=1ms", "--label", "ti"), "--label: without --hold and a file of --out"),
     ],
 )
 def test_a_sweep_that_cannot_be_done_is_refused_with_one_sentence(

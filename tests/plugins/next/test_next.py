@@ -16,6 +16,7 @@ from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import estimate
 from commonrail.plugins.certainty.noise_fit import Block
 from commonrail.plugins.next.file import plan_record, write_plan
+from commonrail.plugins.next.page import plan_lines
 from commonrail.plugins.next.problem import common_loads, posterior_draws
 from commonrail.plugins.next.study import grid, place_of, usual_axes
 from tests.map_study import map_study
@@ -147,8 +148,16 @@ def test_candidates_that_are_too_close_to_all_data_leave_no_plan(study: cr.Study
 
 
 def test_a_kind_without_data_is_refused_with_what_there_is(study: cr.Study) -> None:
+    notes: list[str] = []
     with pytest.raises(ConfigurationError, match="plan for quantities"):
-        cr.next_measurements(study, BEST, [cr.Candidate("rate", study.data[0].points[0])], SETTINGS, threads=1)
+        cr.next_measurements(study, BEST, [cr.Candidate("rate", study.data[0].points[0])], SETTINGS, note=notes.append)
+    assert notes == []  # before the work
+
+
+def test_a_plan_that_is_shorter_than_asked_for_says_so(plan: cr.Plan) -> None:
+    assert not any("asked for" in line for line in plan_lines(plan))
+    short = replace(plan, settings=replace(plan.settings, points=10))
+    assert any("2 of the 10 measurements asked for" in line for line in plan_lines(short))
 
 
 def test_a_criterion_may_be_a_word() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.choices import Drive
-from commonrail.base.errors import InputError
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.objective import Objective
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
@@ -136,6 +136,8 @@ def test_numbers_of_a_direct_acting_injector_are_in_the_columns_of_its_parts() -
 def test_no_slider_moves_a_count() -> None:
     with pytest.raises(InputError, match=r"nozzle\.holes counts pieces, so a slider cannot move it"):
         read_subject("virtual-lino-2016", ("nozzle.holes",))
+    with pytest.raises(ConfigurationError, match=r"does not read rail\.volume"):
+        read_subject("virtual-lino-2016", ("rail.volume",))
 
 
 @pytest.mark.slow  # the fan is simulated, and no other test compiles this wiring

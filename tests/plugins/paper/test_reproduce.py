@@ -100,3 +100,16 @@ def test_wrong_options_end_with_a_sentence_and_no_folder(
     assert words in done.err
     assert "Traceback" not in done.err
     assert not (tmp_path / "run").exists()
+
+
+def test_ctrl_c_before_a_repetition_is_complete_is_said(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("commonrail.plugins.paper.run.reproduce", stopped)
+    done = command("reproduce", "--quick", "--out", tmp_path / "run")
+    assert done.status == 130
+    assert "nothing to keep" in done.sentence
+    assert not (tmp_path / "run").exists()

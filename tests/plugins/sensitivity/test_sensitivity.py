@@ -173,6 +173,8 @@ def test_ranges_may_be_given_with_their_units(pwm: Injector) -> None:
     ("arguments", "words"),
     [
         ({"names": ["valve.lft"]}, 'did you mean "valve.lift"'),
+        ({"names": ["rail.volume"]}, r"does not read rail\.volume; take a model with .*@volume"),
+        ({"ranges": {"rail.volume": ("1 cm3", "2 cm3")}}, r"does not read rail\.volume"),
         ({"names": ["valve.damping"]}, "valve.damping is zero in virtual-lino-2016: a share of it is no range"),
         ({"names": ["valve.lift"], "within": 1.5}, "must be greater than 0 and at most 1, not 1.5"),
         ({"ranges": {"valve.lift": "55 um"}}, "must be a pair"),

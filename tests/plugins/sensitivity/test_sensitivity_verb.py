@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from commonrail.base.choices import Body, Boundary
+from commonrail.physics.injector import Injector
+from commonrail.plugins.sensitivity.verb import _subject
 from tests.cli.conftest import Command, check_made_again
 
 POINT = ("--rail-pressure", "160MPa", "--energising-time", "700us")
@@ -79,3 +82,18 @@ def test_bad_input_ends_with_2_and_one_sentence(
     assert (done.status, done.out) == (2, "")
     assert words in done.sentence
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_variant_is_named_as_elsewhere() -> None:
+    subject = _subject("cri2-16@ideal,rigid")
+    assert isinstance(subject, Injector)
+    assert (subject.variant.boundary, subject.variant.body) == (Boundary.IDEAL, Body.RIGID)
+
+
+def test_a_return_pressure_without_a_return_is_refused(command: Command) -> None:
+    point = ("--rail-pressure", "10MPa", "--return-pressure", "1MPa")
+    for verb in ("sensitivity", "simulate", "map", "sweep"):
+        given = ("--vary", "dwell=1ms") if verb == "sweep" else () if verb == "map" else ("--energising-time", "1ms")
+        done = command(verb, "direct-acting-kr@regulated", *point, *given)
+        assert done.status == 2
+        assert "--return-pressure: direct-acting-kr has no return" in done.sentence

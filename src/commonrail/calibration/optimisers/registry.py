@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from commonrail.base import registry
 from commonrail.base.errors import PluginError
 from commonrail.calibration import optimisers
-from commonrail.calibration.optimisers.base import Registered
+from commonrail.calibration.optimisers.base import Optimiser, Registered
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 
 
@@ -59,6 +59,14 @@ def methods() -> list[str]:
 def registered(settings: object) -> Registered | None:
     """The optimiser that settings belong to; None if they are no optimiser's."""
     return next((entry for entry in _all() if isinstance(settings, entry.settings)), None)
+
+
+def blamed(optimiser: type[Optimiser]) -> AbstractContextManager[None]:
+    """Name the installed package of an optimiser in what its code raises inside, as `Entry.blamed`."""
+    if optimiser.__module__.startswith(f"{registry.PACKAGE}."):
+        return nullcontext()  # without a search for installed packages, which takes longer than many a fit
+    part = registry.installed("optimisers").get(optimiser.method)
+    return nullcontext() if part is None else part.blamed("fails")
 
 
 def _all() -> Iterator[Registered]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.arguments import file_path, not_whole
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.base.input import noting_files
+from commonrail.base.input import noting_files, read_plain
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.constraints import parse_products
 from commonrail.calibration.goal import Loss
@@ -26,7 +27,6 @@ from commonrail.calibration.study_file.keys import (
     StudyModel,
 )
 from commonrail.calibration.study_file.meter import free_parameters
-from commonrail.calibration.study_file.type import read_type, with_type
 from commonrail.data.base import DataSet
 from commonrail.data.quantities.reading import AFTER_ENERGISING
 from commonrail.data.registry import kind_of
@@ -35,16 +35,12 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.physics.law import Q
 from commonrail.physics.meters import Meter
-from commonrail.physics.parameters import Q
-from commonrail.physics.variants import reader_of, unread_parameters
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.injector.meters import installed_meters, meters_of_tables
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.logo import read_logo
-from commonrail.readers.toml import read_model_file
-from commonrail.readers.toml_fields import UNSTATED
+from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.toml import UNSTATED, read_model_file
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 
@@ -81,7 +77,13 @@ def load_study(path: str | Path) -> Study:
 def _study(file: Path) -> Study:
     model, at, reach, text = read_model_file(StudyModel, file)
     injector = _injector(model.injector, reach, at / "injector")
-    model = with_type(model, injector, read_type(model, reach, at), at)
+    if model.type is not None:
+        from commonrail.calibration.study_file.type import load_type, with_type
+
+        known = load_type(reach.path(reach.file.parent, model.type, at / "type"), reach)
+        model = with_type(model, injector, known, at)
+    elif not model.parameter:
+        raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
     injector = _started(injector, model, at)
     tables = {**installed_meters((block.meter for block in model.data), model.meters), **model.meters}
     free = free_parameters(tables, at / "meters")
@@ -96,13 +98,14 @@ def _study(file: Path) -> Study:
             f'it has no effect with the loss "{model.loss.value}"; take "soft_l1", or remove it'
         )
     space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
+    method = method_of(model.optimiser, space, at / "optimiser")
     with located(at):
         return Study(
             model.title,
             injector,
             data,
             space,
-            method_of(model.optimiser, space, at / "optimiser"),
+            method,
             model.seed,
             time_step,
             text,
@@ -122,11 +125,6 @@ def _study(file: Path) -> Study:
 def _injector(text: str, reach: Reach, at: Place) -> Injector:
     if text.endswith(".toml"):
         return load_injector(reach.path(reach.file.parent, text, at), reach)
-    if "@" in text:
-        raise at.error(
-            f'"{text}" names a variant, which a study does not take; state rail_boundary, drive_kind and variant in an '
-            "injector file of the study."
-        )
     with located(at):
         return load_injector(text, reach)
 
@@ -162,10 +160,8 @@ def _check_own(name: str, injector: Injector, at: Place) -> None:
             f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
             f"{nearest(name, injector.values)}"
         )
-    if name in unread_parameters(injector.variant):
-        raise (at / "name").error(
-            f"{injector.name} with {injector.variant.label} does not read {name}; take {reader_of(name)}, or remove it"
-        )
+    with located(at / "name"):
+        injector.check_read([name])
 
 
 def _start(model: ParameterModel, at: Place) -> float | None:
@@ -362,3 +358,22 @@ def _check_temperatures(p: Parameter, injector: Injector, at: Place) -> None:
             f"{at}: the bounds of {p.name}, {p.lower:g} K to {p.upper:g} K, leave the range of "
             f"{injector.fuel.name}, {low:g} K to {high:g} K; narrow them."
         )
+
+
+# Logo of a report, kept as text within the result so that the page needs no other file.
+
+LARGEST_LOGO = 200_000  # [bytes]
+_KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"<svg": "image/svg+xml"}
+
+
+def read_logo(path: Path, at: Place) -> str:
+    """Picture as a data URI.
+
+    It is a PNG, JPEG or SVG of at most `LARGEST_LOGO` bytes, named in the study `at` a place. Raises `InputError`
+    if it cannot be read, is too large or is no such picture.
+    """
+    content = read_plain(path, LARGEST_LOGO)
+    for opening, kind in _KINDS.items():
+        if content.lstrip().startswith(opening):
+            return f"data:{kind};base64,{b64encode(content).decode()}"
+    raise at.error(f"{path}: this is no PNG, JPEG or SVG; save the logo as one of them")

@@ -21,8 +21,7 @@ from commonrail.data.study_block import Context, drive_unit
 from commonrail.physics.injector import Injector
 from commonrail.readers.columns import PLAIN, FileForm
 from commonrail.readers.injector.file import dump_injector, load_injector
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place
+from commonrail.readers.location import Place, Reach
 from commonrail.readers.operating_points import pattern_of
 from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
@@ -311,7 +310,7 @@ def _parameter_lines(model: Injector, free: Sequence[Parameter], is_named: bool)
         ]
     for name in () if free else _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
         lines += ["[[parameter]]", f"name = {_toml(name)}", 'below = "10 %"', 'above = "10 %"', ""]
-    lines += ["[optimiser] # differential evolution, then least squares from that many members of its last population"]
+    lines += ["[optimiser] # differential evolution, then `polish` refinements by least squares"]
     return [*lines, "members = 24", "generations = 30", "polish = 3", ""]
 
 

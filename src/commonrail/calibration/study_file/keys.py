@@ -13,16 +13,17 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, crea
 
 from commonrail.base.choices import Precision
 from commonrail.base.errors import nearest
+from commonrail.base.registry import shipped
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.base import Registered
 from commonrail.calibration.parameter import Wanted
 from commonrail.calibration.study import LeaveOut
-from commonrail.data.registry import KINDS, find_kind
+from commonrail.data.registry import find_kind
 from commonrail.data.study_block import DataModel, Name
 from commonrail.physics.injector import parameter_quantities
-from commonrail.readers.injector.meters import MeterTables
-from commonrail.readers.toml_fields import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
+from commonrail.readers.injector.model import MeterTables
+from commonrail.readers.toml import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
 
 # Far above what anybody calibrates; below what would fill the memory. The loader counts samples and rows.
 MOST_SETS = 1000
@@ -32,11 +33,11 @@ MOST_CONDITIONS = 100
 MOST_SEEDS = 100
 
 
-def _installed_block(name: str) -> type[DataModel] | None:
+def _block(name: str) -> type[DataModel] | None:
     return None if (kind := find_kind(name)) is None else kind.model
 
 
-_BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()}, _installed_block)
+_BLOCK = OneOf("kind", dict.fromkeys(shipped("data")), _block)
 
 
 def known_parameter(item: str) -> str:
@@ -121,7 +122,7 @@ class ConstraintsModel(FileModel):
 def _known_method(name: str) -> str:
     if registry.named(name) is None:
         known = " or ".join(f'"{known}"' for known in registry.methods())
-        raise fault(f'this must be {known}, not "{name}"')
+        raise fault(f'this must be {known}, not "{name}"; one of another package needs that package installed')
     return name
 
 

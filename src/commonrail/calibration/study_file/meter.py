@@ -10,8 +10,8 @@ from commonrail.base.errors import nearest
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.study_file.keys import StudyModel
 from commonrail.physics.injector import Source
+from commonrail.physics.law import Domain, Q
 from commonrail.physics.meters import QUANTITIES, Meter, parameter_name
-from commonrail.physics.parameters import Domain, Q
 from commonrail.readers.injector.file import load_meters
 from commonrail.readers.injector.meters import Amount, MeterHead, meters_of_tables
 from commonrail.readers.location import Place, located

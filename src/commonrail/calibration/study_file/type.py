@@ -23,11 +23,9 @@ from commonrail.calibration.study_file.keys import (
 from commonrail.data.study_block import Name
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import unread_parameters
-from commonrail.readers.injector.file import injector_catalogue, load_injector
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import read_model, read_toml
-from commonrail.readers.toml_fields import UNSTATED, FileModel, Mark, Text
+from commonrail.readers.injector.file import in_catalogue, load_injector
+from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.toml import UNSTATED, FileModel, Mark, Text, read_model, read_toml
 
 FORMAT = "commonrail-type/1"
 MOST_PARTS = 1000
@@ -156,7 +154,7 @@ def type_text(injector_type: InjectorType) -> str:
 def names_injector(injector_type: InjectorType) -> bool:
     """Return whether the file names the type's injector: it is the catalogue's but for the values in the file."""
     own = injector_type.injector
-    if own is None or own.name not in injector_catalogue():
+    if own is None or not in_catalogue(own.name):
         return False
     base = load_injector(own.name)
     stated = {*injector_type.by_name, *(value.name for value in injector_type.fixed)}
@@ -204,23 +202,7 @@ def _parameter(parameter: TypeParameter) -> dict[str, Any]:
 # A study that names a type: start, prior and bounds of its free parameters, values of the others.
 
 
-def read_type(model: StudyModel, reach: Reach, at: Place) -> InjectorType | None:
-    """Type that a study names, or None.
-
-    Parameters
-    ----------
-    model : StudyModel
-    reach : Reach
-        Folder of the study.
-    at : Place
-        Of the study.
-    """
-    if model.type is None:
-        return None
-    return load_type(reach.path(reach.file.parent, model.type, at / "type"), reach)
-
-
-def with_type(model: StudyModel, injector: Injector, known: InjectorType | None, at: Place) -> StudyModel:
+def with_type(model: StudyModel, injector: Injector, known: InjectorType, at: Place) -> StudyModel:
     """The study with what it takes from its type.
 
     A free parameter of the type has the type's value as start and prior, unless the study states a start, a prior or a
@@ -233,20 +215,10 @@ def with_type(model: StudyModel, injector: Injector, known: InjectorType | None,
     model : StudyModel
     injector : Injector
         Of the study, before any value is changed.
-    known : InjectorType or None
-        None leaves the study as it is.
+    known : InjectorType
     at : Place
         Of the study.
-
-    Raises
-    ------
-    InputError
-        If the study has no free parameter and no type.
     """
-    if known is None:
-        if not model.parameter:
-            raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
-        return model
     fixed = {item.name for item in model.fixed}
     offered = {p.name: p for p in known.given_to(injector, fixed)}
     free = model.parameter or [ParameterModel(name=name) for name in offered]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+from commonrail.base.errors import InputError
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     ClusterAddress,
@@ -98,6 +99,7 @@ def resume(
     from commonrail.cli.fit import print_outcome, reported
     from commonrail.cli.study_kind import RunOptions, kind_of_run
     from commonrail.runs.fit import resume as go_on
+    from commonrail.runs.folder import RESULT, STUDY
 
     if kind := kind_of_run(run):
         options = RunOptions(
@@ -105,6 +107,15 @@ def resume(
         )
         kind.resume(run, options)
         return
+    if not (run / STUDY).is_file():
+        from commonrail.report.result_kind import kind_of  # slow to import
+
+        result = kind_of(run)
+        if result.file != RESULT:
+            raise InputError(
+                f"{run}: this folder was written by `commonrail {result.verb}`, which has nothing to resume here; "
+                "give that command again."
+            )
     with open_workers(workers, cluster) as crew:
         outcome = reported(
             f"resuming {run}",

@@ -34,13 +34,13 @@ def validate(
     from commonrail.calibration.scoring import check_drive, score_all
     from commonrail.calibration.study_file.file import load_study
     from commonrail.data.metering import meter_records, meters_of, with_meters
-    from commonrail.readers.injector.file import injector_catalogue, load_injector, load_meters
+    from commonrail.readers.injector.file import in_catalogue, load_injector, load_meters
     from commonrail.report.fit.record import meter_lines
     from commonrail.report.fit.tables import tables_of
 
     source = _source(injector, run)
     chosen = load_injector(source)
-    meters = () if source in injector_catalogue() else load_meters(source)
+    meters = () if in_catalogue(source) else load_meters(source)
     loaded = load_study(study)
     loaded = replace(loaded, data=with_meters(loaded.data, meters))
     check_drive(chosen, loaded, chosen.name)

@@ -14,7 +14,7 @@ from commonrail.data.study_block import Course, DataModel, DriveModel
 from commonrail.readers.columns import Table
 from commonrail.readers.location import Place
 from commonrail.readers.tables import LEAST_SAMPLES
-from commonrail.readers.toml_fields import FileModel, Unit
+from commonrail.readers.toml import FileModel, Unit
 
 # Shape of the block of an injection curve in a study file.
 

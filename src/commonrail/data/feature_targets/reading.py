@@ -24,7 +24,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.injector import Injector
 from commonrail.readers.location import Place, located
-from commonrail.readers.toml_fields import FileModel, Unit, fault
+from commonrail.readers.toml import FileModel, Unit, fault
 
 RETURNED = "return_quantity"  # of the whole stroke, and of no trace
 SAMPLE = 2e-6  # of a simulated trace that no measured one gives samples for [s]

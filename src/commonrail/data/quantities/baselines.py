@@ -16,9 +16,9 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import fixed, listed, number, significant
 from commonrail.data.records import MM3
 from commonrail.data.study_block import Context
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.readers.columns import Column, FormModel
-from commonrail.readers.toml_fields import Unit
+from commonrail.readers.toml import Unit
 
 # Interpolation of a quantity map: the trivial model that a calibrated one has to beat.
 

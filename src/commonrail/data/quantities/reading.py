@@ -20,14 +20,14 @@ from commonrail.data.repeats import averaged, groups_of
 from commonrail.data.study_block import Context, DataModel, drive_unit, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.readers.columns import Column, FileForm, FormModel, Table
 from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place, located
 from commonrail.readers.mat import map_in
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map
 from commonrail.readers.tables import is_grid, open_sheet
-from commonrail.readers.toml_fields import FileModel, Unit, fault
+from commonrail.readers.toml import FileModel, Unit, fault
 
 # Quantity map found in a file, a matrix or a table with other names, as the columns that a map is read from.
 

@@ -23,7 +23,7 @@ from commonrail.physics.connections import guide_leak
 from commonrail.physics.flow import gap_conductance
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.physics.meters import Given
-from commonrail.readers.toml_fields import Unit
+from commonrail.readers.toml import Unit
 
 PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]
 

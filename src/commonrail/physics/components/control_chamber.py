@@ -6,8 +6,7 @@ from math import pi
 from typing import Annotated, NamedTuple
 
 from commonrail.physics.flow import Contents, laminar_offset, pipe_area, square
-from commonrail.physics.law import physics
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics
 
 
 class Parameters(NamedTuple):

@@ -13,8 +13,7 @@ from typing import Annotated, NamedTuple
 
 from commonrail.physics.components.contact import Contact, mean_overlap
 from commonrail.physics.components.plunger_needle import Motion, SeatContact
-from commonrail.physics.law import physics
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics
 
 
 class ArmatureParameters(NamedTuple):

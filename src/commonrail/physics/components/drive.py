@@ -9,8 +9,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from commonrail.physics.components import solenoid
-from commonrail.physics.law import physics, reciprocals
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics, reciprocals
 
 TINY_CURRENT = 1e-12  # what counts as no current [A]
 TINY_GAIN = 1e-12  # what counts as no current per volt over a step [A/V]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from commonrail.physics.flow import friction_resistance, impedance, pipe_area
-from commonrail.physics.law import physics
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics
 
 
 class RailParameters(NamedTuple):

@@ -7,8 +7,7 @@ from typing import Annotated, NamedTuple
 
 from commonrail.physics.elementary import cosine, sine
 from commonrail.physics.flow import Contents, laminar_offset, pipe_area
-from commonrail.physics.law import physics
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics
 
 
 class AccumulationParameters(NamedTuple):

@@ -6,8 +6,7 @@ from math import pi
 from typing import Annotated, NamedTuple
 
 from commonrail.physics.flow import laminar_offset, pipe_area, square
-from commonrail.physics.law import physics
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics
 
 # Eq. (9) shuts the holes at zero lift, which would cut a full SAC off from the cylinder. They are held
 # open as at this lift [m], far below z0.

@@ -15,8 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 from commonrail.physics.components.contact import Contact, contact, next_velocity
 from commonrail.physics.flow import gap_conductance, pipe_area
-from commonrail.physics.law import physics, reciprocals
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics, reciprocals
 
 # Chain of nine masses on seven cylinders: a law of one mass or one cylinder, unrolled over all of them.
 #

@@ -14,8 +14,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.law import physics
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics
 
 MU0 = 4e-7 * math.pi  # magnetic constant [T m/A], its value of 1948-2019; today's differs by 5e-10
 

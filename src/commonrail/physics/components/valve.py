@@ -8,8 +8,7 @@ from typing import Annotated, NamedTuple
 from commonrail.physics.components.contact import contact, contact_over_step, next_velocity
 from commonrail.physics.elementary import sine
 from commonrail.physics.flow import pipe_area
-from commonrail.physics.law import physics
-from commonrail.physics.parameters import Domain, Q
+from commonrail.physics.law import Domain, Q, physics
 
 
 class Parameters(NamedTuple):

@@ -402,3 +402,16 @@ def _promised(
     metric += (1e-10 * np.diag(metric).max() + 1e-300) * np.eye(len(unit))
     steps, gains = linearised(likelihood, unit, slopes, errors)._replace(hessian=metric[None]).full_step()
     return steps[0], float(gains[0])
+
+
+WIDEST = 12.0**-0.5  # standard deviation of a position between the bounds of which nothing is known
+
+
+def bounded(estimate: Estimate) -> Floats:
+    """Covariance (d, d) of the positions, of which none is known worse than to lie between the bounds."""
+    total = np.array(estimate.covariance.total)
+    loose = ~np.isfinite(np.diag(total))
+    total[loose, :] = total[:, loose] = 0.0
+    total[loose, loose] = WIDEST**2
+    shrink = np.minimum(1.0, WIDEST / np.sqrt(np.maximum(np.diag(total), 1e-300)))
+    return np.asarray(total * np.outer(shrink, shrink))

@@ -21,7 +21,6 @@ from commonrail.physics.meters import is_of_meter, known_quantity
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit
 from commonrail.plugins.certainty.one_sided import Within
-from commonrail.plugins.certainty.posterior.file import POSTERIOR
 from commonrail.plugins.certainty.profile import Profile, Ripple
 from commonrail.plugins.certainty.verdict import Judged, sensitivity_records
 from commonrail.readers.injector.file import dump_injector
@@ -218,6 +217,8 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
     `folder`: run folder; `certainty`: of `Certainty.record`; with a key "posterior" if posterior.npz was written.
     Raises `InputError` if the folder is not a run folder. Raises `OutputError` if the file cannot be written.
     """
+    from commonrail.plugins.certainty.posterior.file import POSTERIOR
+
     folder = file_path(folder, "folder")
     record = read_result(folder)
     record[CERTAINTY] = dict(certainty)

@@ -14,6 +14,7 @@ import numpy as np
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import StudyError
+from commonrail.base.hooks import check_stop
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Objective
@@ -170,9 +171,13 @@ class Likelihood:
         return self.with_noises(fitted)
 
     def residuals(self, points: Floats) -> Floats:
-        """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
+        """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted.
+
+        `KeyboardInterrupt` if a stop was asked for, within `held_interrupts`.
+        """
         if not len(points):  # a profile of the only parameter has no other to fit
             return np.empty((0, self.size))
+        check_stop()
         found = self._residuals(points)
         broken: Bools = np.asarray(~np.isfinite(found).all(axis=1))
         self.simulated += len(points)

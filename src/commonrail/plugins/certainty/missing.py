@@ -37,6 +37,7 @@ from commonrail.plugins.certainty.nuisance import wider, with_uncertain_free
 
 FREED = 2  # of the ends of ascents with the quantity held, from which it is free
 ROUNDS = 2  # of noise given residuals, with the quantity free
+SEARCHES = 2  # with the quantity free: the second where the first has ended lower than that with the quantity held
 TOLERANCE = 0.05  # of an ascent; a test at 1 % asks for falls of 6.6 and more
 SOURCE = "test for lack of fit"
 MANY = 1e6  # degrees of freedom from which F is χ²
@@ -96,16 +97,22 @@ def _compared(
     ends = climb(noisy, starts, errors=errors, tolerance=TOLERANCE)
     if not np.isfinite(ends.cost).any():
         return None
-    free, used = ends.best, [noisy]
-    for _ in range(ROUNDS):
-        known, slopes = covariance_at(noisy, free)
-        noisy = wide.estimated(free.errors[0], known.used.tolist(), known.root.T @ slopes)
-        free = climb(noisy, free.unit, errors=free.errors, slopes=slopes[None], turns=10, tolerance=TOLERANCE)
-        used.append(noisy)
-    known, _ = covariance_at(noisy, free)
-    without = held(free.unit)
-    fall = _cost_of(noisy, known, climb(noisy, without, np.tile(last, (len(without), 1)), tolerance=TOLERANCE).best)
-    fall = max(fall - _cost_of(noisy, known, free), 0.0)
+    free, used, fall = ends.best, [noisy], 0.0
+    for _ in range(SEARCHES):
+        for _ in range(ROUNDS):
+            known, slopes = covariance_at(noisy, free)
+            noisy = wide.estimated(free.errors[0], known.used.tolist(), known.root.T @ slopes)
+            free = climb(noisy, free.unit, errors=free.errors, slopes=slopes[None], turns=10, tolerance=TOLERANCE)
+            used.append(noisy)
+        known, _ = covariance_at(noisy, free)
+        without = held(free.unit)
+        without_it = climb(noisy, without, np.tile(last, (len(without), 1)), tolerance=TOLERANCE).best
+        fall = _cost_of(noisy, known, without_it) - _cost_of(noisy, known, free)
+        if fall >= -TOLERANCE:
+            break
+        # a nested fit cannot be the better one: the search was caught in another maximum
+        free = climb(noisy, without_it.unit, errors=without_it.errors, tolerance=TOLERANCE)
+    fall = max(fall, 0.0)
     freedom = min(noise.freedom for block, noise in zip(noisy.blocks, noisy.noises, strict=True) if block.ordered)
     q, point = len(last), wide.space.from_unit(free.unit)[0]
     chance = special.chdtrc(q, fall) if freedom > MANY else special.fdtrc(q, freedom, fall / q)

@@ -32,8 +32,8 @@ from commonrail.data.base import DataSet, Role
 from commonrail.data.noise import OF_METER, TEMPERATURE, uncertain_unit
 from commonrail.data.registry import of_role
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.law import Domain
 from commonrail.physics.meters import QUANTITIES, Meter, known_quantity
-from commonrail.physics.parameters import Domain
 
 SIDES = (1.0, -1.0)
 

@@ -9,7 +9,7 @@ import click
 
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads
+from commonrail.cli.options import Json, Threads, check_folder
 
 if TYPE_CHECKING:
     from commonrail.plugins.certainty.file import Certainty
@@ -57,6 +57,7 @@ def certainty(
     from commonrail.runs.folder import read_fit
 
     study, best = read_fit(run)
+    check_folder(run)
     found = certify(
         study,
         best,

@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 from commonrail.base.choices import Actuation
 from commonrail.engine.block import (
-    FUEL,
     INPUTS,
     Law,
     Memory,
@@ -31,7 +30,7 @@ from commonrail.engine.block import (
     make_own_inputs,
     make_wave_transport,
 )
-from commonrail.engine.recorder import Outcome, make_rows, report_remaining
+from commonrail.engine.recorder import FUEL, Outcome, make_rows, report_remaining
 from commonrail.physics import fuel_kernel
 from commonrail.physics.components import solenoid
 from commonrail.physics.law import physics

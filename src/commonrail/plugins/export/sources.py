@@ -25,7 +25,7 @@ from commonrail.engine.time_step import TIME_STEPS, Medium, bears, limiting, roo
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, unread_inputs
 from commonrail.plugins.export.c_source import kernel_source
 from commonrail.plugins.export.entry_points import channels, sizes

@@ -95,5 +95,16 @@ def _targets(platforms: str | None) -> list[Target]:
 
 def _next(form: Form, injector: Injector, place: Path) -> str:
     if form is Form.FMU:
-        return f"{place}: {injector.name} with its values as start values; inputs are in SI units"
+        return f"{place}: {injector.name} with its values as start values; inputs are in SI units{_unread(injector)}"
     return f"{place}: the header says how to use the library; the examples in C, C++, Python and Julia do"
+
+
+def _unread(injector: Injector) -> str:
+    """Words on the courses that a simulation environment may have and this variant does not read."""
+    from commonrail.physics.variants import DRIVE, RAIL, reader_of, unread_inputs
+
+    words = {RAIL: "a rail pressure over time", DRIVE: "a measured current or voltage"}
+    unread = [
+        f"{what} with {reader_of(name)}" for name, what in words.items() if name in unread_inputs(injector.variant)
+    ]
+    return f"; read by other variants only: {', '.join(unread)}" if unread else ""

@@ -30,12 +30,11 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, Source, parameter_quantities
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.plugins.family.type import OF_PART
 from commonrail.readers.columns import Column
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place
+from commonrail.readers.location import Place, Reach
 from commonrail.readers.tables import read_columns
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure

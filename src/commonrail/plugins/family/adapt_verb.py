@@ -15,6 +15,7 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_file
 
 if TYPE_CHECKING:
+    from commonrail.physics.injector import Injector
     from commonrail.plugins.family.adapt import Adapted, Advice
 
 SHOWN = 10  # reference points in the table
@@ -40,7 +41,11 @@ def adapt(
     ] = False,
     injector: Annotated[
         str | None,
-        Option(help="Injector of the part: its nozzle and measured values. [default: the type's]"),
+        Option(
+            metavar="MODEL",
+            help="Injector of the part, its nozzle and measured values: a file, name of the catalogue, or run folder; "
+            "with @VARIANT another variant. [default: the type's]",
+        ),
     ] = None,
     cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the points, e.g. 5MPa.")] = "5MPa",
     return_pressure: Annotated[
@@ -62,9 +67,11 @@ def adapt(
     """
     from commonrail.plugins.family.adapt import adapt as run
     from commonrail.readers.injector.file import dump_injector
+    from commonrail.runs.model_name import read_model_name
 
+    part = None if injector is None else read_model_name(injector).injector
     if advise:
-        _advise(injector_type, points, injector, (cylinder_pressure, return_pressure), threads, json)
+        _advise(injector_type, points, part, (cylinder_pressure, return_pressure), threads, json)
         return
     if points is None or out is None:
         lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
@@ -73,7 +80,7 @@ def adapt(
     adapted = run(
         injector_type,
         points,
-        injector=injector,
+        injector=part,
         cylinder_pressure=cylinder_pressure,
         return_pressure=return_pressure,
         threads=threads,
@@ -97,7 +104,7 @@ def adapt(
 def _advise(
     injector_type: Path,
     points: Path | None,
-    injector: str | None,
+    injector: Injector | None,
     behind: tuple[str, str],
     threads: int | None,
     json: bool,

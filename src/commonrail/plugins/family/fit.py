@@ -10,6 +10,7 @@ import numpy as np
 
 from commonrail.base.arguments import function, instance, thread_count
 from commonrail.base.arrays import Floats
+from commonrail.base.hooks import held_interrupts
 from commonrail.calibration.ensemble import mean_of, members_of
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
@@ -21,7 +22,6 @@ from commonrail.physics.injector import Injector, Source
 from commonrail.plugins.family.adapt import FLOW
 from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
 from commonrail.plugins.family.type import FEWEST, PartValues, fixed_values, over_parts, without_prior
-from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
 # Type of injector that a joint fit has taught: values, and the spread of the next part about them.

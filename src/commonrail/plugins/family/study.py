@@ -33,10 +33,8 @@ from commonrail.data.registry import of_role
 from commonrail.data.study_block import Name
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.family.adapt import FLOW
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import read_model_file
-from commonrail.readers.toml_fields import FileModel, Text, Unit
+from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 
 # Parameters of parts that are fitted together: what is common, what is each part's own, what scatters about a mean.
 

@@ -23,7 +23,7 @@ from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.meters import is_of_meter
 from commonrail.readers.columns import name_and_unit
 from commonrail.readers.csv import CsvFile
-from commonrail.readers.toml_fields import UNSTATED
+from commonrail.readers.toml import UNSTATED
 from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record
 
 # Values that the studies of a type's parts fixed, as values of the type.

@@ -25,8 +25,7 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.certainty.linear import Near, certify_near
 from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.limits import ALLOW, Reach
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import ALLOW, Place, Reach, located
 
 _COURSES = ("rail_pressure", "cylinder_pressure", "return_pressure", "drive")  # of a curve; tables if they are measured
 _LONGEST = 80  # characters of a folder's name

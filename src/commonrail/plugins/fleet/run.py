@@ -13,7 +13,7 @@ import numpy as np
 
 from commonrail.base.arguments import file_path, flag, function, instance
 from commonrail.base.errors import CommonrailError, StudyError
-from commonrail.base.hooks import note
+from commonrail.base.hooks import held_interrupts, note
 from commonrail.calibration.search import objective_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
@@ -25,7 +25,6 @@ from commonrail.plugins.fleet.member import Attempt, Calibrations, failed, folde
 from commonrail.plugins.fleet.study import Fleet
 from commonrail.runs.fingerprint import TARGET, differing, other_bits
 from commonrail.runs.folder import create_run_folder
-from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.pool import Limits, check_count
 from commonrail.workers.task import Lost, Outcome, Package, Task, pack
 from commonrail.workers.workers import Workers

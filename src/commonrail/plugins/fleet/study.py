@@ -22,11 +22,9 @@ from commonrail.data.study_block import DataModel
 from commonrail.readers import columns as sheet
 from commonrail.readers.csv import MOST_ROWS as LONGEST_TABLE
 from commonrail.readers.csv import CsvFile
-from commonrail.readers.limits import MOST_ROWS, Groups
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import MOST_ROWS, Groups, Place, located
 from commonrail.readers.parquet import LARGEST_FLEET, ParquetFile
-from commonrail.readers.toml import read_model, read_toml
-from commonrail.readers.toml_fields import FileModel, Text, Unit
+from commonrail.readers.toml import FileModel, Text, Unit, read_model, read_toml
 
 # A table of a fleet, CSV or Parquet, held whole: its header, and its rows by what stands in some of its columns.
 

@@ -10,13 +10,12 @@ import numpy as np
 
 from commonrail.base.arguments import function, instance
 from commonrail.base.arrays import Floats
-from commonrail.base.hooks import note
+from commonrail.base.hooks import held_interrupts, note
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.plugins.foreign_fmu.data import by_set
 from commonrail.plugins.foreign_fmu.fmu import FmuSimulator, opened
 from commonrail.plugins.foreign_fmu.study import FmuObjective, FmuStudy
-from commonrail.workers.interrupt import held_interrupts
 
 STOPPED = "not judged: the search was stopped"
 NOT_JUDGED = {"effect": None, "pinned": None, "standard_error": None, "verdict": STOPPED}  # keys of `identify_at`

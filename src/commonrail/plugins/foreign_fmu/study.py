@@ -36,11 +36,9 @@ from commonrail.data.study_block import Name
 from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, Setting, by_set, fmu_curve, fmu_rows
 from commonrail.plugins.foreign_fmu.fmu import Fmu, FmuSimulator, FmuStatus, FmuVariable, read_fmu
 from commonrail.readers.columns import Column
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.tables import read_columns
-from commonrail.readers.toml import read_model_file
-from commonrail.readers.toml_fields import FileModel, Text, Unit
+from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 
 # Notes on a study of an FMU: what is allowed and can still make its result wrong.
 

@@ -6,6 +6,7 @@ hold six numbers, decimal points, no thousands separators. The format is ASCII; 
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,11 +20,12 @@ from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.units import convert, fits
 from commonrail.plugins.maps.table import Axis, MapTable
-from commonrail.readers.limits import read_text
+from commonrail.readers.location import read_text
 
 NUMBERS = 6  # in a line
 LARGEST = 20_000_000  # [bytes]
 MOST_VALUES = 1_000_000
+MOST_MAPS = 10_000  # of a file; chosen: a control unit has some thousand
 _FORMAT = "KONSERVIERUNG_FORMAT"
 _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg", "−": "-", '"': "'"})
 
@@ -85,10 +87,12 @@ def read_dcm(path: Path) -> list[MapTable]:
     first = next(content, (1, ""))
     if not re.fullmatch(rf"{_FORMAT}\s+2\.\d", first[1]):
         raise InputError(f"{path}, line {first[0]}: a DCM file begins with {_FORMAT} 2.0; this one does not.")
-    found = []
+    found: list[MapTable] = []
     for number, line in content:
         words = line.split()
         if re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]):
+            if len(found) == MOST_MAPS:
+                raise InputError(f"{path}, line {number}: there are more than the {MOST_MAPS} maps that are read.")
             found.append(_read_map(path, number, words, content))
     return found
 
@@ -103,7 +107,8 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
     if not 0 < nx * ny <= MOST_VALUES:
         raise InputError(f"{path}, line {start}: the map has {nx} × {ny} values, and 1 to {MOST_VALUES} are read.")
     texts: dict[str, str] = {}
-    numbers: dict[str, list[float]] = {"ST/X": [], "ST/Y": [], "WERT": []}
+    counts = {"ST/X": nx, "ST/Y": ny, "WERT": nx * ny}
+    numbers: dict[str, list[float]] = {word: [] for word in counts}
     for number, line in content:
         word, _, rest = line.partition(" ")
         word, _, rest = line.partition("\t") if "\t" in word else (word, "", rest)
@@ -111,6 +116,11 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
             return _checked(path, start, words[1], (nx, ny), (texts, numbers))
         if word in numbers:
             numbers[word] += _floats(path, number, rest)
+            if len(numbers[word]) > counts[word]:  # or a file of such lines is read to its end
+                raise InputError(
+                    f"{path}, line {number}: the {word} lines of the map {words[1]} hold more than the {counts[word]} "
+                    f"numbers that are expected for {nx} × {ny}."
+                )
         else:
             texts[word] = rest.strip().strip('"')
     raise InputError(f"{path}, line {start}: the map {words[1]} has no END; the file is cut.")
@@ -121,7 +131,7 @@ def _floats(path: Path, number: int, text: str) -> list[float]:
         found = [float(word) for word in text.split()]
     except ValueError as error:
         raise InputError(f'{path}, line {number}: "{text.strip()[:40]}" are not numbers.') from error
-    if not np.all(np.isfinite(found)):
+    if not all(map(math.isfinite, found)):
         raise InputError(f"{path}, line {number}: a number is not finite.")
     return found
 

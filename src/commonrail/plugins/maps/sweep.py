@@ -32,7 +32,7 @@ from commonrail.engine.operating_point import (
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.physics.variants import reader_of, unread_parameters
+from commonrail.physics.variants import RETURN, reader_of, unread_inputs
 from commonrail.plugins.maps.response import Conditions, simulate_many
 
 # Operating point around which a sweep moves, and the points of many combinations at once.
@@ -346,13 +346,14 @@ def _check_values(injector: Injector, variables: Sequence[Variable]) -> None:
     """Refuse values of parameters that a simulation of their own would be refused for, with its sentence."""
     known = injector.quantities
     for name, _, values in variables:
+        if name == RETURN and name in unread_inputs(injector.variant):
+            raise ConfigurationError(
+                f"{injector.name} has no return: all values of {name} would give the same; take a model with "
+                f"{reader_of(name)}."
+            )
         if name in OPERATING:
             continue
-        if name in unread_parameters(injector.variant):
-            raise ConfigurationError(
-                f"{injector.name} with {injector.variant.label} does not read {name}: all its values would give the "
-                f"same; take a model with {reader_of(name)}."
-            )
+        injector.check_read([name])
         for value in values.tolist():
             if words := not_whole(name, value):
                 raise ConfigurationError(f"{injector.name}: {words}.")

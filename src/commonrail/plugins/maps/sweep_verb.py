@@ -7,14 +7,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import click
-from click.core import ParameterSource
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_distinct, check_file, read_axis, with_overrides
+from commonrail.cli.options import (
+    Json,
+    Threads,
+    check_distinct,
+    check_file,
+    is_given,
+    read_axis,
+    refuse_return_pressure,
+    refuse_unused,
+    with_overrides,
+)
 from commonrail.plugins.maps.verb import read_conditions, read_quantities
 
 if TYPE_CHECKING:
@@ -83,8 +92,18 @@ def sweep(
     from commonrail.plugins.maps.file import check_map_file
     from commonrail.plugins.maps.sweep import Base
     from commonrail.plugins.maps.sweep import sweep as run
+    from commonrail.plugins.maps.table import check_label
     from commonrail.runs.model_name import read_model_name
 
+    refuse_unused(
+        {
+            "longest": (hold is not None, "--hold"),
+            "label": (
+                hold is not None and any(path.suffix.lower() != ".csv" for path in out),
+                "--hold and a file of --out with labels (no CSV)",
+            ),
+        }
+    )
     _refuse_varied(vary)
     for path in out:
         check_file(path, "--out")
@@ -102,11 +121,13 @@ def sweep(
         read_conditions(cylinder_pressure, return_pressure, time_step, threads),
     )
     injector = with_overrides(read_model_name(model).injector, set_)
+    refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
-    say(SIMULATING)
     if hold is None:
+        say(SIMULATING)
         outcome = _swept(run(injector, variables, base))
     else:
+        check_label(label)
         second = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
         outcome = _compensated(second, label)
     for path in out:
@@ -127,9 +148,8 @@ class _Outcome(NamedTuple):
 
 def _refuse_varied(vary: tuple[str, ...]) -> None:
     """Refuse an option that states what `--vary` varies."""
-    context = click.get_current_context()
     for name in (text.partition("=")[0].strip() for text in vary):
-        if name in context.params and context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+        if name in click.get_current_context().params and is_given(name):
             raise InputError(f"--{name.replace('_', '-')}: --vary {name} gives its values; omit one of the two.")
 
 
@@ -184,6 +204,7 @@ def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, 
     quantity = read_quantities(hold, density_at(injector, base.conditions), "--hold")
     axes = MapAxes(varied.get("rail_pressure", np.array([base.rail_pressure])), quantity, np.array([longest]))
     dwells = increasing(varied.get("dwell", np.array([base.dwell])), "s", "dwells")
+    say(SIMULATING)
     return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
 
 

@@ -83,6 +83,14 @@ class MapTable:
             )
 
 
+def check_units(units: MapUnits) -> MapUnits:
+    """Return the units, refused with an InputError if one is unknown or of another kind."""
+    convert(0.0, "Pa", units.pressure)
+    convert(0.0, "kg" if compatible(units.quantity, "kg") else "m3", units.quantity)
+    convert(0.0, "s", units.time)
+    return units
+
+
 def check_label(label: str) -> str:
     """Return a name that a control unit can have.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,17 +13,27 @@ from commonrail.base.output import write_text
 from commonrail.base.units import fits, parse
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import NUMBER, Json, Threads, check_distinct, check_file, read_axis, with_overrides
+from commonrail.cli.options import (
+    NUMBER,
+    Json,
+    Threads,
+    check_distinct,
+    check_file,
+    read_axis,
+    refuse_return_pressure,
+    refuse_unused,
+    with_overrides,
+)
 from commonrail.plugins.maps.choices import Beyond, Several
 
 if TYPE_CHECKING:
     from commonrail.base.arrays import Floats
+    from commonrail.calibration.study import Study
     from commonrail.physics.injector import Injector
     from commonrail.plugins.maps.axes import MapAxes
-    from commonrail.plugins.maps.difference import Comparison
     from commonrail.plugins.maps.response import Conditions
     from commonrail.plugins.maps.run import InjectionMap
-    from commonrail.plugins.maps.table import MapTable, MapUnits
+    from commonrail.plugins.maps.table import MapUnits
     from commonrail.runs.model_name import NamedModel
 
 
@@ -119,12 +129,17 @@ def map_(
       commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
       commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
     """
-    from commonrail.plugins.maps.file import check_map_file, map_record
+    from commonrail.plugins.maps.difference import compare_with, read_measured_map
+    from commonrail.plugins.maps.file import check_map_file, map_record, write_map_file
     from commonrail.plugins.maps.inverse import Rules
     from commonrail.plugins.maps.page import map_html, map_lines, map_tables
+    from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import injection_map
-    from commonrail.plugins.maps.table import inverse_table, quantity_table
+    from commonrail.plugins.maps.table import check_label, inverse_table, quantity_table
 
+    _refuse_unused(out, quantity_out)
+    if axes is not None and rail_pressure is not None and quantity is not None:
+        raise InputError(f"--axes {axes}: --rail-pressure and --quantity give all axes; omit one of the three.")
     for path in (*out, *quantity_out):
         check_file(path, "--out")
         check_map_file(path)
@@ -132,16 +147,24 @@ def map_(
     check_distinct(*out, *quantity_out, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")
+    units = {path: _units(path, (pressure_unit, quantity_unit, time_unit)) for path in (*out, *quantity_out)}
+    check_label(label), check_label(quantity_label)
     conditions = read_conditions(cylinder_pressure, return_pressure, time_step, threads)
     named = _named(models, set_)
-    wanted = _axes(named[0].injector, conditions, (rail_pressure, quantity, energising_time), axes)
+    injector = named[0].injector
+    for model in named:
+        refuse_return_pressure(model.injector)
+    wanted = _axes(injector, conditions, (rail_pressure, quantity, energising_time), axes)
+    points = None if measured is None else read_measured_map(measured, density_at(injector, conditions))
+    fit = _fit(named[0], bands)
     rules = Rules(several, unreachable)
     found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
-    first = found[named[0].label] = _with_bands(found[named[0].label], named[0], bands)
-    units = pressure_unit, quantity_unit, time_unit
-    _write(out, lambda u: inverse_table(first, label, u), units)
-    _write(quantity_out, lambda u: quantity_table(first, quantity_label, u), units)
-    compared = None if measured is None else _compared(first, measured)
+    first = found[named[0].label] = _with_bands(found[named[0].label], fit, bands)
+    for path in out:
+        write_map_file(path, [inverse_table(first, label, units[path])])
+    for path in quantity_out:
+        write_map_file(path, [quantity_table(first, quantity_label, units[path])])
+    compared = None if points is None else compare_with(first, points, str(measured))
     if report is not None:
         write_text(report, map_html(found, compared))
     print_result(
@@ -173,21 +196,56 @@ def _named(models: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
     return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in named]
 
 
-def _with_bands(found: InjectionMap, model: NamedModel, wanted: Bands | None) -> InjectionMap:
-    """Map with bands, where the model is a run's and they are not refused; why it has none is said where it is open."""
+def _refuse_unused(out: Sequence[Path], quantity_out: Sequence[Path]) -> None:
+    """Refuse options of files that are not written; a CSV file has no label."""
+    files = bool(out or quantity_out), "--out or --quantity-out"
+    refuse_unused(
+        {
+            "label": (any(path.suffix.lower() != ".csv" for path in out), "a file of --out with labels (no CSV)"),
+            "quantity_label": (
+                any(path.suffix.lower() != ".csv" for path in quantity_out),
+                "a file of --quantity-out with labels (no CSV)",
+            ),
+            "pressure_unit": files,
+            "quantity_unit": files,
+            "time_unit": files,
+        }
+    )
+
+
+def _fit(model: NamedModel, wanted: Bands | None) -> tuple[Study, dict[str, float], Floats | None] | None:
+    """Study, best values and draws (m, d) of the run that bands are those of; None without bands.
+
+    Why a run has none is said where they are not asked for.
+    """
     if wanted is Bands.NONE or (wanted is None and model.run is None):
-        return found
+        return None
     if model.run is None:
         raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
     from commonrail.plugins.certainty.posterior.file import read_draws
-    from commonrail.plugins.maps.bands import with_bands
     from commonrail.runs.folder import read_fit
 
     try:
         study, best = read_fit(model.run)
-        draws = read_draws(model.run, study.space.names) if wanted is Bands.POSTERIOR else None
+        return study, best, read_draws(model.run, study.space.names) if wanted is Bands.POSTERIOR else None
+    except CommonrailError as error:
+        if wanted is not None:
+            raise
+        say(f"no bands: {error}")
+        return None
+
+
+def _with_bands(
+    found: InjectionMap, fit: tuple[Study, dict[str, float], Floats | None] | None, wanted: Bands | None
+) -> InjectionMap:
+    """Map with the bands of a fit; why there are none is said where they are not asked for."""
+    if fit is None:
+        return found
+    from commonrail.plugins.maps.bands import with_bands
+
+    try:
         say("predicting the bands of its cells ...")
-        return with_bands(found, study, best, draws)
+        return with_bands(found, *fit)
     except CommonrailError as error:
         if wanted is not None:
             raise
@@ -226,20 +284,9 @@ def read_quantities(text: str, density: float, option: str) -> Floats:
     return read_axis(text, "m3", option, increasing=True)
 
 
-def _write(
-    paths: Sequence[Path], table: Callable[[MapUnits], MapTable], units: tuple[str | None, str | None, str | None]
-) -> None:
-    """Write a table into files, in the units that were asked for or that suit the format."""
-    from commonrail.plugins.maps.file import write_map_file
-    from commonrail.plugins.maps.table import ECU_UNITS, MapUnits
+def _units(path: Path, given: tuple[str | None, str | None, str | None]) -> MapUnits:
+    """Units of a file: those that were asked for, or that suit its format."""
+    from commonrail.plugins.maps.table import ECU_UNITS, MapUnits, check_units
 
-    for path in paths:
-        usual = ECU_UNITS if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
-        chosen = MapUnits(*(given or default for given, default in zip(units, usual, strict=True)))
-        write_map_file(path, [table(chosen)])
-
-
-def _compared(found: InjectionMap, path: Path) -> Comparison:
-    from commonrail.plugins.maps.difference import compare_with, read_measured_map
-
-    return compare_with(found, read_measured_map(path, found.density), str(path))
+    usual = ECU_UNITS if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
+    return check_units(MapUnits(*(one or default for one, default in zip(given, usual, strict=True))))

@@ -56,6 +56,12 @@ def plan_tables(plan: Plan) -> list[Table]:
 def plan_lines(plan: Plan) -> list[str]:
     """Cost, number of candidates, and what the plan takes for granted."""
     lines = [f"cost {plan.cost:g}; chosen from {plan.candidates} candidates"]
+    if len(plan.measurements) < plan.settings.points:
+        asked = counted(plan.settings.points, "measurement")
+        lines.append(
+            f"{len(plan.measurements)} of the {asked} asked for: no other candidate tells more within the budget and "
+            "the distance between points; state more rail pressures or energising times, or a smaller distance."
+        )
     if plan.failed:
         lines.append(f"{plan.failed} pairs of a candidate and a draw could not be simulated; they count as no news.")
     return lines + list(plan.notes)

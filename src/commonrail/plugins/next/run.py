@@ -37,6 +37,7 @@ from commonrail.plugins.next.study import (
     Problem,
     grid,
     place_of,
+    planned,
     usual_axes,
 )
 
@@ -303,11 +304,11 @@ def next_measurements(
     likelihood = Likelihood.of(study, thread_count(threads))
     columns = [_column(likelihood, name) for name in settings.parameters or likelihood.names]
     wanted = list(candidates_of(study) if candidates is None else candidates)
-    _check(wanted)
+    data = in_order(of_role(study.data, Role.FIT))
+    _check(wanted, data)
     begin = likelihood.space.to_unit(np.array([best[name] for name in likelihood.names]))[None]
     note("fitting the noise of the data ...")
     found = estimate(likelihood, begin)
-    data = in_order(of_role(study.data, Role.FIT))
     noises, notes = _trusted(found, data)
     many = settings.draws, settings.seed
     unit = laplace_draws(found, *many) if posterior is None else posterior_draws(found, posterior, *many)
@@ -333,7 +334,7 @@ def next_measurements(
     return Plan(measurements, rules.cost(plan), settings, len(responses), before, after, failed, tuple(notes))
 
 
-def _check(wanted: Sequence[Candidate]) -> None:
+def _check(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> None:
     if not 0 < len(wanted) <= MOST_CANDIDATES:
         raise ConfigurationError(f"There must be 1 to {MOST_CANDIDATES} candidates, not {len(wanted)}.")
     for one in wanted:
@@ -341,6 +342,8 @@ def _check(wanted: Sequence[Candidate]) -> None:
             raise ConfigurationError(f'"{one.kind}" is no kind of measurement{nearest(one.kind, KINDS)}; {KINDS} are.')
         if not number(one.cost, "1", "cost of a candidate") > 0.0:
             raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {one.cost:g}.")
+    for kind in {one.kind for one in wanted}:
+        planned(kind, (), data)
 
 
 def _column(likelihood: Likelihood, name: str) -> int:

@@ -288,6 +288,7 @@ def _with_more(injector: Injector, sliders: tuple[Slider, ...], more: tuple[str,
             )
         if name in COUNTS:
             raise InputError(f"{name} counts pieces, so a slider cannot move it; set it in the injector's file.")
+        injector.check_read([name])
         if not injector.values[name]:
             raise InputError(f"{name} is zero, which gives its slider no range; choose a parameter with a value.")
     had = {s.name for s in sliders}

@@ -19,8 +19,8 @@ from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector, Source, parameter_quantities
+from commonrail.physics.law import Domain, Q
 from commonrail.physics.meters import LowPass, Meter, first_order
-from commonrail.physics.parameters import Domain, Q
 
 # Measuring chain: limited bandwidth, noise and resolution of a signal.
 
@@ -173,7 +173,8 @@ class Truth:
         ConfigurationError
             If a value is unknown or outside its domain.
         """
-        return replace(injector.with_values(self.values), variant=injector.variant._replace(boundary=self.boundary))
+        variant = injector.variant._replace(boundary=self.boundary)
+        return replace(injector, variant=variant, values={**injector.values, **self.values})
 
     def facts(self) -> list[tuple[str, str]]:
         """Every number with name, unit, mark and source, for reports."""
@@ -328,9 +329,8 @@ def _shoot(
         horizon=SAMPLES * INTERVAL,
     )
     friction = np.column_stack((truth.friction.coulomb, truth.friction.viscous))
-    shot = simulate_reference(
-        hidden.with_values({"drive.boost_voltage": boosted}), point, INTERVAL, truth.resolution, friction
-    )
+    hidden = replace(hidden, values={**hidden.values, "drive.boost_voltage": boosted})
+    shot = simulate_reference(hidden, point, INTERVAL, truth.resolution, friction)
     if shot.status.failed:
         raise SimulationError(f"{truth.name} at {to_text(rail_pressure, 'Pa')}: {shot.sentence}")
     return shot

@@ -16,10 +16,11 @@ from commonrail.base.choices import Body, Boundary, Drive
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.output import write_csv
+from commonrail.base.registry import Catalogue
 from commonrail.base.units import to_text
 from commonrail.engine.reference import Resolution
 from commonrail.physics.injector import Injector, Source
-from commonrail.physics.parameters import Q
+from commonrail.physics.law import Q
 from commonrail.plugins.paper import TRUTH
 from commonrail.plugins.paper.bench import (
     ENERGISING_TIME,
@@ -34,13 +35,11 @@ from commonrail.plugins.paper.bench import (
     Truth,
     bench_curve,
 )
-from commonrail.readers.catalogue import Catalogue
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.model import COMPONENTS, component_quantities
-from commonrail.readers.limits import Reach, read_text
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import LARGEST_TOML, parse_toml, read_model
-from commonrail.readers.toml_fields import (
+from commonrail.readers.injector.model import component_quantities, components_of
+from commonrail.readers.location import Place, Reach, located, read_text
+from commonrail.readers.toml import (
+    LARGEST_TOML,
     FileModel,
     Number,
     ParameterTable,
@@ -51,6 +50,8 @@ from commonrail.readers.toml_fields import (
     Values,
     choice,
     fault,
+    parse_toml,
+    read_model,
 )
 
 _CATALOGUE = Catalogue("commonrail.plugins.paper", "truths", 'There is no truth "{}" of the virtual test bench')
@@ -109,7 +110,7 @@ def _tables(quantities: Mapping[str, Mapping[str, Q]]) -> Any:
 
 
 _ValuesModel = create_model(
-    "_ValuesModel", __base__=FileModel, **_tables({r: component_quantities(r) for r in COMPONENTS})
+    "_ValuesModel", __base__=FileModel, **_tables({r: component_quantities(r) for r in components_of()})
 )
 _fields: Any = _tables(QUANTITIES) | {"values": (_ValuesModel, _ValuesModel())}
 _TruthModel = create_model("_TruthModel", __base__=_Head, **_fields)

@@ -57,7 +57,11 @@ def reproduce(
     if quick and seeds is not None:
         raise InputError("--quick sets the number of seeds itself; give one of the two.")
     count = QUICK_SEEDS if quick else seeds or SEEDS
-    outcome = run_reproduction(truth, count, out or free_run_folder("reproduce"), threads, quick)
+    try:
+        outcome = run_reproduction(truth, count, out or free_run_folder("reproduce"), threads, quick)
+    except KeyboardInterrupt:
+        say("commonrail: interrupted before a repetition was complete, so that there is nothing to keep.")
+        raise SystemExit(INTERRUPTED) from None
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})
@@ -86,6 +90,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     if the truth cannot be read, or the folder is not empty or cannot be written; SimulationError if the truth cannot be
     simulated, and the empty folder is removed.
     """
+    from commonrail.base.hooks import held_interrupts
     from commonrail.plugins.paper.bench import Bench
     from commonrail.plugins.paper.bench_file import load_truth
     from commonrail.plugins.paper.file import reproduction_record, write_reproduction
@@ -94,7 +99,6 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.readers.injector.file import load_injector
     from commonrail.report.page import write_report
     from commonrail.runs.folder import new_run_folder
-    from commonrail.workers.interrupt import held_interrupts
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)

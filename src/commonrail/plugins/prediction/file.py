@@ -10,7 +10,7 @@ import numpy as np
 from commonrail.base.output import write_csv
 from commonrail.base.text import field_unit
 from commonrail.base.units import convert
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import Prediction
 from commonrail.readers.columns import Column

@@ -28,11 +28,17 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.plugins.certainty.estimate import Estimate, estimate, estimate_at, with_outliers, with_step_error
+from commonrail.plugins.certainty.estimate import (
+    Estimate,
+    bounded,
+    estimate,
+    estimate_at,
+    with_outliers,
+    with_step_error,
+)
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import places_of
 from commonrail.plugins.certainty.one_sided import Within
-from commonrail.plugins.certainty.posterior.sample import bounded
 from commonrail.plugins.prediction.band import (
     Band,
     Edges,

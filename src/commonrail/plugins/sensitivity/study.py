@@ -36,7 +36,7 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.physics.parameters import Domain
+from commonrail.physics.law import Domain
 
 Codes = NDArray[np.int8]
 NO_EVENT = -1  # code of a feature that does not exist: the needle never opens, or never closes
@@ -338,10 +338,12 @@ def parameters_within(
     Raises
     ------
     ConfigurationError
-        If a name is unknown, a value is zero and has no range, or a range is crossed or leaves the domain.
+        If a name is unknown or not read by the injector's variant, a value is zero and has no range, or a range is
+        crossed or leaves the domain.
     """
     instance(injector, Injector, "injector")
     given = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
+    injector.check_read([*(names or ()), *given])
     share = number(within, "1", "share of the ranges")
     if not 0.0 < share <= 1.0:
         raise ConfigurationError(f"The share of the ranges must be greater than 0 and at most 1, not {share:g}.")

@@ -15,7 +15,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, read_pair
+from commonrail.cli.options import Json, Threads, read_pair, refuse_return_pressure
 
 if TYPE_CHECKING:
     from commonrail.calibration.parameter import Parameter
@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 def sensitivity(
     source: Annotated[
         str,
-        Argument(help="Injector file, name of the catalogue, study file, or run folder of `calibrate`."),
+        Argument(
+            help="Injector file, name of the catalogue, with @VARIANT another variant; or study file, or run folder of "
+            "`calibrate`."
+        ),
     ],
     *,
     parameter: Annotated[
@@ -110,6 +113,7 @@ def sensitivity(
     )
     points = _points(rail_pressure, energising_time, pressures)
     subject = _subject(source)
+    refuse_return_pressure(_injector(subject))
     chosen = _parameters(subject, parameter, parse(within, "1", "--within"))
 
     def work() -> Sensitivity:
@@ -150,17 +154,23 @@ def _points(rails: Sequence[str], times: Sequence[str], pressures: tuple[float, 
 def _subject(source: str) -> Injector | Study:
     """Injector, study, or study at the values of a run."""
     from commonrail.calibration.study_file.file import load_study
-    from commonrail.readers.injector.file import load_injector
     from commonrail.readers.toml import read_toml
+    from commonrail.runs.model_name import read_model_name
 
     path = Path(source)
     if path.is_dir():
         return _of_run(path)
-    if source.endswith(".toml"):
+    if path.is_file() and source.endswith(".toml"):
         document, _ = read_toml(path)
         if str(document.get("format", "")).startswith("commonrail-study/"):
             return load_study(path)
-    return load_injector(source)
+    return read_model_name(source).injector
+
+
+def _injector(subject: Injector | Study) -> Injector:
+    from commonrail.calibration.study import Study
+
+    return subject.injector if isinstance(subject, Study) else subject
 
 
 def _of_run(run: Path) -> Study:
@@ -183,7 +193,7 @@ def _parameters(subject: Injector | Study, given: Sequence[str], within: float) 
 
     if isinstance(subject, Study) and not given:
         return None
-    injector = subject.injector if isinstance(subject, Study) else subject
+    injector = _injector(subject)
     known, ranges = parameter_quantities(), {}
     names = []
     for text in given:

@@ -36,10 +36,8 @@ from commonrail.plugins.tolerance.study import (
 )
 from commonrail.plugins.tolerance.trim import Trimmed
 from commonrail.readers.injector.file import load_injector
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import read_model, read_toml
-from commonrail.readers.toml_fields import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault
+from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model, read_toml
 
 SCHEMA = 1
 

@@ -11,12 +11,12 @@ import numpy as np
 from commonrail.base.arguments import Limits, amount, function, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.hooks import held_interrupts
 from commonrail.engine.status import OK, Status
 from commonrail.plugins.tolerance.file import PointResult, ToleranceResult
 from commonrail.plugins.tolerance.parts import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
 from commonrail.plugins.tolerance.study import Tolerances
 from commonrail.plugins.tolerance.trim import trimmed
-from commonrail.workers.interrupt import held_interrupts
 
 LARGEST_BLOCK, SMALLEST_BLOCK = 16_384, 64  # parts that are simulated together; powers of two
 

@@ -27,7 +27,7 @@ from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector, Source, parameter_quantities
-from commonrail.readers.toml_fields import UNSTATED
+from commonrail.readers.toml import UNSTATED
 
 # Distributions of a dimension over parts, as values at shares of the parts.
 

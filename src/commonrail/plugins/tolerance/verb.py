@@ -45,10 +45,10 @@ def tolerance(
       commonrail tolerance cases/tolerance/tolerances.toml --out runs/tolerance
       commonrail tolerance cases/tolerance/tolerances.toml --parts 1000000 --precision f32
     """
+    from commonrail.base.hooks import held_interrupts
     from commonrail.plugins.tolerance.file import load_tolerances
     from commonrail.plugins.tolerance.page import tolerance_lines, tolerance_tables
     from commonrail.report.analysis import run_into, synthetic_lines
-    from commonrail.workers.interrupt import held_interrupts
 
     changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})

@@ -246,4 +246,5 @@ def _driven(injector: Injector, drive: Drive) -> Injector:
 
 
 def _scaled(injector: Injector, names: list[str], factors: Floats) -> Injector:
-    return injector.with_values({n: injector.values[n] * float(x) for n, x in zip(names, factors, strict=True)})
+    scaled = {n: injector.values[n] * float(x) for n, x in zip(names, factors, strict=True)}
+    return replace(injector, values={**injector.values, **scaled})  # those too that the variant does not read

@@ -16,7 +16,7 @@ from scipy.io import loadmat
 
 from commonrail.base.errors import InputError
 from commonrail.readers.guarded.program import Save
-from commonrail.readers.limits import MOST_VALUES
+from commonrail.readers.location import MOST_VALUES
 
 MOST_VARIABLES = 10_000
 DEEPEST = 4  # structures in structures

@@ -14,7 +14,7 @@ from pyarrow import parquet, types
 
 from commonrail.base.errors import InputError
 from commonrail.readers.guarded.program import Save
-from commonrail.readers.limits import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS
+from commonrail.readers.location import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS
 
 LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to some hundred times as much
 MOST_CELLS = 100_000_000

@@ -11,7 +11,7 @@ from openpyxl import load_workbook
 
 from commonrail.base.errors import InputError, nearest
 from commonrail.readers.guarded.program import Save
-from commonrail.readers.limits import MOST_COLUMNS, Shape
+from commonrail.readers.location import MOST_COLUMNS, Shape
 
 MOST_ROWS = 1_048_576  # of a sheet, by the format
 MOST_TEXT = 20_000_000  # characters of all cells

@@ -4,24 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from commonrail.base.arguments import file_path, instance, instances, known_names, mapping, plain_text, source_of
 from commonrail.base.choices import Actuation
+from commonrail.base.errors import InputError
 from commonrail.base.output import check_sum, write_text
 from commonrail.base.units import to_text
 from commonrail.physics.fuel import Fuel, Law
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
-from commonrail.physics.meters import QUANTITIES, Meter
-from commonrail.physics.parameters import Q
+from commonrail.physics.law import Q
+from commonrail.readers.fuel import load_fuel, shipped_fuels
 from commonrail.readers.injector.model import CATALOGUE, injector_of, meters_of
-from commonrail.readers.limits import Reach, read_text
-from commonrail.readers.location import Place
-from commonrail.readers.toml import LARGEST_TOML, parse_toml, read_toml
-from commonrail.readers.toml_writer import inline_table, key_text, table_lines, value_text
+from commonrail.readers.location import Place, Reach, read_text
+from commonrail.readers.toml import (
+    LARGEST_TOML,
+    UNSTATED,
+    inline_table,
+    key_text,
+    parse_toml,
+    read_toml,
+    table_lines,
+    value_text,
+)
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
 
 FORMAT = "commonrail-injector/1"
-_UNSTATED = Source("E", "no source stated")
 
 
 def dump_injector(
@@ -57,6 +67,8 @@ def dump_injector(
     known_names(list(notes), injector.quantities, "notes", "nozzle.holes")
     for note in notes.values():
         plain_text(note, "notes")
+    from commonrail.physics.meters import Meter
+
     known = instances(meters, Meter, "meters")
     write_text(path, injector_text(injector, notes, plain_text(header, "header"), known))
 
@@ -70,7 +82,7 @@ def injector_text(injector: Injector, notes: Mapping[str, str], header: str, met
     tables: dict[str, list[str]] = {}
     for name, q in injector.quantities.items():
         table, key = name.split(".")
-        entry = _entry(injector.values[name], q, sources.get(name, _UNSTATED))
+        entry = _entry(injector.values[name], q, sources.get(name, UNSTATED))
         tables.setdefault(table, ["", f"[{table}]"]).append(f"{key} = {entry}")
     tables[fuel] += _fuel_lines(injector.fuel, fuel)
     for own in tables.values():
@@ -81,9 +93,11 @@ def injector_text(injector: Injector, notes: Mapping[str, str], header: str, met
 
 
 def _meter_lines(meter: Meter) -> Iterator[str]:
+    from commonrail.physics.meters import QUANTITIES
+
     yield from table_lines(f"meters.{key_text(meter.name)}", {"law": meter.law.value, "order": meter.order})
     for key, value in meter.values.items():
-        yield f"{key} = {_entry(value, QUANTITIES[key], meter.sources.get(key, _UNSTATED))}"
+        yield f"{key} = {_entry(value, QUANTITIES[key], meter.sources.get(key, UNSTATED))}"
 
 
 def _identity(injector: Injector) -> dict[str, str]:
@@ -113,8 +127,6 @@ def _entry(value: float, q: Q, source: Source) -> str:
 
 def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
     """By name if this very fuel ships with the package, else law by law."""
-    from commonrail.readers.fuel import load_fuel, shipped_fuels
-
     if fuel.name in shipped_fuels() and load_fuel(fuel.name) == fuel:
         yield f"name = {value_text(fuel.name)}"
     else:
@@ -155,6 +167,11 @@ def injector_catalogue() -> list[str]:
     return CATALOGUE.names()
 
 
+def in_catalogue(name: object) -> bool:
+    """True for a name of `injector_catalogue`; installed packages are searched only where none of that name ships."""
+    return name in CATALOGUE
+
+
 def shipped_injectors() -> list[str]:
     """Names of the injectors that ship, sorted."""
     return CATALOGUE.shipped()
@@ -188,6 +205,11 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     if isinstance(source, Path):
         check_sum(source)
         return _read(read_text(source, LARGEST_TOML), str(source), source.stem, reach)
+    if "@" in source:
+        raise InputError(
+            f'"{source}" names a variant, which is not taken here; state rail_boundary, drive_kind and variant in an '
+            "injector file and name that."
+        )
     file = f"{source}.toml"
     return _read(CATALOGUE.text(source, _similar(file, reach)), file, source, Reach(Path(file), False))
 

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetCoreSchemaHandler, create_model
+from pydantic import Field, GetCoreSchemaHandler, PlainValidator, TypeAdapter, create_model
 from pydantic_core import CoreSchema, core_schema
 
+from commonrail.base.registry import installed_text
 from commonrail.physics.injector import Source
+from commonrail.physics.law import Q
 from commonrail.physics.meters import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
-from commonrail.physics.parameters import Q
-from commonrail.readers.catalogue import installed_text
 from commonrail.readers.location import Place, located
-from commonrail.readers.toml import parse_toml, read_model
-from commonrail.readers.toml_fields import UNSTATED, FileModel, Sourced, Text, Unit, choice, fault
-from commonrail.readers.toml_writer import key_text
+from commonrail.readers.toml import (
+    UNSTATED,
+    FileModel,
+    Sourced,
+    Text,
+    Unit,
+    choice,
+    fault,
+    key_text,
+    parse_toml,
+    read_model,
+)
 
 MOST_METERS = 100
 
@@ -108,13 +118,22 @@ class MeterHead(Sourced):
 
 _quantities: Any = {key: (Annotated[Amount | None, _Amounts(q)], None) for key, q in QUANTITIES.items()}
 MeterModel = create_model("MeterModel", __base__=MeterHead, **_quantities)
-MeterTables = Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)]  # type: ignore[valid-type]
+
+
+@cache
+def _adapter() -> TypeAdapter[dict[str, MeterHead]]:
+    return TypeAdapter(Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)])  # type: ignore[valid-type, arg-type]
+
+
+def meter_tables(item: Any) -> dict[str, MeterHead]:
+    """Tables ``[meters.NAME]`` by name; their models, which take long to make, are made where a file has some."""
+    return _adapter().validate_python(item, strict=True)
 
 
 class _MeterFile(FileModel):
     """File of an installed package."""
 
-    meters: MeterTables
+    meters: Annotated[Any, PlainValidator(meter_tables)]
 
 
 def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dict[str, MeterHead]:

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import BeforeValidator, Field, PlainValidator, create_model
 
 from commonrail.base.arguments import not_whole
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import InputError
 from commonrail.base.output import check_sum
+from commonrail.base.registry import Catalogue
 from commonrail.base.text import counted, listed
 from commonrail.base.units import to_text
 from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder_stiffness
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
-from commonrail.physics.meters import Meter
-from commonrail.physics.parameters import Q
-from commonrail.physics.variants import MODELS, Variant, reader_of, unread_parameters
-from commonrail.readers.catalogue import Catalogue
+from commonrail.physics.law import Q
+from commonrail.physics.variants import Variant, model_of, reader_of, unread_parameters
 from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
-from commonrail.readers.injector.meters import MeterHead, MeterTables, meters_of_tables
-from commonrail.readers.limits import Reach
-from commonrail.readers.location import Place, located
-from commonrail.readers.toml import parse_toml, read_model, read_toml
-from commonrail.readers.toml_fields import (
+from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.toml import (
     FileModel,
     Given,
     Number,
@@ -38,7 +35,13 @@ from commonrail.readers.toml_fields import (
     Values,
     choice,
     fault,
+    parse_toml,
+    read_model,
+    read_toml,
 )
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
 
 CATALOGUE = Catalogue(
     "commonrail.physics",
@@ -103,21 +106,33 @@ class DrawnTable(ParameterTable):
         return (self.drawing.values() if self.drawing else {}) | super().values()
 
 
-COMPONENTS = tuple(
-    dict.fromkeys(component for model in MODELS.values() for component in get_type_hints(model.Parameters))
-)
-
 _DEFAULT = Source("E", "default of commonrail")
 _FUEL = ("name", "file", "definition")  # ways to state it
 
 
-def component_quantities(component: str) -> dict[str, Q]:
+def components_of(*actuations: Actuation) -> list[str]:
+    """Components of injectors, each a table of the file; by default those of all."""
+    models = map(model_of, actuations or Actuation)
+    return list(dict.fromkeys(component for model in models for component in get_type_hints(model.Parameters)))
+
+
+def component_quantities(component: str, actuation: Actuation | None = None) -> dict[str, Q]:
     """Unit, meaning and domain of the parameters of a component, by the last part of their names."""
-    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{component}.")}
+    known = parameter_quantities(actuation)
+    return {path.partition(".")[2]: q for path, q in known.items() if path.startswith(f"{component}.")}
 
 
 class _Definition(FuelModel):
     name: str = "fuel"
+
+
+def _meter_tables(item: Any) -> Any:
+    from commonrail.readers.injector.meters import meter_tables  # of which most files have none
+
+    return meter_tables(item)
+
+
+MeterTables = Annotated[Any, PlainValidator(_meter_tables)]
 
 
 class _FuelTable(Sourced):
@@ -125,8 +140,8 @@ class _FuelTable(Sourced):
 
     name: str | None = None
     file: str | None = None
-    definition: _Definition | None = None
-    temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])] | None = None
+    definition: Annotated[Any, PlainValidator(_Definition.model_validate)] = None
+    temperature: Annotated[Number, Stated(parameter_quantities(Actuation.SERVO)[FUEL_TEMPERATURE])] | None = None
 
 
 class _Head(FileModel):
@@ -144,15 +159,38 @@ class _Head(FileModel):
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
     nozzle_law: str = ""  # of an installed package; "" is Eq. (9)
-    meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
+    # of the bench that it was calibrated on: see `load_meters`
+    meters: MeterTables = Field(default_factory=dict)
 
 
-_kinds = dict.fromkeys(COMPONENTS, ParameterTable) | {"plunger_needle": DrawnTable}
-_components: Any = {
-    component: (Annotated[kind, Quantities(component_quantities(component))], kind())
-    for component, kind in _kinds.items()
-}
-_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_components)
+@cache
+def _model_of(*actuations: Actuation) -> type[_Head]:
+    """Whole file of an injector of an actuation; by default with the parts of all."""
+    tables: dict[str, Any] = {}
+    for component in components_of(*actuations):
+        kind = DrawnTable if component == "plunger_needle" else ParameterTable
+        known = Quantities(component_quantities(component, *actuations))
+        tables[component] = Annotated[kind, known], kind.model_construct()
+    return create_model("_InjectorModel", __base__=_Head, **tables)
+
+
+def _checked(document: Mapping[str, Any], at: Place) -> Any:
+    """Model of a parsed file; parts are left to be checked with the base, where there is one."""
+    stated = document.get("actuation", Actuation.SERVO.value)
+    known = [kind for kind in Actuation if kind.value == stated and "base" not in document]
+    for actuation in known:
+        _refuse_foreign(document, actuation, at)
+    return read_model(_model_of(*known), document, at)
+
+
+def _refuse_foreign(document: Mapping[str, Any], actuation: Actuation, at: Place) -> None:
+    """Refuse a part of injectors that are actuated otherwise."""
+    parts = components_of(actuation)
+    for key in document:
+        if key not in parts and key not in _Head.model_fields and key in components_of():
+            raise (at / key).error(
+                f'an injector with actuation = "{actuation.value}" has no such part; its parts are {", ".join(parts)}'
+            )
 
 
 def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
@@ -160,7 +198,9 @@ def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
 
     Raises `InputError` and `ConfigurationError` as `load_meters`.
     """
-    tables: Mapping[str, MeterHead] = read_model(_InjectorModel, document, at).meters
+    from commonrail.readers.injector.meters import MeterHead, meters_of_tables
+
+    tables: Mapping[str, MeterHead] = _checked(document, at).meters
     for name, table in tables.items():
         for key, amount in table.amounts():
             if amount.free:
@@ -174,21 +214,14 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
     `stem`: name of an injector whose file gives none. `reach`: where the file of its fuel may lie. Raises `InputError`
     and `ConfigurationError` as `load_injector`.
     """
-    model = read_model(_InjectorModel, document, at)
+    model = _checked(document, at)
     reach = reach or Reach(Path(at.file), model.allow_outside)
     base = None if model.base is None else _base(model.base, at, reach)
     variant = _variant(model, base, at)
-    given: dict[str, Given] = {}
-    own = tuple(get_type_hints(MODELS[variant.actuation].Parameters))
-    for component in COMPONENTS:
-        if component in own:
-            given |= {f"{component}.{name}": item for name, item in getattr(model, component).values().items()}
-        elif component in model.model_fields_set:
-            raise (at / component).error(
-                f'an injector with actuation = "{variant.actuation.value}" has no such part; its parts are '
-                f"{', '.join(own)}"
-            )
-    _refuse_unread(model, variant, own, at)
+    _refuse_foreign(document, variant.actuation, at)
+    components = components_of(variant.actuation)
+    given = {f"{part}.{name}": item for part in components for name, item in getattr(model, part).values().items()}
+    _refuse_unread(model, variant, components, at)
     if model.fuel.temperature is not None:
         given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
     given = _filled(given, model, base, variant.actuation, at)
@@ -282,7 +315,7 @@ _VARIANT = {
 _DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
 
 
-def _refuse_unread(model: Any, variant: Variant, components: tuple[str, ...], at: Place) -> None:
+def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at: Place) -> None:
     """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
     stated = model.model_fields_set
     if variant.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
@@ -346,7 +379,8 @@ def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
     if [table.name, table.file, table.definition].count(None) != 2:
         raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
     if table.definition is not None:
-        return table.definition.fuel(table.definition.name)
+        defined: _Definition = table.definition
+        return defined.fuel(defined.name)
     if table.file is not None:
         path = reach.path(Path(at.file).parent, table.file, at / "file")
         return parse_fuel(read_toml(path)[0], path.stem, str(path))

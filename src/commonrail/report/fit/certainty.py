@@ -136,7 +136,7 @@ def _parameters(found: Record, known: Mapping[str, Record]) -> Table:
     )
     if len(estimators) == 1:
         note += f" Estimator of all: {min(estimators)}."
-    return table_of("Certainty", found["parameters"], parts, note, 2 + (len(estimators) > 1))
+    return table_of("Most likely values and intervals", found["parameters"], parts, note, 2 + (len(estimators) > 1))
 
 
 def _combinations(found: Record) -> Table:

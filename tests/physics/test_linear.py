@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from commonrail.base import linear
+from commonrail.physics import elementary as linear
 
 RNG = np.random.default_rng(3)
 
