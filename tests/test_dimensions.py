@@ -220,7 +220,7 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (flow.gap_conductance, "gap * gap * gap", "gap * gap"),
         (flow.jet, "2.0 * density * abs(cda2_dp)", "2.0 * abs(cda2_dp)"),
         (flow.orifice, "density * through.cda2", "through.cda2"),
-        (flow.mean_departure, "0.5 * volume", "0.5"),
+        (flow.mean_departure, "3.0 * volume", "3.0"),
         (flow.impedance, " / area", ""),
         (flow.friction_resistance, "density * area * area", "density * area"),
         (nozzle.discharge, "z * c.per_lift_transition", "z"),

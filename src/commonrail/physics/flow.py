@@ -191,7 +191,7 @@ def friction_resistance(friction_factor: float, length: float, diameter: float, 
 # linear in the pressure, q(p) = q_n + Σ s (p − p_n) with Σ s = −S, and the geometry that of mid-step. The
 # pressure then relaxes as exp(−y), y = dt · S · (dp/dρ)/V; its mean departure from p_n over the step is
 #
-#     δ = dt · dp/dt · φ2(y),   φ2(y) = (1/2 + y/6)/(1 + 2y/3 + y²/6)
+#     δ = dt · dp/dt · φ2(y),   φ2(y) = (3 + y)/(6 + 4y + y²)
 #
 # a rational form of (1 − (1 − e^(−y))/y)/y: second order for y → 0, exact equilibrium for y → ∞ (L-stable).
 # Every flow's mean over the step is q_n ± s δ, and the mass changes by exactly their sum.
@@ -199,11 +199,11 @@ def friction_resistance(friction_factor: float, length: float, diameter: float, 
 
 @physics
 def relaxation(y: float) -> float:
-    """φ1(y) = (1 + y/6)/(1 + 2y/3 + y²/6) ≈ (1 − e^(−y))/y: change over a step, divided by dt times its first rate [1].
+    """φ1(y) = (6 + y)/(6 + 4y + y²) ≈ (1 − e^(−y))/y: change over a step, divided by dt times its first rate [1].
 
     `y`: step over relaxation time [1], ≥ 0.
     """
-    return (1.0 + y * (1.0 / 6.0)) / (1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0)))
+    return (6.0 + y) / (6.0 + y * (4.0 + y))
 
 
 @physics
@@ -211,13 +211,12 @@ def mean_departure(net_flow: float, slope: float, stiffness: float, volume: floa
     """Mean over the step of p − p_n [Pa].
 
     `net_flow`: Σ q at the start of the step [kg/s], positive into the volume; `slope`: S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
-    `stiffness`: dp/dρ = K/ρ [Pa m³/kg]; `volume`: V in mid-step [m³], > 0; `growth`: ρ dV/dt [kg/s], subtracted from
-    the net flow.
+    `stiffness`: dp/dρ = K/ρ [Pa m³/kg]; `volume`: V in mid-step [m³], > 0; `growth`: ρ ΔV of the step [kg], which the
+    growing volume takes.
     """
-    spring = dt * stiffness  # V² times numerator and denominator of φ2: one division
-    yv = spring * slope  # y V
-    numerator = spring * (net_flow - growth) * (0.5 * volume + yv * (1.0 / 6.0))
-    return numerator / (volume * volume + yv * (volume * (2.0 / 3.0) + yv * (1.0 / 6.0)))
+    yv = dt * stiffness * slope  # y V
+    gain = stiffness * (dt * net_flow - growth)  # dt · dp/dt V
+    return gain * (3.0 * volume + yv) / (6.0 * volume * volume + yv * (4.0 * volume + yv))  # V² φ2: one division
 
 
 # Fuel held by a lumped volume, Eq. (3): the mass is the state, pressure follows from mass/volume.

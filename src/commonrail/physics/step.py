@@ -154,7 +154,7 @@ def mean_departure_of(here: Contents, balance: Flow, before: float, after: float
     `here`: at t_n; `balance`: Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
     `before`, `after`: volume at both ends of the step [m³].
     """
-    growth = here.density * (after - before) / dt
+    growth = here.density * (after - before)
     return mean_departure(balance.mass_flow, balance.slope, here.stiffness, middle(before, after), growth, dt)
 
 

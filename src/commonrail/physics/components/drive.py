@@ -130,9 +130,9 @@ def during(share: float, rate: Rate) -> Rate:
 def relaxed(rate: Rate, dt: float) -> float:
     """Mean over the step of dφ/dt [V] while the flux relaxes and the gap keeps closing.
 
-    With y = dt · decay: (r + y/6 r_end)/(1 + 2y/3 + y²/6), `relaxation` for a gap at rest. A rate that changes linearly
-    by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
-    (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
+    With y = dt · decay: (6 r + y r_end)/(6 + 4y + y²), `relaxation` for a gap at rest. A rate that changes linearly by
+    2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
+    (r_end − r) y/(6 + 4y + y²): over the same denominator, and as 1/y for large y.
 
     `rate`: for the flux at the start of the step and the gap of mid-step; its value with the gap of the end; its decay.
     """
@@ -142,14 +142,14 @@ def relaxed(rate: Rate, dt: float) -> float:
 @physics
 def risen(rate: Rate, dt: float) -> float:
     """Numerator of `relaxed` [V]."""
-    return rate.flux_rate + dt * rate.decay * (1.0 / 6.0) * rate.at_end
+    return 6.0 * rate.flux_rate + dt * rate.decay * rate.at_end
 
 
 @physics
 def damped(rate: Rate, dt: float) -> float:
     """Denominator of `relaxed` [1]."""
     y = dt * rate.decay
-    return 1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0))
+    return 6.0 + y * (4.0 + y)
 
 
 @physics
