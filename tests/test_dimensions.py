@@ -236,7 +236,7 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (plunger_needle.cylinder_stiffness, " / length", ""),
         (plunger_needle.loads, "low * g.plunger_area", "low"),
         (plunger_needle.forces, "c.guides.spring_stiffness * z.i7", "c.guides.spring_stiffness"),
-        (plunger_needle.numerov_correction, "_scaled(dt * ", "_scaled("),
+        (plunger_needle.numerov_correction, "c.numerov", "c.impulse"),
         (plunger_needle.accelerations, "rest.damping * v.i9", "rest.damping"),
         (guide_friction.guide_damping, "g.friction * per_speed", "g.friction"),
         (guide_friction.accelerate_body, " / c.total_mass", ""),
