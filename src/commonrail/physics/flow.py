@@ -7,7 +7,7 @@ from math import pi
 from typing import NamedTuple
 
 from commonrail.physics import fuel_kernel as fuel
-from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.law import physics
 
 # Flow through an orifice, Eq. (4), with a laminar limit and cavitation.
 #
@@ -80,27 +80,6 @@ def orifice(through: Restriction, density: float, offset: float) -> Flow:
     """
     flow = jet(through.cda2_dp, density, offset)
     return Flow(flow.mass_flow, density * through.cda2 / flow.root)
-
-
-@physics
-def orifice_pair(
-    first: Restriction,
-    second: Restriction,
-    density: tuple[float, float],
-    offset: tuple[float, float],
-) -> tuple[Flow, Flow]:
-    """Mass flows [kg/s] and slopes [kg/(s Pa)] of two orifices as of `orifice`, with one division.
-
-    `first`, `second`: (c_d A)² Δp of each and its derivative; `density` (float, float): ρ of the fluid upstream of the
-    first [kg/m³] and of the second [kg/m³], > 0; `offset` (float, float): q_h of the first [kg/s] and of the second
-    [kg/s], > 0.
-    """
-    one, two = jet(first.cda2_dp, density[0], offset[0]), jet(second.cda2_dp, density[1], offset[1])
-    per_one, per_two = reciprocals(one.root, two.root)
-    return (
-        Flow(one.mass_flow, density[0] * first.cda2 * per_one),
-        Flow(two.mass_flow, density[1] * second.cda2 * per_two),
-    )
 
 
 @physics
@@ -232,15 +211,15 @@ class Contents(NamedTuple):
 
 
 @physics
-def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Contents:
+def contents(f: fuel.FuelCoefficients, mass: float, volume: float) -> Contents:
     """Contents of a volume that holds a given mass.
 
     Below the vapour pressure the volume holds vapour: the pressure stays there, dp/dρ is zero, and the
     missing mass is kept in the state until fuel has filled the cavity.
 
-    `mass`: m [kg]; `per_volume`: 1/V [1/m³].
+    `mass`: m [kg]; `volume`: V [m³], > 0.
     """
-    density = mass * per_volume
+    density = mass / volume
     liquid = fuel.pressure_and_stiffness(f, density)
     cavity = liquid[0] < f.vapour_pressure
     return Contents(
@@ -254,4 +233,4 @@ def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Conten
 @physics
 def filled(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
     """Contents of a volume at a given pressure; `pressure`: p [Pa], above the vapour pressure; `volume`: V [m³]."""
-    return contents(f, fuel.density(f, pressure) * volume, 1.0 / volume)
+    return contents(f, fuel.density(f, pressure) * volume, volume)
