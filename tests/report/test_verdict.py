@@ -94,7 +94,9 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     assert found.level == "care"
     assert "At a bound: plunger_needle.k1." in found.reasons
     assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.reasons
-    assert [step.command for step in found.steps][1] == "commonrail certainty runs/a"
+    assert found.steps[0].command == "commonrail certainty runs/a"  # what a command does comes first
+    assert found.steps[-1].text.startswith("Widen the bounds")
+    assert (found.levels["parameters"], found.levels["search"], found.levels["unseen"]) == ("care", "good", "good")
 
 
 @pytest.mark.parametrize(("starts", "command"), [(1, "commonrail certainty r"), (8, "commonrail compare r likely=r/")])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from commonrail.base.units import to_text
@@ -103,6 +103,13 @@ def quantity(value: Any, unit: str, digits: int = 4) -> str:
     return f"{amount} {in_print(shown)}".strip()
 
 
+def quantity_range(low: Any, high: Any, unit: str, digits: int = 4) -> str:
+    """Two values of an SI unit, whose unit is written once where it is that of both: "20 to 100 N/µm"."""
+    first, second = "0" if low == 0.0 else quantity(low, unit, digits), quantity(high, unit, digits)
+    amount, _, shown = first.partition(" ")
+    return f"{amount if shown and second.endswith(f' {shown}') else first} to {second}"
+
+
 def duration(seconds: Any) -> str:
     """Time that something took."""
     found = number(seconds)
@@ -118,6 +125,14 @@ def duration(seconds: Any) -> str:
 def counted(count: int, noun: str, nouns: str = "") -> str:
     """Number with its noun in the singular or the plural, by default with an s: 1 rail pressure, 2 rail pressures."""
     return f"{count} {noun if count == 1 else nouns or f'{noun}s'}"
+
+
+def several(values: Sequence[Any], text: Callable[[Any], str], most: int = 3) -> str:
+    """Values as a few texts beside one another, "+0.1 · 0.0", or as their range where there are more than `most`."""
+    known = [v for value in values if (v := number(value)) is not None]
+    if len(known) > most:
+        return f"{text(min(known))} to {text(max(known))}"
+    return " · ".join(map(text, known)) or MISSING
 
 
 def listed(words: Sequence[str]) -> str:

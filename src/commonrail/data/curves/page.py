@@ -11,9 +11,9 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
-from commonrail.base.text import fixed, listed, megapascal, number, percent, pressure, signed
+from commonrail.base.text import fixed, listed, megapascal, number, percent, pressure, several, signed
 from commonrail.data.bands import shaded
-from commonrail.data.base import View
+from commonrail.data.base import Merit, View
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
@@ -25,6 +25,7 @@ from commonrail.data.records import (
     Texts,
     origin_of,
     relative_error,
+    start_words,
 )
 
 NAMED = 6  # curves that a sentence tells one by one
@@ -46,6 +47,23 @@ class CurveView(View):
     def sentences(self, data: Sequence[Record]) -> list[str]:
         """J of all curves, calibrated against the other models."""
         return [f", {listed([_sentence(d) for d in data])}" if len(data) <= NAMED else f", {_summary(data)}"]
+
+    def merit(self, data: Sequence[Record]) -> Merit:
+        """Σ |error| over Σ |rate|."""
+        best, start = (
+            several([d["J_relative"].get(key) for d in data], lambda value: fixed(value, 1, 100.0))
+            for key in (JUDGED, "start")
+        )
+        return Merit(f"{best} %", f"of the rate, {_named(data)}{start_words(start, '%')}")
+
+    def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
+        """Error of the injected volume."""
+        errors = [relative_error(number(q), measured) for d in data for measured, q in self.quantities(d)]
+        return Merit(f"{several(errors, lambda error: signed(error, 1))} %", f"injected volume, {_named(data)}")
+
+    def quantities(self, data: Record) -> list[tuple[float, float | None]]:
+        """Measured and calibrated volume within the samples [m³]."""
+        return [(data["volume"][MEASURED], number(data["volume"].get(JUDGED)))]
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """J of each curve."""
@@ -88,6 +106,11 @@ class CurveView(View):
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """The same figure; its title lacks the role, which does not matter where nothing is fitted."""
         return [replace(figure, title=_title(data, data["name"])) for figure in self.figures(data, plotted)]
+
+
+def _named(data: Sequence[Record]) -> str:
+    """Names of a few curves, the number of many."""
+    return " · ".join(d["name"] for d in data) if len(data) < 4 else f"{len(data)} curves"
 
 
 def _title(data: Record, words: str) -> str:

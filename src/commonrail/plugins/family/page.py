@@ -11,9 +11,9 @@ from commonrail.base.text import fixed, listed, quantity, significant
 from commonrail.data.records import Record, Traces
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
-from commonrail.plugins.fleet.page import short_names
 from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.figures import figures_of
+from commonrail.report.fit.record import short_names
 from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.tables import tables_of
 from commonrail.report.fit.verdict import baseline_lines, data_lines
@@ -119,7 +119,7 @@ def family_figures(record: Record) -> list[Figure]:
         "distance from the type, spreads",
         tuple(series),
         zero_line=True,
-        categories=tuple(short_names([p["name"] for p in apart])),
+        categories=tuple(short_names([p["name"] for p in apart]).values()),
     )
     caption = "Values of the parts less that of the type, in spreads of the next part; common parameters are left out."
     return [Figure("What sets the parts apart", caption, "parameter", (panel,))]

@@ -15,6 +15,7 @@ from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
 from commonrail.report.draw.figure import drawings, figure_html, small_html
+from commonrail.report.fit.record import short_names
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -108,8 +109,7 @@ def fleet_tables(record: Record) -> list[Table]:
 
 
 def _names(record: Record) -> dict[str, str]:
-    names = [p["name"] for p in record["parameters"]]
-    return dict(zip(names, short_names(names), strict=True))
+    return short_names([p["name"] for p in record["parameters"]])
 
 
 def _data_table(record: Record) -> Table:
@@ -212,7 +212,7 @@ def _position_figure(record: Record) -> Figure:
         "place between the bounds, %",
         (),
         boxes=(Boxes("calibrated", "best", boxes),),
-        categories=tuple(short_names([p["name"] for p in parameters])),
+        categories=tuple(short_names([p["name"] for p in parameters]).values()),
     )
     return Figure(
         "Calibrated parameters between their bounds",
@@ -225,12 +225,6 @@ def _position_figure(record: Record) -> Figure:
 def _box(position: Record) -> tuple[float, float, float, float, float]:
     low, q1, median, q3, high = (100.0 * float(position[key]) for key in _QUARTILES)
     return low, q1, median, q3, high
-
-
-def short_names(names: Sequence[str]) -> list[str]:
-    """Names without their component, where that tells them apart."""
-    counts = Counter(name.rpartition(".")[2] for name in names)
-    return [short if counts[short := name.rpartition(".")[2]] == 1 else name for name in names]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

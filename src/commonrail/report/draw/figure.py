@@ -30,6 +30,23 @@ LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
     "paper": ("#00795c", 1.6, "dashdot"),
     "level": ("#6b7785", 1.2, "dot"),
 }
+# Colours on a dark page; those of the cells of heat maps stay.
+_DARK = {
+    "#fff": "#12181f",
+    INK: "#e4e9ee",
+    "#e3e7eb": "#2b3642",
+    "#6b7785": "#9cabb9",
+    "#b07d00": "#dca53a",
+    "#8f4a7d": "#d392c4",
+    "#0072b2": "#56b4e9",
+    "#c1272d": "#ff7d70",
+    "#00795c": "#35b98f",
+    "#d55e00": "#ff9350",
+    "#7a6a00": "#cdb945",
+    "#3a3a3a": "#c5ccd3",
+    "#5b8fb9": "#97c6ee",
+    "#a6312b": "#ffa8a0",
+}
 _FAMILY_LINES: dict[str, tuple[float, str]] = {
     "start": (1.2, "dot"),
     "best": (1.8, "solid"),
@@ -41,6 +58,16 @@ DASHES = {"dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3", "longdashdot": "11 
 _MARKERS = (("round", False), ("square", False), ("round", True), ("square", True))
 SIZES = {"markers": 7.5, "lines+markers": 5.0}
 _KEEPS_ITS_WIDTH = 'vector-effect="non-scaling-stroke"'
+
+
+def dark_rules() -> str:
+    """Rules of CSS by which a page draws its figures in the colours of a dark page."""
+    rules = [
+        f'svg.figure[{what}="{light}"], .figure [{what}="{light}"] {{ {what}: {dark}; }}'
+        for light, dark in _DARK.items()
+        for what in ("fill", "stroke")
+    ]
+    return "\n  ".join([*rules, f".figure .cell text {{ fill: {INK}; }}"])
 
 
 def colour_of(look: str, family: int | None) -> str:
@@ -241,7 +268,7 @@ def figure_html(figure: Chart, key: str, height: int = 0) -> Markup:
     return Markup('<div class="drawing{}" id="{}">{}</div>').format(kind, key, pictures)
 
 
-def small_html(figure: Figure, key: str) -> Markup:
+def small_html(figure: Chart, key: str) -> Markup:
     """Element that shows a figure among others beside it, with the identifier `key`."""
     return Markup('<div class="drawing" id="{}">{}</div>').format(key, svg(figure, NARROW))
 

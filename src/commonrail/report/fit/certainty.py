@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import MISSING, fixed, listed, number, quantity, significant
+from commonrail.base.text import MISSING, counted, fixed, listed, number, quantity, quantity_range, significant
 from commonrail.base.units import to_text
 from commonrail.data.records import Record
 
@@ -18,13 +19,19 @@ FRICTION = "friction"  # suspect of the test that fits it
 
 
 def certainty_tables(record: Record) -> list[Table]:
-    """Tables of a record with the key "certainty": parameters, combinations and noise; none for one without."""
+    """Tables of a record with the key "certainty": most likely values, and `likelihood_tables`; none without it."""
+    found = record.get("certainty")
+    known = {p["name"]: p for p in record["parameters"]}
+    return [_parameters(found, known), *likelihood_tables(record)] if found else []
+
+
+def likelihood_tables(record: Record) -> list[Table]:
+    """Tables of stated combinations, of the posterior and of the noise; none of a record without certainty."""
     found = record.get("certainty")
     if not found:
         return []
-    known = {p["name"]: p for p in record["parameters"]}
-    units = {name: p["unit"] for name, p in known.items()}
-    tables = [_parameters(found, known)]
+    units = {p["name"]: p["unit"] for p in record["parameters"]}
+    tables = []
     if found["combinations"]:
         tables.append(_combinations(found))
     if found.get("posterior"):
@@ -93,8 +100,9 @@ def interval_text(p: Record, known: Record, digits: int = DIGITS) -> str:
     below, above = known.get("lower", low) > low, known.get("upper", high) < high
     if (below and above) or (number(p.get("percent")) or 0.0) > MOST_PERCENT:
         return OPEN
-    texts = [quantity(end, known["unit"], digits) for end in (low, high)]
-    return f"below {texts[1]}" if below else f"above {texts[0]}" if above else " to ".join(texts)
+    if below or above:
+        return f"{'below' if below else 'above'} {quantity(high if below else low, known['unit'], digits)}"
+    return quantity_range(low, high, known["unit"], digits)
 
 
 def certainty_lines(record: Record) -> list[str]:
@@ -213,7 +221,7 @@ def _search(found: Record) -> list[str]:
     lines = []
     if starts == 1:
         lines.append(
-            "The intervals are local: one start, from the best values. `commonrail certainty RUN` searches from "
+            "The intervals are local: one start, from the best values. commonrail certainty RUN searches from "
             "several and profiles the likelihood."
         )
     else:
@@ -293,9 +301,7 @@ def _share(percent: float) -> str:
 
 
 def _cures(parameters: Sequence[Record]) -> list[str]:
-    """One sentence for each cure, with the parameters that it would help."""
-    cures: dict[str, list[str]] = {}
-    for p in parameters:
-        if p["cure"]:
-            cures.setdefault(p["cure"], []).append(p["name"])
-    return [f"To know {listed(names)} better: {cure}." for cure, names in cures.items()]
+    """Sentence on what would make the parameters better known, and of how many."""
+    counts = Counter(p["cure"] for p in parameters if p["cure"])
+    cures = [f"{cure} ({counted(count, 'parameter')})" for cure, count in counts.most_common()]
+    return [f"To know more: {'; '.join(cures)}."] if cures else []

@@ -37,7 +37,7 @@ def _quantity(quantity: Record) -> str:
     return f"{quantity['name'].replace('_', ' ')} {value} [{_MARKS.get(quantity['mark'], quantity['mark'])}]"
 
 
-_DASHES = ("solid", "dash", "dot", "dashdot")
+DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 def shown_of(record: Record) -> dict[str, Shown]:
@@ -45,7 +45,13 @@ def shown_of(record: Record) -> dict[str, Shown]:
     texts: Mapping[str, str] = record["labels"]
     if set(texts) <= set(LABELS) and record.get("kind") != "comparison":
         return {label: Shown(text, label) for label, text in texts.items()}
-    return {label: Shown(text, _DASHES[i % len(_DASHES)], i) for i, (label, text) in enumerate(texts.items())}
+    return {label: Shown(text, DASHES[i % len(DASHES)], i) for i, (label, text) in enumerate(texts.items())}
+
+
+def short_names(names: Sequence[str]) -> dict[str, str]:
+    """Names without their component, where that tells them apart, by full name."""
+    last = Counter(name.rpartition(".")[2] for name in names)
+    return {name: short if last[short := name.rpartition(".")[2]] == 1 else name for name in names}
 
 
 def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:
