@@ -375,7 +375,8 @@ def best_course(folder: Path) -> Floats:
     `StudyError` if the journal cannot be read.
     """
     path = folder / JOURNAL
-    best, lowest = [], math.inf
+    best: list[Floats] = []
+    lowest = math.inf
     with opened_to_read(path, RUN) as connection:
         for _, _, _, _, _, trials, costs, _ in rows_of(connection, "generation"):
             values = np.nan_to_num(np.frombuffer(costs, "<f8"), nan=np.inf)

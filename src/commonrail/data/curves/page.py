@@ -167,8 +167,10 @@ def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Tab
 def _volume_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
     """Volume injected within the samples of every curve [mm³], by label."""
 
+    shown = labels[::-1]  # calibrated first: a narrow terminal leaves out the last columns
+
     def simulated(d: Record) -> Iterator[str]:
-        for label in labels:
+        for label in shown:
             volume = number(d["volume"].get(label))
             yield fixed(volume, 2, MM3)
             yield signed(relative_error(volume, d["volume"][MEASURED]), 1)
@@ -176,7 +178,7 @@ def _volume_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -
     parts = (
         Part(("data set", "role"), lambda d: (d["name"], d["role"])),
         Part((_origin(data),), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),)),
-        Part([head for label in labels for head in (texts[label], "error, %")], simulated),
+        Part([head for label in shown for head in (texts[label], "error, %")], simulated),
     )
     return table_of("Injected volume, mm³", data, parts, "", 2)
 

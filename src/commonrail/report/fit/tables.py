@@ -71,9 +71,9 @@ def parameter_table(parameters: Sequence[Record], certainty: Record | None = Non
     found = parameter_rows(parameters, certainty)
     columns = {
         "parameter": [r.name for r in found],
-        "what the data say": [r.verdict for r in found],
         "calibrated": [r.best for r in found],
         interval_head(certainty): [r.interval or MISSING for r in found],
+        "what the data say": [r.verdict for r in found],
         "start": [r.start for r in found],
         "change, %": [r.change for r in found],
         "bounds": [r.bounds for r in found],
@@ -83,7 +83,7 @@ def parameter_table(parameters: Sequence[Record], certainty: Record | None = Non
     if not any(r.pull for r in found):
         del columns["from its prior"]
     rows = zip(*columns.values(), strict=True)
-    return Table("Parameters", tuple(columns), tuple(tuple(map(Cell, row)) for row in rows), texts=2)
+    return Table("Parameters", tuple(columns), tuple(tuple(map(Cell, row)) for row in rows))
 
 
 def _row(p: Record, known: Record | None, short: str) -> ParameterRow:
