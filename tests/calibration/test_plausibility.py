@@ -170,7 +170,7 @@ def test_the_points_of_a_map_make_one_finding(pwm: Injector) -> None:
 def test_a_parameter_outside_what_its_part_calls_usual(pwm: Injector) -> None:
     (finding,) = of_settings(study(pwm.with_values({"valve.lift": 55e-3}), curve(pulse())))
     assert (finding.code, finding.subject) == ("parameter", "valve.lift")
-    assert "lift from seat to stop is 55 mm, and 5 um to 1 mm is usual" in finding.sentence
+    assert "lift from seat to stop is 55 mm, and 5 µm to 1 mm is usual" in finding.sentence
 
 
 @pytest.mark.parametrize(("upper", "odd"), [(9e-3, 0), (11e-3, 1)])
@@ -262,7 +262,7 @@ def test_a_drift_of_the_meter_is_no_onset() -> None:
 def test_an_onset_before_energising_says_so(pwm: Injector) -> None:
     late = OperatingPoint(160e6, [(600e-6, 700e-6)], horizon=1.56e-3)
     (finding,) = at_start(pwm, curve(pulse(), late), pulse())
-    assert "energising begins at 600 us: no injector opens that soon" in finding.sentence
+    assert "energising begins at 600 µs: no injector opens that soon" in finding.sentence
 
 
 def test_an_onset_long_after_energising_says_so(pwm: Injector) -> None:

@@ -122,7 +122,7 @@ def test_combinations_are_rows_of_a_matrix_the_best_known_on_top(record: dict[st
     # below the scatter of 2 nothing is held; the standard error is 2/40 and 2/4 of the bounds; rows go up from the last
     assert matrix.y == ("50", "5")
     assert (matrix.x, matrix.values) == (("k1", "k2"), ((None, None), (0.9, -0.4)))
-    assert "1 further combinations" in matrix.caption
+    assert "1 further combinations are known by priors" in matrix.caption
 
 
 def test_a_fit_that_was_not_judged_has_none() -> None:

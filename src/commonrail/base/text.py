@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from commonrail.base.units import to_text
+from commonrail.base.units import convert, to_text
 
 MISSING = "–"
 _PRETTY = {"mm3": "mm³", "cm3": "cm³", "mm2": "mm²", "m3": "m³", "m2": "m²", "ohm": "Ω"}
@@ -66,8 +66,19 @@ def significant(value: Any, digits: int = 4, scale: float = 1.0) -> str:
     found = number(value)
     if found is None:
         return MISSING
-    rounded = f"{found * scale:.{digits}g}"
-    return f"{float(rounded):.0f}" if "e+" in rounded and abs(float(rounded)) < 1e6 else rounded
+    return _in_print(f"{found * scale:.{digits}g}")
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def _in_print(amount: str) -> str:
+    """A number with a true minus, and an exponent as a power of ten: "−2.4e-10" as −2.4·10⁻¹⁰."""
+    if "e+" in amount and abs(float(amount)) < 1e6:
+        amount = f"{float(amount):.0f}"
+    digits, _, exponent = amount.partition("e")
+    power = f"·10{str(int(exponent)).translate(_RAISED)}" if exponent else ""
+    return digits.replace("-", "−") + power
 
 
 def signed(value: Any, decimals: int) -> str:
@@ -100,7 +111,15 @@ def quantity(value: Any, unit: str, digits: int = 4) -> str:
     if found is None:
         return MISSING
     amount, _, shown = to_text(found, unit, digits).partition(" ")
-    return f"{amount} {in_print(shown)}".strip()
+    return f"{_in_print(amount)} {in_print(shown)}".strip()
+
+
+def shown_unit(value: float, unit: str) -> tuple[str, float]:
+    """Unit in which `quantity` writes a value of an SI unit, and its factor from SI."""
+    name = to_text(value, unit).partition(" ")[2] if value else field_unit(unit).name
+    if name in ("", unit):
+        return ("" if unit == "1" else in_print(unit)), 1.0
+    return in_print(name), convert(1.0, unit, name)
 
 
 def quantity_range(low: Any, high: Any, unit: str, digits: int = 4) -> str:

@@ -13,6 +13,7 @@ from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Chart
 from commonrail.base.errors import InputError, StudyError
+from commonrail.base.input import opened
 from commonrail.base.output import check_sum, write_text
 from commonrail.base.text import significant
 from commonrail.data.records import Record, Traces
@@ -47,7 +48,8 @@ from commonrail.runs.journal import JOURNAL, best_course
 from commonrail.runs.traces import read_traces
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
-POSTERIOR = "posterior.npz"  # draws of a posterior, where the certainty of the run has them
+# Draws of a posterior: arrays "points" (chains, steps, parameters) [SI], "names" and "refused".
+POSTERIOR = "posterior.npz"
 MAIN_HEIGHT = 420  # of the chart on the first screen [px]
 FOREST = 9  # parameters on the first screen
 OPEN, LONG = 2, 12  # tables of errors that are not folded, and their rows at most
@@ -115,7 +117,7 @@ def _draws(folder: Path) -> dict[str, Floats]:
     if not path.is_file():
         return {}
     check_sum(path)
-    with np.load(path, allow_pickle=False) as arrays:
+    with opened(path) as stream, np.load(stream, allow_pickle=False) as arrays:
         draws = arrays["points"].reshape(-1, arrays["points"].shape[-1])
         return {} if str(arrays["refused"]) else {str(name): draws[:, i] for i, name in enumerate(arrays["names"])}
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import InputError
-from commonrail.base.text import number
-from commonrail.base.units import to_text
+from commonrail.base.text import number, quantity
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_file
@@ -125,8 +124,8 @@ def _advise(
 def _advice_row(advice: Advice, i: int) -> list[str]:
     point = advice.points[i]
     return [
-        to_text(point.initial_pressures()[0], "Pa"),
-        to_text(point.pulses[0].duration, "s"),
+        quantity(point.initial_pressures()[0], "Pa"),
+        quantity(point.pulses[0].duration, "s"),
         f"{advice.expected[i] * 1e9:.2f} mm3",
         f"{advice.upper[i] * 1e9:.2f} mm3",
         f"{100 * advice.usable[i]:.0f} %",
@@ -152,7 +151,7 @@ def _advice_record(advice: Advice) -> dict[str, Any]:
 def _rows(adapted: Adapted) -> list[list[str]]:
     columns = zip(adapted.points.points, adapted.points.quantity, adapted.before, adapted.after, strict=True)
     return [
-        [to_text(point.initial_pressures()[0], "Pa"), to_text(point.pulses[0].duration, "s")]
+        [quantity(point.initial_pressures()[0], "Pa"), quantity(point.pulses[0].duration, "s")]
         + [f"{value * 1e9:.3f} mm3" for value in values]
         for point, *values in columns
     ]

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import MISSING, counted, fixed, listed, number, quantity, quantity_range, significant
-from commonrail.base.units import to_text
+from commonrail.base.text import (
+    MISSING,
+    counted,
+    fixed,
+    in_print,
+    listed,
+    number,
+    quantity,
+    quantity_range,
+    significant,
+)
 from commonrail.data.records import Record
 
 DIGITS = 5
@@ -102,7 +112,13 @@ def interval_text(p: Record, known: Record, digits: int = DIGITS) -> str:
         return OPEN
     if below or above:
         return f"{'below' if below else 'above'} {quantity(high if below else low, known['unit'], digits)}"
-    return quantity_range(low, high, known["unit"], digits)
+    return quantity_range(low, high, known["unit"], max(digits, _digits(low, high)))
+
+
+def _digits(low: float, high: float) -> int:
+    """Significant digits that show the width of an interval with two."""
+    size, width = max(abs(low), abs(high)), high - low
+    return min(2 + math.floor(math.log10(size / width)), 12) if 0.0 < width < size else 1
 
 
 def certainty_lines(record: Record) -> list[str]:
@@ -200,7 +216,7 @@ def _deviation(n: Record) -> str:
     """Standard deviation of a value, with the share of the rate that it grows by."""
     relative = n["relative"]
     grown = f" + {significant(100.0 * relative, 3)} % of the rate" if relative else ""
-    return f"{significant(n['sigma'], 3)} {n['unit']}{grown}"
+    return f"{significant(n['sigma'], 3)} {in_print(n['unit'])}{grown}"
 
 
 def _grown(noise: Sequence[Record]) -> list[str]:
@@ -236,14 +252,14 @@ def _stated(parameters: Sequence[Record]) -> list[str]:
     lines = []
     for k, one in enumerate(parameters[0]["moved_by"]):
         moves = [(p["name"], number(p["moved_by"][k]["percent"])) for p in parameters]
-        text = to_text(one["deviation"], one["unit"], 3)
+        text = quantity(one["deviation"], one["unit"], 3)
         lines.append(f"One standard deviation of the {one['name']} ({text}) moves {_moves(moves)}.")
     return lines
 
 
-def _is_stated(found: Record, quantity: str) -> bool:
+def _is_stated(found: Record, name: str) -> bool:
     """True if the study states a quantity of a meter as uncertain."""
-    return any(one["name"].startswith(f"{quantity} of ") for one in found["parameters"][0]["moved_by"])
+    return any(one["name"].startswith(f"{name} of ") for one in found["parameters"][0]["moved_by"])
 
 
 def _sensitivity(found: Record) -> list[str]:
@@ -260,7 +276,7 @@ def _sensitivity(found: Record) -> list[str]:
 
 def _fitted(found: Record) -> list[str]:
     """Sentence on the quantities that were fitted within what the study states."""
-    values = [f"{one['name']} {to_text(one['value'], one['unit'], 2)}" for one in found["fitted_as_stated"]]
+    values = [f"{one['name']} {quantity(one['value'], one['unit'], 2)}" for one in found["fitted_as_stated"]]
     return [f"Fitted within what the study states, and integrated out: {listed(values)}."] if values else []
 
 
@@ -271,7 +287,7 @@ def _visible(found: Record) -> list[str]:
         return []
     words = "beyond what the study states" if _is_stated(found, "delay") else "which the study lacks"
     return [
-        f"A delay of the meter of {to_text(delay, 's', 2)}, {words}, would be found in 9 of 10 benches "
+        f"A delay of the meter of {quantity(delay, 's', 2)}, {words}, would be found in 9 of 10 benches "
         "with this noise; a smaller one mostly stays hidden in the parameters."
     ]
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import MARKERS, Band, Figure, HeatMap, Panel, Series, points
-from commonrail.base.text import field_unit, signed, significant
-from commonrail.base.units import to_text
+from commonrail.base.text import shown_unit, signed, significant
 from commonrail.data.base import DataSet
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Traces, origin_of
 from commonrail.report.fit.record import DASHES, by_kind, short_names
@@ -99,9 +98,10 @@ def loading_matrix(record: Record) -> HeatMap | None:
     more, rest = len(held) - len(shown), len(names) - len(held)
     caption = (
         "Each row is a move of parameters, in widths of their bounds, with its standard error by the data alone; "
-        f"weights below 0.2 are left out.{f' {more} more are known worse than these.' if more else ''} {rest} further "
-        "combinations are not known to within the bounds: priors and bounds alone hold them."
+        f"weights below 0.2 are left out.{f' {more} more are known worse than these.' if more else ''}"
     )
+    if rest:
+        caption += f" {rest} further combinations are known by priors and bounds alone."
     return HeatMap(
         "Combinations that the data determine",
         caption,
@@ -118,27 +118,42 @@ def loading_matrix(record: Record) -> HeatMap | None:
 
 
 def profile_figures(record: Record) -> list[Figure]:
-    """Profiles of the likelihood, one of each parameter that has one."""
+    """Profiles of the likelihood, one of each parameter that has one with a finished end."""
     found = record.get("certainty") or {}
     known, names = {p["name"]: p for p in record["parameters"]}, names_of(record)
-    figures = []
-    for profile in found.get("profiles", ()):
-        p = known[profile["name"]]
-        rows = sorted((x, fall) for x, fall in profile["points"] if fall <= FALL)
-        if len(rows) < 3:
-            continue
-        unit, factor = _unit(p)
-        x, y = zip(*((factor * x, fall) for x, fall in rows), strict=True)
-        level = Series("", "level", (x[0], x[-1]), (_limit(found["level"]),) * 2)
-        marks = Series("", "best", (factor * p["best"],) * 2, (0.0, _limit(found["level"])))
-        panel = Panel("fall of 2 ln L", (Series("", "start", x, y), level, marks), zero_line=True)
-        figures.append(Figure(names[p["name"]], PROFILE_CAPTION, f"{p['name']}, {unit}", (panel,)))
-    return figures
+    likely = {p["name"]: p["value"] for p in found.get("parameters", ())}
+    return [
+        _profile([*one["points"], (likely[one["name"]], 0.0)], known[one["name"]], names[one["name"]], found["level"])
+        for one in found.get("profiles", ())
+        if one["low"]["finished"] or one["high"]["finished"]
+    ]
+
+
+def _profile(seen: Sequence[Sequence[float]], p: Record, name: str, level: float) -> Figure:
+    """Falls of 2 ln L at values [SI] of a parameter, the most likely one last; `level` is that of its interval."""
+    unit, factor = _unit(p)
+    x, y = zip(*sorted((factor * value, fall) for value, fall in seen if fall <= FALL), strict=True)
+    best, limit, optimum = factor * p["best"], _limit(level), factor * seen[-1][0]
+    between = np.linspace(x[0], x[-1], 61)  # the root of the fall is all but straight
+    root = np.interp(between, x, np.sign(np.array(x) - optimum) * np.sqrt(np.maximum(y, 0.0)))
+    series = [
+        Series("", "solid", points(between), points(root**2), family=0),
+        Series("", "solid", x, y, MARKERS, 0),
+        Series("", "level", (x[0], x[-1]), (limit, limit)),
+    ]
+    if x[0] <= best <= x[-1]:
+        series.append(Series("", "best", (best, best), (0.0, limit)))
+    return Figure(name, PROFILE_CAPTION, _axis(p["name"], unit), (Panel("fall of 2 ln L", tuple(series)),))
+
+
+def _axis(name: str, unit: str) -> str:
+    """Title of an axis."""
+    return f"{name}, {unit}" if unit else name
 
 
 PROFILE_CAPTION = (
-    "Largest likelihood at each value of the parameter, the others fitted. Dotted: limit of the interval; red: "
-    "calibrated value. A flat course is not bounded by the data."
+    "Largest likelihood at each value of the parameter, the others fitted; between the computed points a guide. "
+    "Dotted: limit of the interval; red: calibrated value."
 )
 
 
@@ -151,10 +166,7 @@ def _limit(level: float) -> float:
 
 def _unit(p: Record) -> tuple[str, float]:
     """Unit of a parameter's axis and its factor from SI: that in which its upper bound is written."""
-    text = to_text(p["upper"], p["unit"], 12)
-    amount, _, unit = text.partition(" ")
-    own = field_unit(p["unit"])
-    return (unit or own.text, float(amount) / p["upper"]) if p["upper"] else (own.text, own.factor)
+    return shown_unit(p["upper"], p["unit"])
 
 
 def pair_figures(record: Record, draws: Mapping[str, Floats]) -> list[Figure]:
@@ -169,7 +181,7 @@ def _pair(pair: tuple[Record, Record], draws: Mapping[str, Floats], names: Mappi
     axes = [_unit(p) for p in pair]
     x, y = (points(factor * draws[p["name"]][::every]) for p, (_, factor) in zip(pair, axes, strict=True))
     across, up = ((factor * p["best"],) for p, (_, factor) in zip(pair, axes, strict=True))
-    first, second = (f"{names[p['name']]}, {unit}" for p, (unit, _) in zip(pair, axes, strict=True))
+    first, second = (_axis(names[p["name"]], unit) for p, (unit, _) in zip(pair, axes, strict=True))
     series = Series("draws", "start", x, y, MARKERS), Series("calibrated", "best", across, up, MARKERS)
     return Figure(f"{names[pair[0]['name']]} and {names[pair[1]['name']]}", "", first, (Panel(second, series),))
 

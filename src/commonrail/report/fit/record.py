@@ -6,7 +6,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
-from commonrail.base.text import listed
+from commonrail.base.text import listed, quantity
 from commonrail.base.units import to_text
 from commonrail.data.base import View
 from commonrail.data.records import LABELS, Record, Shown
@@ -21,8 +21,8 @@ def meter_lines(record: Record) -> list[str]:
     """One sentence for each meter through which the simulated curves and quantities are seen; often none."""
     lines = []
     for meter in record.get("meters", []):
-        parts = [_quantity(quantity) for quantity in meter["quantities"]]
-        if any(quantity["name"].endswith("cutoff") for quantity in meter["quantities"]):
+        parts = [_quantity(found) for found in meter["quantities"]]
+        if any(found["name"].endswith("cutoff") for found in meter["quantities"]):
             parts.append(f"low-pass {meter['law']} of order {meter['order']}")
         sets = [d["name"] for d in record["data"] if d.get("meter") == meter["name"]]
         of = f" ({listed(sets)})" if sets else ""
@@ -32,9 +32,9 @@ def meter_lines(record: Record) -> list[str]:
     return lines
 
 
-def _quantity(quantity: Record) -> str:
-    value = to_text(quantity["value"], quantity["unit"], 4)
-    return f"{quantity['name'].replace('_', ' ')} {value} [{_MARKS.get(quantity['mark'], quantity['mark'])}]"
+def _quantity(found: Record) -> str:
+    value = quantity(found["value"], found["unit"])
+    return f"{found['name'].replace('_', ' ')} {value} [{_MARKS.get(found['mark'], found['mark'])}]"
 
 
 DASHES = ("solid", "dash", "dot", "dashdot")
