@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from commonrail.report.fit.verdict import headline, parameter_lines
+from commonrail.report.fit.verdict import headline
 from tests.report.samples import map_record, rate_record
 
 
@@ -42,17 +42,6 @@ def test_a_map_without_dead_times_does_not_speak_of_them() -> None:
         for figures in d["figures"].values():
             figures["dead_time_rms"] = None
     assert not any("dead times" in line for line in headline(record))
-
-
-def test_parameters_are_grouped_by_what_the_data_say() -> None:
-    lines = parameter_lines(rate_record()["parameters"])
-    assert lines[0] == "Pinned: plunger_needle.k1, plunger_needle.k4 and plunger_needle.k7."
-    assert lines[-1].startswith("At a bound: plunger_needle.k1 and plunger_needle.k6.")
-
-
-def test_without_an_identification_there_is_nothing_to_say() -> None:
-    parameters = [{"name": "nozzle.holes", "at_bound": False}]
-    assert parameter_lines(parameters) == []
 
 
 def test_many_curves_are_told_by_their_range_and_the_worst() -> None:

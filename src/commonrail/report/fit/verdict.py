@@ -71,22 +71,6 @@ def search_words(found: Record) -> str:
     return str(found["sentence"]).removeprefix("not converged: ").partition(";")[0]
 
 
-def parameter_lines(parameters: Sequence[Record]) -> list[str]:
-    """Sentences on what the data say of the parameters, and on those that ended at a bound."""
-    lines = []
-    for verdict in dict.fromkeys(p["verdict"] for p in parameters if p.get("verdict")):
-        names = [p["name"] for p in parameters if p.get("verdict") == verdict]
-        if names:
-            lines.append(f"{verdict.capitalize()}: {listed(names)}.")
-    bounded = [p["name"] for p in parameters if p.get("at_bound")]
-    if bounded:
-        lines.append(
-            f"At a bound: {listed(bounded)}. The best value may lie outside; widen the bound if the "
-            "part allows it, otherwise read it as something the model lacks."
-        )
-    return lines
-
-
 def synthetic_notes(record: Record) -> list[str]:
     """Notes on synthetic data: the whole record's note, then what only a data set says, then their names."""
     texts = [record.get("synthetic", "")]
