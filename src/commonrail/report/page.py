@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
 
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import Chart
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.input import opened
 from commonrail.base.output import check_sum, write_text
 from commonrail.base.text import significant
 from commonrail.data.records import Record, Traces
-from commonrail.report.draw.figure import drawings, figure_html, small_html
+from commonrail.report.draw.figure import drawings, figure_html, small_drawings
 from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
 from commonrail.report.fit.diagnostics import (
     autocorrelation_figure,
@@ -163,14 +161,14 @@ def report_html(
         tables=[table for table, is_open in tables if is_open],
         folded=[table for table, is_open in tables if not is_open],
         titles=dict.fromkeys(table.title.partition(":")[0] for table, is_open in tables if not is_open),
-        figures=_small([*figures[1:], *checks], "figure"),
+        figures=small_drawings([*figures[1:], *checks], "figure"),
         heats=drawings([h for h in heats if len(h.x) > FEW], name="error"),
-        small_heats=_small([h for h in heats if len(h.x) <= FEW], "error-small"),
+        small_heats=small_drawings([h for h in heats if len(h.x) <= FEW], "error-small"),
         parameters=rows,
         cures={p["name"]: p["cure"] for p in (certainty or {}).get("parameters", ()) if p.get("cure")},
         loadings=drawings(filter(None, [loading_matrix(record)]), name="loading"),
-        profiles=_small(profile_figures(record), "profile"),
-        pairs=_small(pair_figures(record, draws), "pair"),
+        profiles=small_drawings(profile_figures(record), "profile"),
+        pairs=small_drawings(pair_figures(record, draws), "pair"),
         judgement_lines=judgement_lines(record),
         judgement_tables=[*judgement_tables(record), *likelihood_tables(record)],
         certainty_lines=certainty_lines(record),
@@ -178,11 +176,6 @@ def report_html(
         commands=rerun_lines(record, run),
         facts=_facts(record),
     )
-
-
-def _small(figures: Iterable[Chart], name: str) -> list[tuple[Chart, Markup]]:
-    """Figures that stand beside one another, with their elements, whose identifiers are the name and a number."""
-    return [(figure, small_html(figure, f"{name}-{i}")) for i, figure in enumerate(figures, start=1)]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

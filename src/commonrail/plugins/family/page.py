@@ -11,12 +11,12 @@ from commonrail.base.text import fixed, listed, quantity, significant
 from commonrail.data.records import Record, Traces
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
-from commonrail.report.draw.figure import drawings
+from commonrail.report.draw.figure import drawings, small_drawings
 from commonrail.report.fit.figures import figures_of
 from commonrail.report.fit.record import short_names
 from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.tables import tables_of
-from commonrail.report.fit.verdict import baseline_lines, data_lines
+from commonrail.report.fit.verdict import baseline_lines, data_lines, merits
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 from commonrail.runs.folder import TRACES
@@ -46,7 +46,9 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
         lines=family_lines(record),
         tables=family_tables(record),
         errors=tables_of(data, TEXTS),
-        figures=drawings([*family_figures(record), *figures]),
+        tiles=[tile for part in record["parts"] for tile in merits(part["data"], f"{part['name']}: ")],
+        figures=drawings(family_figures(record)),
+        maps=small_drawings(figures, "map"),
         convergence=convergence_section(record),
         data=data,
         commands=_commands(record, run),

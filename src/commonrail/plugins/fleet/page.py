@@ -14,7 +14,7 @@ from commonrail.base.text import duration, fixed, listed, number, percent, quant
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
-from commonrail.report.draw.figure import drawings, figure_html, small_html
+from commonrail.report.draw.figure import drawings, figure_html, small_drawings
 from commonrail.report.fit.record import short_names
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
@@ -61,9 +61,7 @@ def fleet_html(record: Record, command: str) -> str:
         tables=fleet_tables(record),
         figures=drawings(fleet_figures(record), 380),
         heat=heat and (heat, figure_html(heat, "correlations")),
-        classes=[
-            (figure, small_html(figure, f"class-{i}")) for i, figure in enumerate(histograms(record, _names(record)))
-        ],
+        classes=small_drawings(histograms(record, _names(record)), "class"),
         each=each_injector(record),
         commands=[("Go on with this fleet, or write its results again", command)],
         facts=_facts(record),

@@ -273,6 +273,11 @@ def small_html(figure: Chart, key: str) -> Markup:
     return Markup('<div class="drawing" id="{}">{}</div>').format(key, svg(figure, NARROW))
 
 
+def small_drawings(figures: Iterable[Chart], name: str) -> list[tuple[Chart, Markup]]:
+    """Charts that stand beside one another, with their elements, whose identifiers are the name and a number."""
+    return [(figure, small_html(figure, f"{name}-{i}")) for i, figure in enumerate(figures, start=1)]
+
+
 def drawings(figures: Iterable[Chart], height: int = 0, name: str = "figure") -> Sequence[tuple[Chart, Markup]]:
     """Charts with their elements, whose identifiers are the name and a number; `height` [px] as for `figure_html`."""
     return [(figure, figure_html(figure, f"{name}-{i}", height)) for i, figure in enumerate(figures)]
@@ -350,7 +355,8 @@ def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
 def _horizontals(panels: Sequence[Panel]) -> list[Axis]:
     """Axis of each panel: that of all panels, or its own categories."""
     values = [v for panel in panels for v in _x_values(panel)]
-    marks = any("markers" in series.mode for panel in panels for series in panel.series)
+    # markers, and upright lines such as limits, would lie on the frame
+    marks = any("markers" in one.mode or len(set(one.x)) == 1 for panel in panels for one in panel.series)
     shared = Axis(*span(values, padded=marks or any(panel.rows for panel in panels)), 0.0, 1.0)
     return [Axis(-0.6, len(p.categories) - 0.4, 0.0, 1.0) if p.categories else shared for p in panels]
 

@@ -315,12 +315,18 @@ class Tile(NamedTuple):
     level: str = ""
 
 
+def merits(data: Sequence[Record], before: str = "", levels: Mapping[str, str] = {}) -> list[Tile]:
+    """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
+    return [
+        Tile(f"{before}{head}", *view.merit(own), levels.get(head, ""))
+        for role, head in (("fit", "fit"), ("validation", "unseen"))
+        for view, own in by_kind(of_role(data, role))
+    ]
+
+
 def tiles(record: Record, levels: Mapping[str, str]) -> list[Tile]:
     """Answers of the first page: fit, unseen data, quantity, parameters, search; `levels` are those of the verdict."""
-    found = []
-    for role, head, subject in (("fit", "fit", "fit"), ("validation", "unseen", "unseen")):
-        for view, own in by_kind(of_role(record["data"], role)):
-            found.append(Tile(head, *view.merit(own), levels[subject]))
+    found = merits(record["data"], levels=levels)
     if not of_role(record["data"], "validation"):
         found.append(Tile("unseen", "not known", "no data were held back", levels["unseen"]))
     for view, own in by_kind(record["data"]):
