@@ -128,7 +128,7 @@ def _print_card(record: Mapping[str, Any], run: str) -> None:
     click.echo(f"{bar} {click.style(found.title, bold=True)}")
     for tile in tiles(record, found.levels):
         figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
-        click.echo(f"{bar} {tile.head:<11}{figure} {_one_line(tile.words, 35)}")
+        click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
     lines = [line for reason in found.reasons for line in wrapped(reason, "- ", "  ")]
     click.echo("\n".join(lines[:REASONS]))
     if len(lines) > REASONS:

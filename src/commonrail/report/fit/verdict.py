@@ -314,6 +314,11 @@ class Tile(NamedTuple):
     words: str
     level: str = ""
 
+    @property
+    def sign(self) -> str:
+        """Sign that says the level without colour."""
+        return {GOOD: "✓", CARE: "!", BAD: "✗"}.get(self.level, "")
+
 
 def merits(data: Sequence[Record], before: str = "", levels: Mapping[str, str] = {}) -> list[Tile]:
     """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
