@@ -89,7 +89,7 @@ def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Find
     yield found(
         "quantity",
         name,
-        f"the measured quantity is {m * MM3:.4g} mm3, and the simulated one {s * MM3:.4g} mm3{where}: "
+        f"the measured quantity is {m * MM3:.4g} mm³, and the simulated one {s * MM3:.4g} mm³{where}: "
         f"more than a factor of {finding.QUANTITY_TIMES:g} apart{_slip(m, s)}; check the unit of the data, the "
         "pressures and the holes of the nozzle.",
     )

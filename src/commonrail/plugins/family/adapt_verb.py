@@ -116,7 +116,7 @@ def _advise(
         texts=0,
     )
     click.echo(
-        f"without a reference: {advice.without * 1e9:.2f} mm3 rms. {advice.draws} parts were drawn from the spreads of "
+        f"without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
         "the type, independently for each parameter; nothing measured on the part was used."
     )
 
@@ -126,8 +126,8 @@ def _advice_row(advice: Advice, i: int) -> list[str]:
     return [
         quantity(point.initial_pressures()[0], "Pa"),
         quantity(point.pulses[0].duration, "s"),
-        f"{advice.expected[i] * 1e9:.2f} mm3",
-        f"{advice.upper[i] * 1e9:.2f} mm3",
+        f"{advice.expected[i] * 1e9:.2f} mm³",
+        f"{advice.upper[i] * 1e9:.2f} mm³",
         f"{100 * advice.usable[i]:.0f} %",
     ]
 
@@ -152,7 +152,7 @@ def _rows(adapted: Adapted) -> list[list[str]]:
     columns = zip(adapted.points.points, adapted.points.quantity, adapted.before, adapted.after, strict=True)
     return [
         [quantity(point.initial_pressures()[0], "Pa"), quantity(point.pulses[0].duration, "s")]
-        + [f"{value * 1e9:.3f} mm3" for value in values]
+        + [f"{value * 1e9:.3f} mm³" for value in values]
         for point, *values in columns
     ]
 
