@@ -239,3 +239,13 @@ def test_data_that_were_not_held_back_leave_the_unseen_error_open() -> None:
 )
 def test_the_state_of_a_search_is_told_in_words_of_an_engineer(found: dict[str, Any], words: str) -> None:
     assert search_words(found) == words
+
+
+def test_many_curves_have_the_range_of_their_errors() -> None:
+    record = rate_record()
+    first = record["data"][0]
+    record["data"] = [
+        first | {"name": f"shot {i}", "J_relative": {"start": 0.04, "best": 0.01 * (1 + i % 5)}} for i in range(9)
+    ]
+    fit, *_ = tiles(record, verdict(record, "r").levels)
+    assert (fit.figure, fit.words) == ("1.0 to 5.0 %", "of the rate, 9 curves (start 4.0 %)")

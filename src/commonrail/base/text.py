@@ -150,7 +150,7 @@ def several(values: Sequence[Any], text: Callable[[Any], str], most: int = 3) ->
     """Values as a few texts beside one another, "+0.1 · 0.0", or as their range where there are more than `most`."""
     known = [v for value in values if (v := number(value)) is not None]
     if len(known) > most:
-        return f"{text(min(known))} to {text(max(known))}"
+        return " to ".join(dict.fromkeys((text(min(known)), text(max(known)))))
     return " · ".join(map(text, known)) or MISSING
 
 

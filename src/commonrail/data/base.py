@@ -171,10 +171,6 @@ class View(ABC):
         return [self.operating_point(data)]
 
     @abstractmethod
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """Ends of sentences on the agreement of a calibrated model with data sets."""
-
-    @abstractmethod
     def merit(self, data: Sequence[Record]) -> Merit:
         """Error of the calibrated model on data sets, beside that of the start values."""
 

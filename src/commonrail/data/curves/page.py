@@ -11,7 +11,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
-from commonrail.base.text import fixed, listed, megapascal, number, percent, pressure, several, signed
+from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
 from commonrail.data.bands import shaded
 from commonrail.data.base import Merit, View
 from commonrail.data.records import (
@@ -28,7 +28,6 @@ from commonrail.data.records import (
     start_words,
 )
 
-NAMED = 6  # curves that a sentence tells one by one
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 _J_TITLE = "Error J of the injection curves, mm³/ms"
 
@@ -43,10 +42,6 @@ class CurveView(View):
     def operating_point(self, data: Record) -> Record:
         """The curve's operating point."""
         return data
-
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """J of all curves, calibrated against the other models."""
-        return [f", {listed([_sentence(d) for d in data])}" if len(data) <= NAMED else f", {_summary(data)}"]
 
     def merit(self, data: Sequence[Record]) -> Merit:
         """Σ |error| over Σ |rate|."""
@@ -121,31 +116,6 @@ def _title(data: Record, words: str) -> str:
     place = pressure(data["rail_pressure"]), f"{data['energising_time'] * MICROSECOND:.0f} µs"
     name = data["name"].replace(" us", " µs")
     return ", ".join([words, *(one for one in place if one not in name)])
-
-
-def _sentence(data: Record) -> str:
-    others = [
-        f"{fixed(data['J'][key], 1)} {words}"
-        for key, words in (("start", "with the start values"), ("rigid", "as a rigid body"))
-        if number(data["J"].get(key)) is not None
-    ]
-    against = f" against {listed(others)}" if others else ""
-    return f"{data['name']} has J = {fixed(data['J'].get(JUDGED), 1)} mm³/ms{against}"
-
-
-def _summary(data: Sequence[Record]) -> str:
-    """Range of J over many curves, and the worst of them against its sum of the rates."""
-    texts = []
-    for key, words in ((JUDGED, ""), ("start", "with the start values"), ("rigid", "as a rigid body")):
-        known = [j for d in data if (j := number(d["J"].get(key))) is not None]
-        if known:
-            span = f"{fixed(min(known), 1)} to {fixed(max(known), 1)}"
-            texts.append(f"{span} {words}".strip() if words else f"J of {len(known)} curves is {span} mm³/ms")
-    found = {d["name"]: number(d["J_relative"].get(JUDGED)) or 0.0 for d in data}
-    worst = max(found, key=lambda name: found[name])
-    against = f" against {listed(texts[1:])}" if texts[1:] else ""
-    opening = texts[0] if texts else "nothing could be simulated"
-    return f"{opening}{against}; worst is {worst} with {percent(found[worst])} %"
 
 
 def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:

@@ -7,7 +7,7 @@ from typing import Any
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import field_unit, fixed, listed, megapascal, number, pressure, several, signed
+from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
 from commonrail.data.base import Merit, View
 from commonrail.data.features.result import decimals_of
 from commonrail.data.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present, start_words
@@ -26,10 +26,6 @@ class FeatureView(View):
     def operating_point(self, data: Record) -> Record:
         """The operating point of the features."""
         return data
-
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """Root mean square errors of each data set in tolerances, calibrated against start values."""
-        return [f", {listed([_sentence(d) for d in data])}"]
 
     def merit(self, data: Sequence[Record]) -> Merit:
         """Root mean square error in tolerances."""
@@ -55,12 +51,6 @@ class FeatureView(View):
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Errors of the features in tolerances."""
         return [_figure(data, plotted.models)]
-
-
-def _sentence(data: Record) -> str:
-    text = f"the features of {data['name']} are met to {fixed(data['rms'].get(JUDGED), 2)} tolerances rms"
-    start = number(data["rms"].get("start"))
-    return text if start is None else f"{text} (start: {fixed(start, 2)})"
 
 
 def _name(row: Record) -> str:

@@ -71,10 +71,6 @@ class MapView(View):
         rows: Sequence[Record] = data["rows"]
         return rows
 
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """Root mean squares of each map, calibrated and start values."""
-        return [f" ({d['name']}), {_sentence(self, d)}" for d in data]
-
     def merit(self, data: Sequence[Record]) -> Merit:
         """Root mean square error of the large quantities, or of the small ones where there are no others."""
         return _rms(self, data, "rms_large_percent") or _rms(self, data, "rms_small") or Merit(MISSING, "no quantity")
@@ -126,24 +122,6 @@ def _rms(view: MapView, data: Sequence[Record], key: str) -> Merit | None:
     )
     words = f"rms of the {view.of}quantities {side} {limit_text(data)} mm³{start_words(start, unit)}"
     return None if best == MISSING else Merit(f"{best} {unit}", words)
-
-
-def _sentence(view: MapView, data: Record) -> str:
-    best, start = (data["figures"].get(key, {}) for key in (JUDGED, "start"))
-    limit = significant(best.get("limit_quantity"), 3, MM3)
-    parts = []
-    for key, scale, decimals, words in (
-        ("rms_large_percent", 1.0, 1, f"{view.of}quantities above {limit} mm³ are met to {{}} % rms"),
-        ("rms_small", MM3, 2, f"those up to {limit} mm³ to {{}} mm³ rms"),
-        ("dead_time_rms", MICROSECOND, 0, "dead times to {} µs rms"),
-    ):
-        if number(best.get(key)) is None:
-            continue
-        text = words.format(fixed(best[key], decimals, scale))
-        if number(start.get(key)) is not None:
-            text += f" (start: {fixed(start[key], decimals, scale)})"
-        parts.append(text)
-    return listed(parts) or "nothing could be simulated"
 
 
 def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table:

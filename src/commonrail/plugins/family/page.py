@@ -16,7 +16,7 @@ from commonrail.report.fit.figures import figures_of
 from commonrail.report.fit.record import short_names
 from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.tables import tables_of
-from commonrail.report.fit.verdict import baseline_lines, data_lines, merits
+from commonrail.report.fit.verdict import baseline_lines, merits
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 from commonrail.runs.folder import TRACES
@@ -67,7 +67,7 @@ def family_lines(record: Record) -> list[str]:
             "differ more than at them: the mean of what they predict is in the tables, the type is that of the best."
         )
     for part in record["parts"]:
-        for line in (*data_lines(part["data"]), *baseline_lines(part["data"])):
+        for line in baseline_lines(part["data"]):
             lines.append(f"Part {part['name']}: {line[:1].lower()}{line[1:]}")
     far = [
         f"{p['name']} of part {part} ({pull:+.1f} spreads)"

@@ -24,28 +24,16 @@ _ENDINGS = {
     False: "the search ran to its end and has not converged",
 }
 NAMED = 6  # data sets that a sentence names
-_ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
 
 
 def headline(record: Record) -> list[str]:
-    """Sentences on what was calibrated, how far the objective fell, and how well each role is met."""
+    """Sentences on what was calibrated, how far the objective fell, the search, trivial models and meters."""
     return [
         _task(record),
         _objective(record),
         *convergence_lines(record),
-        *data_lines(record["data"]),
         *baseline_lines(record["data"]),
         *meter_lines(record),
-    ]
-
-
-def data_lines(data: Sequence[Record]) -> list[str]:
-    """One sentence or more for each kind and role of data."""
-    return [
-        f"{opening}{end}."
-        for role, opening in _ROLES.items()
-        for view, own in by_kind(of_role(data, role))
-        for end in view.sentences(own)
     ]
 
 
