@@ -42,6 +42,7 @@ ALLOWED = {
     "readers/guarded/parquet.py": "pyarrow on bytes of `read_plain`",
     "readers/guarded/parent.py": "NumPy on what its child process has written",
     "plugins/certainty/posterior/file.py": "NumPy on a stream of `opened`",
+    "report/page.py": "NumPy on a stream of `opened`",
     "plugins/export/fmu.py": "what it has just written into a temporary folder of its own",
     "plugins/export/sources.py": "files of the installed package",
     "plugins/paper/claims.py": "a file of the installed package",

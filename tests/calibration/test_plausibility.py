@@ -170,7 +170,7 @@ def test_the_points_of_a_map_make_one_finding(pwm: Injector) -> None:
 def test_a_parameter_outside_what_its_part_calls_usual(pwm: Injector) -> None:
     (finding,) = of_settings(study(pwm.with_values({"valve.lift": 55e-3}), curve(pulse())))
     assert (finding.code, finding.subject) == ("parameter", "valve.lift")
-    assert "lift from seat to stop is 55 mm, and 5 um to 1 mm is usual" in finding.sentence
+    assert "lift from seat to stop is 55 mm, and 5 µm to 1 mm is usual" in finding.sentence
 
 
 @pytest.mark.parametrize(("upper", "odd"), [(9e-3, 0), (11e-3, 1)])
@@ -227,20 +227,20 @@ def test_a_pilot_less_than_a_cubic_millimetre_apart_is_no_matter(pwm: Injector) 
 def test_a_row_mistyped_is_told_with_its_number(pwm: Injector) -> None:
     typed = QUANTITY * [1.0, 10.0, 1.0, 1.0]
     (finding,) = at_start(pwm, map_(typed), QUANTITY)
-    assert "measured quantity is 120 mm3, and the simulated one 12 mm3 at 1 of 4 points, first at number 2" in (
+    assert "measured quantity is 120 mm³, and the simulated one 12 mm³ at 1 of 4 points, first at number 2" in (
         finding.sentence
     )
 
 
 def test_a_point_that_reads_zero_is_told(pwm: Injector) -> None:
     (finding,) = at_start(pwm, map_(QUANTITY * [1.0, 0.0, 1.0, 1.0]), QUANTITY)
-    assert "measured quantity is 0 mm3, and the simulated one 12 mm3 at 1 of 4 points" in finding.sentence
+    assert "measured quantity is 0 mm³, and the simulated one 12 mm³ at 1 of 4 points" in finding.sentence
 
 
 def test_start_values_that_inject_nothing_or_fail(pwm: Injector) -> None:
     (finding,) = at_start(pwm, curve(pulse()), 0.0 * pulse())
     assert finding.code == "quantity"
-    assert "the simulated one 0 mm3" in finding.sentence
+    assert "the simulated one 0 mm³" in finding.sentence
     assert codes(at_start(pwm, curve(pulse()), np.nan * pulse())) == ["start"]
     assert codes(at_start(pwm, map_(), np.nan * QUANTITY)) == ["start"]
     assert at_start(pwm, map_(), np.where(QUANTITY > 5e-8, np.nan, QUANTITY)) == ()
@@ -262,7 +262,7 @@ def test_a_drift_of_the_meter_is_no_onset() -> None:
 def test_an_onset_before_energising_says_so(pwm: Injector) -> None:
     late = OperatingPoint(160e6, [(600e-6, 700e-6)], horizon=1.56e-3)
     (finding,) = at_start(pwm, curve(pulse(), late), pulse())
-    assert "energising begins at 600 us: no injector opens that soon" in finding.sentence
+    assert "energising begins at 600 µs: no injector opens that soon" in finding.sentence
 
 
 def test_an_onset_long_after_energising_says_so(pwm: Injector) -> None:
@@ -363,7 +363,7 @@ def test_a_gain_that_explains_only_a_part_is_not_told(pwm: Injector) -> None:
 def test_a_gain_as_large_as_the_density_is_named(pwm: Injector) -> None:
     density = 0.787  # of the fuel at 5 MPa and 80 °C [mg/mm³]
     (finding,) = fitted(pwm, curve(pulse() / density), pulse())
-    assert "volumes (mm3) labelled as masses (mg) would do that, at the fuel's 0.787 mg/mm3" in finding.sentence
+    assert "volumes (mm3) labelled as masses (mg) would do that, at the fuel's 0.787 mg/mm³" in finding.sentence
     (finding,) = fitted(pwm, curve(pulse() * density), pulse())
     assert "masses (mg) as mm3 would do that" in finding.sentence
     (finding,) = fitted(pwm, curve(pulse() * 1.1), pulse())

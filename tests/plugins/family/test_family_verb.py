@@ -55,7 +55,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     assert solution.injected_volume == pytest.approx(60e-9, rel=1e-9)
     assert "flow factor" in model.read_text(encoding="utf-8").splitlines()[0]
     table = command("adapt", file, "--from", points, *own, "--out", model)
-    assert "60.000 mm3" in table.out
+    assert "60.000 mm³" in table.out
     for read in (points, file, study.parent / "injector.toml"):
         before = read.read_bytes()
         done = command("adapt", file, "--from", points, *own, "--out", read)
@@ -97,8 +97,8 @@ def test_reference_points_are_ranked_before_anything_is_measured(command: Comman
     assert record["order"][0] == min((0, 1), key=lambda i: record["points"][i]["expected_rms"])
     assert 0.0 < record["points"][0]["expected_rms"] < record["without_reference"]
     shown = command("adapt", file, "--from", points, "--advise").out
-    assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm3" in next(
-        line for line in shown.splitlines() if " us " in line
+    assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm³" in next(
+        line for line in shown.splitlines() if " µs " in line
     )
     assert "nothing measured on the part was used" in shown
     done = command("adapt", file, "--from", points)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.console import print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_folder
 
@@ -79,8 +79,7 @@ def certainty(
         return
     for table in certainty_tables(record):
         print_table(table)
-    for line in certainty_lines(record):
-        click.echo(line)
+    print_lines(certainty_lines(record))
     click.echo(f"most likely values: {likely}")
     click.echo(f"report: {report}")
 

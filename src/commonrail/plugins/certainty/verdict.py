@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.base.text import listed, significant
-from commonrail.base.units import to_text
+from commonrail.base.text import listed, quantity, significant
 from commonrail.calibration.identifiability import LIMIT, ParameterVerdict
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.physics.meters import is_of_meter, parts_of
@@ -43,7 +42,7 @@ class Assumed(NamedTuple):
 # Engineering estimates of what bench and model leave open where a study states nothing. The delay of a meter is seldom
 # known to better than a fraction of a sample, its gain to better than a calibration; the discrepancy is a share of the
 # largest rate over the time that a needle's motion takes.
-ASSUMED = (Assumed("delay", 1e-6, "s", "1 us"), Assumed("gain", 0.01, "1", "1 %"))
+ASSUMED = (Assumed("delay", 1e-6, "s", "1 µs"), Assumed("gain", 0.01, "1", "1 %"))
 DISCREPANCY = Assumed("discrepancy", 0.01, "1", "1 %")
 LENGTH = 50e-6  # over which the assumed discrepancy is correlated [s]
 
@@ -226,7 +225,7 @@ def _blamed(estimate: Estimate, assumed: Sequence[tuple[Assumed, Floats]], colum
     """Quantity of the bench that makes most of a parameter's variance, and its standard deviation in words."""
     likelihood, scale = estimate.likelihood, float(estimate.likelihood.scaled(estimate.unit)[column])
     moves = [
-        (move[column] ** 2 * scale**2, nuisance.name, to_text(nuisance.deviation, nuisance.unit, 2))
+        (move[column] ** 2 * scale**2, nuisance.name, quantity(nuisance.deviation, nuisance.unit, 2))
         for nuisance, move in zip(likelihood.nuisances, estimate.covariance.nuisances, strict=True)
     ] + [(float(np.sum(move[:, column] ** 2)), one.owner, one.size) for one, move in assumed]
     total = float(estimate.covariance.total[column, column]) * scale**2

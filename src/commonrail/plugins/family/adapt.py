@@ -140,7 +140,7 @@ def _check_met(points: QuantityData, best: Floats) -> None:
             duration = sum(pulse.duration for pulse in point.pulses)
             at = f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} us"
             raise InputError(
-                f"{points.name}: {wanted * 1e9:.3g} mm3 are measured at {at}, and the adapted type injects "
+                f"{points.name}: {wanted * 1e9:.3g} mm³ are measured at {at}, and the adapted type injects "
                 f"{given * 1e9:.3f} mm3; check units and pressures, or take a point with a larger energising time."
             )
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import InputError
-from commonrail.base.text import number
-from commonrail.base.units import to_text
+from commonrail.base.text import number, quantity
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_file
@@ -124,7 +123,7 @@ def _advise(
         texts=0,
     )
     click.echo(
-        f"without a reference: {advice.without * 1e9:.2f} mm3 rms. {advice.draws} parts were drawn from the spreads of "
+        f"without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
         "the type, independently for each parameter; nothing measured on the part was used."
     )
 
@@ -132,10 +131,10 @@ def _advise(
 def _advice_row(advice: Advice, i: int) -> list[str]:
     point = advice.points[i]
     return [
-        to_text(point.initial_pressures()[0], "Pa"),
-        to_text(point.pulses[0].duration, "s"),
-        f"{advice.expected[i] * 1e9:.2f} mm3",
-        f"{advice.upper[i] * 1e9:.2f} mm3",
+        quantity(point.initial_pressures()[0], "Pa"),
+        quantity(point.pulses[0].duration, "s"),
+        f"{advice.expected[i] * 1e9:.2f} mm³",
+        f"{advice.upper[i] * 1e9:.2f} mm³",
         f"{100 * advice.usable[i]:.0f} %",
     ]
 
@@ -159,8 +158,8 @@ def _advice_record(advice: Advice) -> dict[str, Any]:
 def _rows(adapted: Adapted) -> list[list[str]]:
     columns = zip(adapted.points.points, adapted.points.quantity, adapted.before, adapted.after, strict=True)
     return [
-        [to_text(point.initial_pressures()[0], "Pa"), to_text(point.pulses[0].duration, "s")]
-        + [f"{value * 1e9:.3f} mm3" for value in values]
+        [quantity(point.initial_pressures()[0], "Pa"), quantity(point.pulses[0].duration, "s")]
+        + [f"{value * 1e9:.3f} mm³" for value in values]
         for point, *values in columns
     ]
 

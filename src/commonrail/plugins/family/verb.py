@@ -12,7 +12,8 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
-from commonrail.base.units import parse, to_text
+from commonrail.base.text import quantity
+from commonrail.base.units import parse
 from commonrail.cli.console import print_json, print_rows, print_table, say
 from commonrail.cli.fit import Outcome, end_if_stopped, reported
 from commonrail.cli.grammar import Argument, Option, verb
@@ -240,6 +241,6 @@ def _print_type(found: InjectorType) -> None:
     if found.synthetic:
         click.echo(f"SYNTHETIC: {found.synthetic}")
     units = {name: q.unit for name, q in parameter_quantities().items()}
-    rows = [[p.name, to_text(p.value, units[p.name]), to_text(p.spread, units[p.name])] for p in found.parameters]
-    rows += [[v.name, to_text(v.value, units[v.name]), "fixed"] for v in found.fixed]
+    rows = [[p.name, quantity(p.value, units[p.name]), quantity(p.spread, units[p.name])] for p in found.parameters]
+    rows += [[v.name, quantity(v.value, units[v.name]), "fixed"] for v in found.fixed]
     print_rows(["parameter", "value", "spread"], rows, found.title, texts=1)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from commonrail.base.table import Column, Part, Table, table_of, tabulated
-from commonrail.base.text import MISSING, counted, fixed, listed, number, signed, significant
+from commonrail.base.table import Part, Table, table_of
+from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, significant
+from commonrail.calibration.optimisers.base import ALIKE
 from commonrail.data.bands import band_sentence, too_few_inside
-from commonrail.data.base import DataSet
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
 from commonrail.report.fit.certainty import difference
@@ -24,28 +24,16 @@ _ENDINGS = {
     False: "the search ran to its end and has not converged",
 }
 NAMED = 6  # data sets that a sentence names
-_ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
 
 
 def headline(record: Record) -> list[str]:
-    """Sentences on what was calibrated, how far the objective fell, and how well each role is met."""
+    """Sentences on what was calibrated, how far the objective fell, the search, trivial models and meters."""
     return [
         _task(record),
         _objective(record),
         *convergence_lines(record),
-        *data_lines(record["data"]),
         *baseline_lines(record["data"]),
         *meter_lines(record),
-    ]
-
-
-def data_lines(data: Sequence[Record]) -> list[str]:
-    """One sentence or more for each kind and role of data."""
-    return [
-        f"{opening}{end}."
-        for role, opening in _ROLES.items()
-        for view, own in by_kind(of_role(data, role))
-        for end in view.sentences(own)
     ]
 
 
@@ -60,20 +48,15 @@ def convergence_lines(record: Record) -> list[str]:
     return [f"Search {found['sentence']}."] if found else []
 
 
-def parameter_lines(parameters: Sequence[Record]) -> list[str]:
-    """Sentences on what the data say of the parameters, and on those that ended at a bound."""
-    lines = []
-    for verdict in dict.fromkeys(p["verdict"] for p in parameters if p.get("verdict")):
-        names = [p["name"] for p in parameters if p.get("verdict") == verdict]
-        if names:
-            lines.append(f"{verdict.capitalize()}: {listed(names)}.")
-    bounded = [p["name"] for p in parameters if p.get("at_bound")]
-    if bounded:
-        lines.append(
-            f"At a bound: {listed(bounded)}. The best value may lie outside; widen the bound if the "
-            "part allows it, otherwise read it as something the model lacks."
-        )
-    return lines
+def search_words(found: Record) -> str:
+    """State of a search in a few words, from its record of convergence; figures and rule are in its sentence."""
+    if "spread" in found:
+        if found["converged"]:
+            return "the population has contracted and gains no more"
+        return "the population is still spread" if found["spread"] > ALIKE else "the best still falls"
+    if "agreeing" in found:
+        return f"{found['agreeing']} of {found['starts']} ends agree"
+    return str(found["sentence"]).removeprefix("not converged: ").partition(";")[0]
 
 
 def synthetic_notes(record: Record) -> list[str]:
@@ -131,7 +114,7 @@ def judgement_lines(record: Record) -> list[str]:
         lines.append(
             f"{found['residuals']} residuals determine {fixed(found['effective_parameters'], 1)} effective parameters "
             f"of {len(record['parameters'])}; their scatter about the fit is {significant(found['scatter'], 3)} "
-            f"{_unit(record)}."
+            f"{in_print(scatter_unit(record))}."
         )
     refits = record.get("refits", {})
     lines += _seed_lines(refits.get("seeds", ()))
@@ -148,34 +131,7 @@ def judgement_tables(record: Record) -> list[Table]:
     return tables + ([_left_out_table(refits["left_out"])] if refits.get("left_out") else [])
 
 
-def combination_table(record: Record) -> Table | None:
-    """Combinations of parameters that the data hold, by falling singular value; None in a record without them."""
-    found = record.get("identifiability")
-    if not found:
-        return None
-    least = 1.0 if _unit(record) == DataSet.residual_unit else 0.0  # a tolerance is no smaller than it is stated
-    scatter = max(float(found["scatter"]), least)
-    held = [c for c in found["combinations"] if c["singular_value"] > scatter]
-    rest = len(record["parameters"]) - len(held)
-
-    def weights(c: Record) -> str:
-        texts = [f"{signed(weight, 2)} {name}" for name, weight in c["weights"].items()]
-        return ", ".join(texts) or "many parameters, none with 0.2"
-
-    columns: list[Column] = [
-        ("combination", weights),
-        ("singular value", lambda c: significant(c["singular_value"], 3)),
-        ("standard error, % of the bounds", lambda c: significant(100.0 * scatter / c["singular_value"], 2)),
-    ]
-    note = (
-        "Moves of parameters, each in widths of its bounds, that change the fitted data, and their standard error by "
-        f"the data alone; parameters with a weight below 0.2 are not named. {rest} further combinations are not known "
-        "to within the width of the bounds: priors and bounds alone hold them."
-    )
-    return tabulated("Combinations that the data hold", held, columns, note)
-
-
-def _unit(record: Record) -> str:
+def scatter_unit(record: Record) -> str:
     """Unit of the scatter of the fitted residuals, which are weighted where data of several units are fitted."""
     units = {kind_of(d["kind"]).residual_unit for d in of_role(record["data"], "fit")}
     return units.pop() if len(units) == 1 else "of their weighted units"
@@ -282,13 +238,15 @@ class Step(NamedTuple):
 class ReportVerdict(NamedTuple):
     """Verdict on a calibration: "good", "care" or "bad", what speaks against it, what to do next, most urgent on top.
 
-    `reasons` are what speaks for the result where there is nothing against it.
+    `reasons` are what speaks for the result where there is nothing against it; `levels` are those of each subject:
+    "fit", "search", "data", "unseen", "parameters".
     """
 
     level: str
     title: str
     reasons: list[str]
     steps: list[Step]
+    levels: dict[str, str]
 
 
 class _Point(NamedTuple):
@@ -309,23 +267,80 @@ _TITLES = {
 def verdict(record: Record, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     folder = shlex.quote(run)
-    found = [
-        *_better(record, folder),
-        *_ending(record, folder),
-        *_plausibility(record, folder),
-        *_prediction(record),
-        *_parameters(record, folder),
-    ]
-    levels = {point.level for point in found}
-    level = BAD if BAD in levels else CARE if CARE in levels else GOOD
+    subjects = {
+        "fit": list(_better(record, folder)),
+        "search": list(_ending(record, folder)),
+        "data": list(_plausibility(record, folder)),
+        "unseen": list(_prediction(record)),
+        "parameters": list(_parameters(record, folder)),
+    }
+    found = [point for points in subjects.values() for point in points]
+    level = _worst(found)
     found.sort(key=lambda point: point.level != BAD)
     steps = list(dict.fromkeys(point.step for point in found))
+    if level != BAD:
+        steps = sorted([*steps, Step(*map_line(record, run))], key=lambda step: not step.command)
     return ReportVerdict(
         level,
         _TITLES[level],
         [point.reason for point in found] or _praise(record),
-        steps if level == BAD else [*steps, Step(*map_line(record, run))],
+        steps,
+        {subject: _worst(points) for subject, points in subjects.items()},
     )
+
+
+def _worst(points: Sequence[_Point]) -> str:
+    levels = {point.level for point in points}
+    return BAD if BAD in levels else CARE if CARE in levels else GOOD
+
+
+class Tile(NamedTuple):
+    """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none."""
+
+    head: str
+    figure: str
+    words: str
+    level: str = ""
+
+    @property
+    def sign(self) -> str:
+        """Sign that says the level without colour."""
+        return {GOOD: "✓", CARE: "!", BAD: "✗"}.get(self.level, "")
+
+
+def merits(data: Sequence[Record], before: str = "", levels: Mapping[str, str] = {}) -> list[Tile]:
+    """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
+    return [
+        Tile(f"{before}{head}", *view.merit(own), levels.get(head, ""))
+        for role, head in (("fit", "fit"), ("validation", "unseen"))
+        for view, own in by_kind(of_role(data, role))
+    ]
+
+
+def tiles(record: Record, levels: Mapping[str, str]) -> list[Tile]:
+    """Answers of the first page: fit, unseen data, quantity, parameters, search; `levels` are those of the verdict."""
+    found = merits(record["data"], levels=levels)
+    if not of_role(record["data"], "validation"):
+        found.append(Tile("unseen", "not known", "no data were held back", levels["unseen"]))
+    for view, own in by_kind(record["data"]):
+        if merit := view.quantity_merit(own):
+            found.append(Tile("quantity", *merit))
+    parameters = record["parameters"]
+    if known := [p["verdict"] for p in parameters if p.get("verdict")]:
+        pinned = f"{known.count('pinned')} of {len(parameters)}"
+        found.append(Tile("parameters", pinned, "pinned by the data", levels["parameters"]))
+    return [*found, *_search_tile(record, levels["search"])]
+
+
+def _search_tile(record: Record, level: str) -> list[Tile]:
+    generations = counted(record["generations"][-1]["generation"], "step") if record["generations"] else "no step"
+    if record["status"] == "interrupted":
+        return [Tile("search", "stopped", f"after {generations}", level)]
+    found = record.get("convergence")
+    if not found:
+        return []
+    figure = "converged" if found["converged"] else "not converged"
+    return [Tile("search", figure, f"{search_words(found)} after {generations}", level)]
 
 
 def _better(record: Record, folder: str) -> Iterator[_Point]:
@@ -357,9 +372,8 @@ def _ending(record: Record, folder: str) -> Iterator[_Point]:
         step = Step("Run the search to its end.", f"commonrail resume {folder}")
         yield _Point(BAD, "The search was stopped before its end.", step)
     elif record.get("convergence", {}).get("converged") is False:
-        sentence = str(record["convergence"]["sentence"]).removeprefix("not converged: ")
         step = Step("Continue the search.", f"commonrail resume {folder} --generations 50")
-        yield _Point(CARE, f"The search has not converged: {sentence}.", step)
+        yield _Point(CARE, f"The search has not converged: {search_words(record['convergence'])}.", step)
     if start is not None and not best < start:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
         yield _Point(BAD, "The objective did not fall below that of the start values.", step)
