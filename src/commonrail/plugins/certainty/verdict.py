@@ -177,7 +177,8 @@ def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judge
     verdict = ParameterVerdict.by_width(case.half, case.alone, value, limit)
     if verdict is ParameterVerdict.PINNED:
         if reason:
-            cure = "search with more starts" if "settled" in reason else "describe the meter, or state a discrepancy"
+            more = "search with more starts, or with a shorter time step"
+            cure = more if "settled" in reason else "describe the meter, or state a discrepancy"
             return Judged(ParameterVerdict.WITHDRAWN, f"{case.figure}; withdrawn, because {reason}", cure, case.half)
         return Judged(ParameterVerdict.PINNED, f"pinned to {case.figure}", "", case.half)
     if case.blamed is not None:
