@@ -221,7 +221,8 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
 
     folder = file_path(folder, "folder")
     record = read_result(folder)
-    record[CERTAINTY] = dict(certainty)
+    adopted = {key: value for key, value in record.get(CERTAINTY, {}).items() if key in ("searched", "taken")}
+    record[CERTAINTY] = {**certainty, **adopted}
     known = {one["name"]: one for one in certainty["parameters"]}
     for parameter in record["parameters"]:
         parameter.update({key: known[parameter["name"]][key] for key in ("standard_error", "verdict")})
