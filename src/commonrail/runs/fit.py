@@ -427,7 +427,8 @@ def _work(
 ) -> Work[Study, Calibration]:
     """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written.
 
-    `adopt`: take the most likely values in place of the search's best. Ctrl-C in the judgement raises `KeyboardInterrupt`: the fit is kept, and `resume` judges it.
+    `adopt`: take the most likely values in place of the search's best. Ctrl-C in the judgement raises
+    `KeyboardInterrupt`: the fit is kept, and `resume` judges it.
     """
     if workers is not None:
         from commonrail.workers.workers import Workers
