@@ -141,7 +141,7 @@ def calibrate(
         search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, stop), checkpoint)
         start, by_itself, at_start = _start(study, threads, warn, strict)
         found = _calibration(study, search.to_end(), start, threads)
-        _tell(_others(found.warnings, by_itself + at_start), warn)
+        _tell(tuple(one for one in found.warnings if one not in by_itself + at_start), warn)
         return found
 
 
