@@ -92,6 +92,22 @@ def test_starts_that_a_ripple_catches_lead_to_the_top_of_the_smooth_likelihood()
     assert settled >= 4
 
 
+def test_a_place_at_a_bound_settles_nothing() -> None:
+    """Data whose third parameter is 12, and a bound of 10: all starts agree there, on what the others take of it."""
+    measured = design() @ np.array([2.0, 3.0, 12.0]) + 0.2 * np.random.default_rng(1).standard_normal(N)
+    plain = likelihood([measured], [design()], [STATED])
+    across = np.random.default_rng(2).standard_normal(N) * 0.2 * 3.0**0.5 / N**0.5
+
+    def rippled(points: Floats) -> Floats:
+        return plain.residuals(points) + np.sin(2.0 * np.pi * points.sum(axis=1) / 0.1)[:, None] * across
+
+    own = Likelihood(plain.space, plain.blocks, rippled, forward=1e-5)
+    starts = plain.space.to_unit(np.random.default_rng(3).uniform([1.0, 2.0, 8.0], [3.0, 4.0, 9.9], (6, 3)))
+    found = estimate(own, starts, level=True)
+    assert found.point[2] == pytest.approx(10.0)
+    assert not found.settled
+
+
 def test_the_error_of_the_time_step_is_in_the_interval() -> None:
     """Residuals that a finer step shifts along a parameter: its interval holds the shift."""
     plain = likelihood([curve(1)], [design()], [STATED])

@@ -183,6 +183,7 @@ class Estimate:
     gain: float  # fall of the cost that the last linear model still promises; zero where its step, tried, brings none
     simulated: int  # points simulated
     ends: Floats  # (k, d), where the starts of the search ended
+    beyond_ripple: bool = False  # they agree, but only beyond the ripple
 
     @property
     def settled(self) -> bool:
@@ -332,7 +333,7 @@ def _level(found: Estimate) -> Estimate:
     if many < min(LEAST_AGREEING, len(unit)):
         return found if single else replace(found, agreeing=max(many, 1))
     found = found.with_errors((unit[close] - found.unit) / many**0.5)
-    return replace(found, gain=0.0, agreeing=1 if single else many)
+    return replace(found, gain=0.0, agreeing=1 if single else many, beyond_ripple=True)
 
 
 def _stepped_on(found: Estimate, unit: Floats) -> tuple[Floats, Floats, Floats]:
