@@ -86,6 +86,22 @@ def test_what_speaks_against_a_fit_has_a_reason_and_a_cure(
     assert any("commonrail map" in step.command for step in found.steps) == (level != "bad")
 
 
+def test_resume_is_for_a_search_that_was_cut_short() -> None:
+    """One that ended by itself ends there again; once the most likely values confirm it, nothing is left to do."""
+    record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x", "cut_short": False}}
+    assert verdict(record, "r").steps[0].command == "commonrail certainty r"
+    known = {"starts": 8, "level": 0.95, "gain": 1.0, "parameters": [], "settled": False}
+    assert verdict(record | {"certainty": known}, "r").steps[0].command == "commonrail certainty r --starts 32"
+    assert verdict(record | {"certainty": known | {"settled": True}}, "r").level == "good"
+    assert verdict(record | {"certainty": known | {"settled": True, "gain": 30.0}}, "r").level == "care"
+
+
+def test_weights_that_favour_some_data_make_no_fit_unusable() -> None:
+    weights = {"code": "share", "subject": "map", "sentence": "it makes 0.4 % of J"}
+    assert verdict(sound() | {"warnings": [weights]}, "r").level == "care"
+    assert verdict(sound() | {"warnings": [weights, weights | {"code": "shift"}]}, "r").level == "bad"
+
+
 def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     record = sound()
     record["parameters"][0]["at_bound"] = True
@@ -99,7 +115,7 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     assert (found.levels["parameters"], found.levels["search"], found.levels["unseen"]) == ("care", "good", "good")
 
 
-@pytest.mark.parametrize(("starts", "command"), [(1, "commonrail certainty r"), (8, "commonrail compare r likely=r/")])
+@pytest.mark.parametrize(("starts", "command"), [(1, "commonrail certainty r"), (8, "commonrail certainty r --adopt")])
 def test_a_better_fit_by_the_likelihood_is_the_first_reason(starts: int, command: str) -> None:
     record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x"}}
     known = record["parameters"][0]

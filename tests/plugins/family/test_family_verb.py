@@ -30,6 +30,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     done = command("family", run, "--out", file, "--part-spread", "3%")
     assert done.status == 0
     assert "SYNTHETIC" in done.out
+    assert "90 % of parts" in done.out
     known = cr.load_type(file)
     calibrated = cr.load_injector(run / "calibrated.toml")
     assert {p.name: p.value for p in known.parameters} == {p.name: calibrated.values[p.name] for p in known.parameters}
@@ -56,6 +57,10 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     assert "flow factor" in model.read_text(encoding="utf-8").splitlines()[0]
     table = command("adapt", file, "--from", points, *own, "--out", model)
     assert "60.000 mm³" in table.out
+    points.write_text(f"{HEAD}160,700,30\n", encoding="utf-8")  # half of it: no part of the type
+    strict = command("adapt", file, "--from", points, *own, "--out", model, "--strict")
+    assert strict.status == 2
+    assert model.is_file() or "flow factor at the end of" in strict.sentence
     for read in (points, file, study.parent / "injector.toml"):
         before = read.read_bytes()
         done = command("adapt", file, "--from", points, *own, "--out", read)

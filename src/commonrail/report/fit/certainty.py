@@ -70,6 +70,8 @@ def difference(record: Record) -> Difference | None:
         return None
     from scipy.special import chdtri  # slow to import
 
+    if "taken" in found and found["gain"] == 0.0:
+        return Difference("The calibrated values are the most likely ones, which were adopted.", False)
     best = {p["name"]: number(p.get("best")) for p in record["parameters"]}
     excluded = [p["name"] for p in found["parameters"] if _excludes(p, best[p["name"]])]
     gain = number(found["gain"])
@@ -241,7 +243,10 @@ def _search(found: Record) -> list[str]:
             "several and profiles the likelihood."
         )
     else:
-        lines.append(f"{found['agreeing']} of {starts} starts end within 0.5 of the largest 2 ln L.")
+        lines.append(
+            f"{found['agreeing']} of {starts} starts end within 0.5 of the largest 2 ln L, or beyond its ripple within "
+            "0.7 standard errors of every parameter."
+        )
     if found["adopted"]:
         lines.append("A profile met a better fit than the search had found; all figures here are those of that fit.")
     return lines

@@ -14,7 +14,6 @@ from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Reco
 from commonrail.data.registry import kind_of
 from commonrail.report.fit.certainty import difference
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
-from commonrail.runs.folder import LIKELY
 
 # Result of a calibration in sentences.
 
@@ -226,6 +225,7 @@ def _left_out_table(found: Sequence[Record]) -> Table:
 
 GOOD, CARE, BAD = "good", "care", "bad"
 SHOWN = 4  # parameters that a sentence names
+WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 
 
 class Step(NamedTuple):
@@ -348,15 +348,24 @@ def _better(record: Record, folder: str) -> Iterator[_Point]:
     found = difference(record)
     if found is None or not found.matters:
         return
-    if record["certainty"]["starts"] > 1:
-        text = "Compare both fits on all data, and take most-likely.toml as the injector if it is the better one."
-        command = f"commonrail compare {folder} likely={folder}/{LIKELY} --data {folder}/study.toml"
-    else:
-        text, command = _full(folder)
-    yield _Point(CARE, found.sentence, Step(text, command))
+    step = Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt")
+    yield _Point(CARE, found.sentence, step if record["certainty"]["starts"] > 1 else _full(folder, record))
 
 
-def _full(folder: str) -> Step:
+def _confirmed(record: Record) -> bool:
+    """True if a search for the most likely values from several starts has settled, and the calibrated values are they.
+
+    They may differ by no more than noise explains.
+    """
+    known, differs = record.get("certainty") or {}, difference(record)
+    return known.get("starts", 1) > 1 and bool(known.get("settled")) and not (differs and differs.matters)
+
+
+def _full(folder: str, record: Record) -> Step:
+    starts = (record.get("certainty") or {}).get("starts", 1)
+    if starts > 1:
+        text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
+        return Step(text, f"commonrail certainty {folder} --starts {4 * starts}")
     text = "Compute full intervals of the parameters, and search for their most likely values from several starts."
     return Step(text, f"commonrail certainty {folder}")
 
@@ -371,9 +380,12 @@ def _ending(record: Record, folder: str) -> Iterator[_Point]:
     if record["status"] == "interrupted":
         step = Step("Run the search to its end.", f"commonrail resume {folder}")
         yield _Point(BAD, "The search was stopped before its end.", step)
-    elif record.get("convergence", {}).get("converged") is False:
+    elif record.get("convergence", {}).get("converged") is False and not _confirmed(record):
+        found = record["convergence"]
         step = Step("Continue the search.", f"commonrail resume {folder} --generations 50")
-        yield _Point(CARE, f"The search has not converged: {search_words(record['convergence'])}.", step)
+        if not found.get("cut_short", True):
+            step = _full(folder, record)
+        yield _Point(CARE, f"The search has not converged: {search_words(found)}.", step)
     if start is not None and not best < start:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
         yield _Point(BAD, "The objective did not fall below that of the start values.", step)
@@ -385,7 +397,8 @@ def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
         step = Step(
             "Check the findings at the top of this page against the test bench, correct the study, calibrate again."
         )
-        yield _Point(BAD, reason, step._replace(command=f"commonrail calibrate {folder}/study.toml"))
+        level = CARE if all(warning["code"] == WEIGHTS for warning in record["warnings"]) else BAD
+        yield _Point(level, reason, step._replace(command=f"commonrail calibrate {folder}/study.toml"))
     if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
         reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
         yield _Point(
@@ -436,7 +449,7 @@ def _parameters(record: Record, folder: str) -> Iterator[_Point]:
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         profiled = record.get("certainty", {}).get("starts", 1) > 1
-        yield _Point(CARE, reason, _plan(record, folder) if profiled else _full(folder))
+        yield _Point(CARE, reason, _plan(record, folder) if profiled else _full(folder, record))
 
 
 def _plan(record: Record, folder: str) -> Step:
