@@ -269,10 +269,10 @@ def _print_quantities(found: InjectorType) -> None:
     low, middle, high = (1e9 * np.quantile(drawn, share, axis=0) for share in (BAND[0], 0.5, BAND[1]))
     rows = [
         [
-            to_text(point.initial_pressures()[0], "Pa"),
-            to_text(point.pulses[0].duration, "s"),
-            f"{middle[i]:.2f} mm3",
-            f"{low[i]:.2f} to {high[i]:.2f} mm3",
+            quantity(point.initial_pressures()[0], "Pa"),
+            quantity(point.pulses[0].duration, "s"),
+            f"{middle[i]:.2f} mm³",
+            f"{low[i]:.2f} to {high[i]:.2f} mm³",
         ]
         for i, point in enumerate(points)
     ]
