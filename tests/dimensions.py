@@ -92,7 +92,7 @@ FIELDS: dict[type, str] = {
     nozzle.State: "m, kg",
     nozzle.Coefficients: "m4, m4, kg/s, s, 1, m, m, 1/m, 1/m, of its own",
     nozzle.Shape: "1, m, 1/m",
-    plunger_needle.Coefficients: "N/m, N s/m, 1/kg, s/kg, N/m, kg, of their own",
+    plunger_needle.Coefficients: "N/m, N s/m, 1/kg, s/kg, s2/kg, N/m, kg, of their own",
     plunger_needle.Guides: "m2, m2, m2, m3, m3, N, N/m, m, N/m, s/m, N s/m, N",
     plunger_needle.Loads: "N, N, N, N, N",
     plunger_needle.Motion: "m, m, m",

@@ -11,7 +11,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
-from commonrail.cli.console import print_table, say
+from commonrail.cli.console import print_lines, print_table, say
 from commonrail.cli.fit import Outcome, run_study
 from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED, guarded
@@ -86,8 +86,7 @@ def _print(outcome: Outcome) -> None:
     click.echo(outcome.record["title"])
     if outcome.record["synthetic"]:
         click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
-    for line in headline(outcome.record):
-        click.echo(line)
+    print_lines(headline(outcome.record))
     for table in tables_of(outcome.record["data"]):
         print_table(table)
 

@@ -32,6 +32,7 @@ ALLOWED = {
     "calibration/study_file/from_data.py": "files of the installed package",
     "compiler/cache.py": "guards its own folder: files of this user alone",
     "engine/machine_code.py": "a file of the installed package",
+    "compiler/lower.py": "its standard output",
     "compiler/target.py": "/proc",
     "runs/lock.py": "SQLite, after `check_target`",
     "runs/tables.py": "SQLite in memory",
@@ -41,9 +42,9 @@ ALLOWED = {
     "readers/guarded/parquet.py": "pyarrow on bytes of `read_plain`",
     "readers/guarded/parent.py": "NumPy on what its child process has written",
     "plugins/certainty/posterior/file.py": "NumPy on a stream of `opened`",
+    "report/page.py": "NumPy on a stream of `opened`",
     "plugins/export/fmu.py": "what it has just written into a temporary folder of its own",
     "plugins/export/sources.py": "files of the installed package",
-    "plugins/export/llvm_text.py": "files of the installed package",
     "plugins/paper/claims.py": "a file of the installed package",
     "plugins/page/module.py": "files of the installed package, and what zig has just written into a temporary folder",
 }

@@ -22,7 +22,7 @@ def test_a_signed_number_has_a_true_minus_and_no_sign_at_zero(value: float, show
 
 
 @pytest.mark.parametrize(
-    ("value", "shown"), [(1531.4, "1530"), (-21712.4, "-21700"), (171.26, "171"), (1e6, "1e+06"), (2.5e-7, "2.5e-07")]
+    ("value", "shown"), [(1531.4, "1530"), (-21712.4, "−21700"), (171.26, "171"), (1e6, "1·10⁶"), (2.5e-7, "2.5·10⁻⁷")]
 )
 def test_an_everyday_number_has_no_exponent(value: float, shown: str) -> None:
     assert text.significant(value, 3) == shown

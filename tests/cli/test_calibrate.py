@@ -89,8 +89,14 @@ def test_the_last_line_counts_the_warnings(command: Command, study: Path, tmp_pa
     assert done.status == 0
     assert done.out.endswith(f"report: {tmp_path / 'run' / 'report.html'} (3 warnings at its top)\n")
     assert done.out.startswith("SYNTHETIC: ")
-    parameters = done.out.partition("\nParameters\n")[2]
-    assert "control_chamber.z_hole_diameter" in parameters
+    assert "Parameters\n" not in done.out
+
+
+def test_the_tables_are_printed_where_they_are_asked_for(command: Command, finished: dict[str, Any]) -> None:
+    done = command("resume", finished["run"], "--full")
+    verdict = done.out.partition("\nParameters\n")[2]
+    assert "control_chamber.z_hole_diameter" in verdict
+    assert "\n  commonrail " in verdict  # the next steps come last
 
 
 def test_the_report_can_be_made_again(command: Command, finished: dict[str, Any]) -> None:

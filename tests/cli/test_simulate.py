@@ -38,7 +38,7 @@ def test_the_record_holds_the_figures_of_the_library(command: Command) -> None:
 def test_the_table_is_for_a_person(command: Command) -> None:
     done = command(*SIMULATE)
     assert done.status == 0
-    assert f"{solution().injected_volume * 1e9:.2f} mm3" in done.out
+    assert f"{solution().injected_volume * 1e9:.2f} mm³" in done.out
     assert "The simulation ended well." in done.out
     assert "synthetic" in done.out  # the injector of the catalogue says so
     assert "simulating" in done.err

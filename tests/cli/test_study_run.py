@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import io
+import re
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from commonrail.base import hooks
+from commonrail.base.table import Cell, Table
 from commonrail.calibration.search import Progress
 from commonrail.cli import console as progress
 from commonrail.cli import fit
 from commonrail.cli.console import COMPILING
+from tests.report.samples import map_record, rate_record
 
 STATES = [
     *(Progress("evolution", g, 30, 400.0 / g, 900.0 / g, 50 * g, 0.5 * g) for g in range(1, 31)),
@@ -63,3 +68,44 @@ def test_compiling_is_told_while_it_lasts(
     with hooks.compiling():  # the bar listens no more
         pass
     assert capsys.readouterr().err == ""
+
+
+def be_narrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make standard output a terminal of 80 columns."""
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+@pytest.mark.parametrize("record", [rate_record(), map_record()])
+def test_a_terminal_ends_in_the_verdict_and_what_to_do(
+    record: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    be_narrow(monkeypatch)
+    fit.print_outcome(fit.Outcome(Path("runs/a"), Path("runs/a/report.html"), record), json=False)
+    lines = re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out).splitlines()
+    assert len(lines) <= 25  # a screen of a terminal
+    assert lines[-1] == "report: runs/a/report.html"
+    commands = [line for line in lines if line.startswith("  commonrail ")]
+    assert 1 <= len(commands) <= 3
+    assert max(len(line) for line in lines if line not in commands) <= 80
+    assert any(line.startswith("┃ Usable with care") for line in lines)
+
+
+WIDE = Table("Title", ("name", "a", "b"), ((Cell("first"), Cell("1" * 40), Cell("2" * 40)),), "A note. " * 20)
+
+
+def test_a_narrow_terminal_loses_columns_rather_than_folding_words(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    be_narrow(monkeypatch)
+    progress.print_table(WIDE)
+    text = capsys.readouterr().out
+    assert "1" * 40 in text
+    assert "2" not in text
+    assert "Left out, as this terminal is narrow: b." in text
+    assert set(text.partition("b.\n")[2].split()) == {"A", "note."}  # no word of the note is broken
+
+
+def test_a_file_gets_all_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    progress.print_table(WIDE)
+    assert "2" * 40 in capsys.readouterr().out

@@ -25,6 +25,11 @@ def poly(x: Any) -> Any:
     return 2.0 * x * x + 3.0 * x - 7.0
 
 
+@physics
+def allocating(x: Any) -> Any:
+    return np.full(int(x), x).sum()
+
+
 FACTOR = 0.3
 
 

@@ -40,8 +40,7 @@ def terminal_speed(force: float) -> float:
 
 
 def chain_at(z: float, v: float) -> plunger_needle.State:
-    speeds = Nine(*[v] * 9)
-    return plunger_needle.State(Nine(*[z] * 9), speeds, speeds)
+    return plunger_needle.State(*(Nine(*[each] * 9) for each in (z, v, 0.0)))
 
 
 @pytest.mark.parametrize("force", [5.0, 40.0])
@@ -80,7 +79,7 @@ def advanced(drawn: plunger_needle.Parameters, dt: float, load: Loads, end: floa
     s = chain_at(1e-3, 0.0)
     still = Nine(*[0.0] * 9)
     a = guide_friction.accelerate_chain(c, SEAT, s.z, still, load)
-    s = plunger_needle.State(s.z, Nine(*[-0.5 * dt * x for x in a]), Nine(*[-1.5 * dt * x for x in a]))
+    s = plunger_needle.State(s.z, Nine(*[-0.5 * dt * x for x in a]), Nine(*[dt * x for x in a]))
     for _ in range(round(end / dt)):
         s = guide_friction.advance_chain(c, SEAT, s, load, dt)
     return s.z

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from commonrail.physics.flow import Restriction, choked, jet, laminar_offset, orifice, orifice_pair, series
+from commonrail.physics.flow import Restriction, choked, jet, laminar_offset, orifice, series
 
 DENSITY = 850.0
 VISCOSITY = 2e-3  # dynamic [Pa s]
@@ -69,13 +69,6 @@ def test_a_cavitating_orifice_does_not_feel_the_pressure_behind_it() -> None:
     assert low == high == cavitating
     free = Restriction(cda2 * 1e6, cda2)
     assert choked(free, cavitating) == free
-
-
-def test_a_pair_of_orifices_is_each_by_itself() -> None:
-    one, two = Restriction(CDA2 * 3e6, CDA2), Restriction(-0.2 * CDA2 * 5e5, 0.0)
-    pair = orifice_pair(one, two, (DENSITY, 800.0), (OFFSET, 2.0 * OFFSET))
-    for found, alone in zip(pair, (orifice(one, DENSITY, OFFSET), orifice(two, 800.0, 2.0 * OFFSET)), strict=True):
-        assert found == pytest.approx(alone, rel=1e-14)
 
 
 def test_series_shares_the_pressure_drop_so_that_both_pass_the_same() -> None:

@@ -63,7 +63,7 @@ def ringing(
     c = plunger_needle.coefficients(drawn, dt)
     amplitude = 1e-8 * shape / np.abs(shape).max()
     start = -0.5 * dt * (-((2 * np.pi / period) ** 2) * amplitude)
-    s = State(Nine(*(rest + amplitude)), Nine(*start), Nine(*start))
+    s = State(Nine(*(rest + amplitude)), Nine(*start), Nine(*[0.0] * 9))
     course = []
     for _ in range(10 * steps):
         course.append((np.array(s.z) - rest) @ (mass * shape))

@@ -41,7 +41,7 @@ def test_in_between_it_stays_near_the_exponential(y: float) -> None:
 
 
 def test_a_growing_volume_swallows_flow() -> None:
-    grown = mean_departure(NET, 1e-9, STIFFNESS, VOLUME, NET, DT)
+    grown = mean_departure(NET, 1e-9, STIFFNESS, VOLUME, NET * DT, DT)
     assert grown == 0.0
 
 

@@ -24,10 +24,10 @@ def test_a_filled_volume_has_the_pressure_it_was_filled_to(pressure: float) -> N
 
 def test_a_volume_drawn_empty_holds_vapour_and_remembers_what_is_missing() -> None:
     full = filled(FUEL, 0.1e6, 18e-9)
-    cavity = contents(FUEL, 0.9 * full.mass, 1 / 18e-9)
+    cavity = contents(FUEL, 0.9 * full.mass, 18e-9)
     assert cavity.pressure == FUEL.vapour_pressure
     assert cavity.stiffness == 0.0
-    assert contents(FUEL, cavity.mass + 0.1 * full.mass, 1 / 18e-9).pressure == pytest.approx(0.1e6, rel=1e-6)
+    assert contents(FUEL, cavity.mass + 0.1 * full.mass, 18e-9).pressure == pytest.approx(0.1e6, rel=1e-6)
 
 
 def test_a_flattened_seat_makes_no_room_in_the_sac() -> None:

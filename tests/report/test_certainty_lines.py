@@ -75,6 +75,6 @@ def test_what_a_delay_moves_is_told_once(is_stated: bool) -> None:
     lines = certainty_lines(found)
     assert "1 % of gain would move k7 by 0.4 %." in lines
     assert ("1 us of delay would move k7 by 1.8 %." in lines) is not is_stated
-    assert ("One standard deviation of the delay of bench (1 us) moves k7 by 6.5 %." in lines) is is_stated
+    assert ("One standard deviation of the delay of bench (1 µs) moves k7 by 6.5 %." in lines) is is_stated
     words = "beyond what the study states" if is_stated else "which the study lacks"
-    assert any(line.startswith(f"A delay of the meter of 2 us, {words}, ") for line in lines)
+    assert any(line.startswith(f"A delay of the meter of 2 µs, {words}, ") for line in lines)

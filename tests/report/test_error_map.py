@@ -16,7 +16,7 @@ def test_errors_are_in_percent_above_the_limit_and_in_volumes_below() -> None:
     row = dict(zip(large.x, large.values[0], strict=True))
     assert row["300"] is None
     assert row["700"] == pytest.approx(100.0 * (0.15 / 5.0 + 0.1 / 10.97))  # the sample's error at its fifth row
-    assert small.x == ("250", "300", "400", "500")  # up to 5 mm³
+    assert small.x == ("250", "300", "400")  # up to 3 mm³: each quantity is in one of the two maps
     assert small.values[0][0] == pytest.approx(0.24 * 0.15 + 0.1)
     assert small.texts[0][0] == "+0.14"
     assert large.diverging

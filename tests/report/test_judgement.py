@@ -9,7 +9,8 @@ import pytest
 
 from commonrail.data.quantities.page import MapView
 from commonrail.data.records import Plotted
-from commonrail.report.fit.verdict import combination_table, judgement_lines, judgement_tables
+from commonrail.report.fit.diagnostics import loading_matrix
+from commonrail.report.fit.verdict import judgement_lines, judgement_tables
 from commonrail.report.page import report_html
 from tests.report.samples import map_record, rate_record
 
@@ -43,7 +44,7 @@ def record() -> dict[str, Any]:
         "covered_by_parameters_alone": 9,
         "median_half_width_percent": 4.25,
     }
-    weights = {"valve.mass": 0.9, "valve.damping": -0.4}
+    weights = {"plunger_needle.k1": 0.9, "plunger_needle.k2": -0.4}
     combinations = [{"singular_value": v, "weights": w} for v, w in ((40.0, weights), (4.0, {}), (0.5, weights))]
     found["identifiability"] = {
         "residuals": 17,
@@ -115,22 +116,20 @@ def test_the_mean_of_the_members_follows_the_model(record: dict[str, Any]) -> No
     )
 
 
-def test_combinations_that_the_data_hold(record: dict[str, Any]) -> None:
-    table = combination_table(record)
-    assert table is not None
-    # below the scatter of 2 nothing is held; the standard error is 2/40 and 2/4 of the bounds
-    assert [[cell.text for cell in row] for row in table.rows] == [
-        ["+0.90 valve.mass, −0.40 valve.damping", "40", "5"],
-        ["many parameters, none with 0.2", "4", "50"],
-    ]
-    assert "1 further combinations" in table.note
+def test_combinations_are_rows_of_a_matrix_the_best_known_on_top(record: dict[str, Any]) -> None:
+    matrix = loading_matrix(record)
+    assert matrix is not None
+    # below the scatter of 2 nothing is held; the standard error is 2/40 and 2/4 of the bounds; rows go up from the last
+    assert matrix.y == ("50", "5")
+    assert (matrix.x, matrix.values) == (("k1", "k2"), ((None, None), (0.9, -0.4)))
+    assert "1 further combinations are known by priors" in matrix.caption
 
 
 def test_a_fit_that_was_not_judged_has_none() -> None:
     record = map_record()
     assert judgement_lines(record) == []
     assert judgement_tables(record) == []
-    assert combination_table(record) is None
+    assert loading_matrix(record) is None
 
 
 @pytest.mark.parametrize("upper", [None, 2.0])
@@ -149,7 +148,7 @@ def test_a_fit_with_bands_does_not_say_that_it_has_none(record: dict[str, Any]) 
 
 def test_the_page_shows_them(record: dict[str, Any]) -> None:
     page = report_html(record, {})
-    for text in ("Judgement of the fit", "Combinations that the data hold", "Other seeds", "lie in the 90 % band"):
+    for text in ("Combinations that the data determine", "Other seeds", "lie in the 90 % band"):
         assert text in page
 
 
@@ -165,9 +164,9 @@ def test_a_table_of_quantities_says_which_lie_in_the_band(record: dict[str, Any]
 
 def test_figures_shade_the_band(record: dict[str, Any]) -> None:
     data = record["data"][0]
-    both = MapView().figures(data, Plotted({}, {}))[:2]  # dead times come after
-    assert all("Shaded: 90 % band" in figure.caption for figure in both)
-    band = both[1].panels[0].bands[0]
+    figure = MapView().figures(data, Plotted({}, {}))[0]  # dead times come after
+    assert "Shaded: 90 % band" in figure.caption
+    band = figure.panels[1].bands[0]
     assert band.high == pytest.approx([5.0] * len(band.x))
     assert band.low == pytest.approx([-5.0] * len(band.x))
 
@@ -176,9 +175,9 @@ def test_the_scatter_of_curves_is_in_their_unit(record: dict[str, Any]) -> None:
     curves = rate_record()
     curves["identifiability"] = copy.deepcopy(record["identifiability"]) | {"scatter": 0.125}
     (line,) = judgement_lines(curves)
-    assert line.endswith("their scatter about the fit is 0.125 mm3/ms.")
-    table = combination_table(curves)
-    assert table is not None
-    assert len(table.rows) == 3  # singular values of 0.5 mm3/ms and more are above that scatter; of a map two are
+    assert line.endswith("their scatter about the fit is 0.125 mm³/ms.")
+    matrix = loading_matrix(curves)
+    assert matrix is not None
+    assert len(matrix.y) == 3  # singular values of 0.5 mm3/ms and more are above that scatter; of a map two are
     both = curves | {"data": [curves["data"][0], record["data"][0]]}
     assert judgement_lines(both)[-1].endswith("0.125 of their weighted units.")

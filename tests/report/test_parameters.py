@@ -14,7 +14,7 @@ def test_positions_are_percentages_of_the_range() -> None:
     (row,) = parameter_rows([record])
     assert row.start_at == 47.37  # (1 − 0.1)/1.9
     assert row.best_at == 48.54  # (8.26/8.08 − 0.1)/1.9
-    assert (row.lower, row.upper) == ("8.08 N/µm", "162 N/µm")
+    assert row.bounds == "8.08 to 162 N/µm"
     assert row.change == "+2.2"
 
 
@@ -25,9 +25,9 @@ def test_a_start_value_outside_the_bounds_stays_on_the_bar() -> None:
 
 def test_a_standard_error_beyond_the_range_is_not_given_as_a_number() -> None:
     record = rate_record()["parameters"][1]
-    assert parameter_rows([record])[0].error == "± 2.48 N/µm"  # 3 % of 82.6
+    assert parameter_rows([record])[0].interval == "± 2.48 N/µm"  # 3 % of 82.6
     wide = record | {"standard_error": 2e8}  # the range is 154 N/µm
-    assert parameter_rows([wide])[0].error == "± more than its range"
+    assert parameter_rows([wide])[0].interval == "± more than its range"
 
 
 def test_the_mark_is_written_in_words() -> None:
@@ -39,7 +39,7 @@ def test_a_parameter_without_identification_has_dashes() -> None:
     for key in ("effect", "pinned", "standard_error", "verdict"):
         del record[key]
     (row,) = parameter_rows([record])
-    assert (row.effect, row.error, row.verdict) == ("–", "", "–")
+    assert (row.effect, row.interval, row.verdict, row.span) == ("–", "", "–", None)
 
 
 def test_a_machine_zero_is_not_given_as_an_effect() -> None:
@@ -48,13 +48,24 @@ def test_a_machine_zero_is_not_given_as_an_effect() -> None:
     assert parameter_rows([record | {"effect": 0.25, "pinned": 0.01}])[0].effect == "0.25, 0.01 with the others"
 
 
-def test_value_and_interval_of_the_likelihood_stand_together() -> None:
-    """The standard error about the most likely value is none of the calibrated one."""
-    record = rate_record()["parameters"][1]  # calibrated 82.6 N/µm, bounds 8.08 to 162 N/µm
+def test_a_parameter_has_one_value_and_the_interval_of_the_likelihood() -> None:
+    """The most likely value is offered for adoption elsewhere; two values of one parameter are one too many."""
+    record = rate_record()["parameters"][1]  # calibrated 82.6 N/µm, bounds 8.08 to 161.6 N/µm
     likely = {"name": record["name"], "value": 50e6, "lower": 45e6, "upper": 55e6, "percent": 10.0}
-    (row,) = parameter_rows([record], {"level": 0.95, "parameters": [likely]})
-    assert (row.best, row.error, row.likely) == ("82.6 N/µm", "", "50 N/µm, 95 %: 45 N/µm to 55 N/µm")
-    assert "standard error" not in parameter_table([record], {"level": 0.95, "parameters": [likely]}).columns
+    certainty = {"level": 0.95, "parameters": [likely]}
+    (row,) = parameter_rows([record], certainty)
+    assert (row.best, row.interval) == ("82.6 N/µm", "45 to 55 N/µm")
+    assert row.span == pytest.approx((24.05, 6.52), abs=0.02)  # (45 − 8.08)/153.52 and 10/153.52
+    table = parameter_table([record], certainty)
+    assert "95 % interval" in table.columns
+    assert "50 N/µm" not in [cell.plain for row in table.rows for cell in row]
+
+
+def test_an_interval_beyond_the_bounds_fills_the_bar() -> None:
+    record = rate_record()["parameters"][1]
+    wide = {"name": record["name"], "value": 50e6, "lower": -1e9, "upper": 1e9, "percent": 2000.0}
+    (row,) = parameter_rows([record], {"level": 0.95, "parameters": [wide]})
+    assert (row.interval, row.span) == ("not bounded by the data", (0.0, 100.0))
 
 
 @pytest.mark.parametrize(
@@ -63,7 +74,7 @@ def test_value_and_interval_of_the_likelihood_stand_together() -> None:
         (-1693.6e6, 2377.9e6, "not bounded by the data"),
         (-12e6, 100e6, "below 100 N/µm"),
         (20e6, 300e6, "above 20 N/µm"),
-        (20e6, 100e6, "20 N/µm to 100 N/µm"),
+        (20e6, 100e6, "20 to 100 N/µm"),
         (None, None, "–"),
     ],
 )
@@ -77,16 +88,18 @@ def test_the_terminal_has_value_error_and_bounds_of_each_parameter() -> None:
     del record["standard_error"]
     table = parameter_table([record | {"standard_error": 2.48e6}, record | {"at_bound": True}])
     first, second = ([cell.plain for cell in row] for row in table.rows)
-    assert first[:2] == [record["name"], "pinned"]
-    assert first[3:] == ["82.6 N/µm", "± 2.48 N/µm", "+2.2", "8.08 N/µm to 162 N/µm", "no"]
-    assert second[4:] == ["–", "+2.2", "8.08 N/µm to 162 N/µm", "yes"]
+    assert first[:5] == [record["name"], "82.6 N/µm", "± 2.48 N/µm", "pinned", "80.8 N/µm"]
+    assert first[5:] == ["+2.2", "8.08 to 162 N/µm", "no"]
+    assert second[2:] == ["–", "pinned", "80.8 N/µm", "+2.2", "8.08 to 162 N/µm", "yes"]
 
 
 def test_a_prior_is_shown_with_its_pull() -> None:
     record = rate_record()["parameters"][1]
     prior = {"prior": {"value": 8e7, "sigma": 2e6, "source": "a sister part"}, "pull": 1.3}
     assert parameter_rows([record])[0].pull == ""
-    assert parameter_rows([record | prior])[0].pull == "+1.3 σ"
+    (row,) = parameter_rows([record | prior])
+    assert row.pull == "+1.3 σ"
+    assert row.prior == pytest.approx((45.54, 2.61), abs=0.02)  # 78 to 82 N/µm between 8.08 and 161.6
     table = parameter_table([record | prior, record])
     assert table.columns[-1] == "from its prior"
     assert [row[-1].plain for row in table.rows] == ["+1.3 σ", "–"]

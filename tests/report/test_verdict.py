@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from commonrail.report.fit.verdict import verdict
+from commonrail.report.fit.verdict import search_words, tiles, verdict
 from tests.report.samples import map_record, rate_record
 
 
@@ -86,6 +86,22 @@ def test_what_speaks_against_a_fit_has_a_reason_and_a_cure(
     assert any("commonrail map" in step.command for step in found.steps) == (level != "bad")
 
 
+def test_resume_is_for_a_search_that_was_cut_short() -> None:
+    """One that ended by itself ends there again; once the most likely values confirm it, nothing is left to do."""
+    record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x", "cut_short": False}}
+    assert verdict(record, "r").steps[0].command == "commonrail certainty r"
+    known = {"starts": 8, "level": 0.95, "gain": 1.0, "parameters": [], "settled": False}
+    assert verdict(record | {"certainty": known}, "r").steps[0].command == "commonrail certainty r --starts 32"
+    assert verdict(record | {"certainty": known | {"settled": True}}, "r").level == "good"
+    assert verdict(record | {"certainty": known | {"settled": True, "gain": 30.0}}, "r").level == "care"
+
+
+def test_weights_that_favour_some_data_make_no_fit_unusable() -> None:
+    weights = {"code": "share", "subject": "map", "sentence": "it makes 0.4 % of J"}
+    assert verdict(sound() | {"warnings": [weights]}, "r").level == "care"
+    assert verdict(sound() | {"warnings": [weights, weights | {"code": "shift"}]}, "r").level == "bad"
+
+
 def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     record = sound()
     record["parameters"][0]["at_bound"] = True
@@ -94,10 +110,12 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     assert found.level == "care"
     assert "At a bound: plunger_needle.k1." in found.reasons
     assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.reasons
-    assert [step.command for step in found.steps][1] == "commonrail certainty runs/a"
+    assert found.steps[0].command == "commonrail certainty runs/a"  # what a command does comes first
+    assert found.steps[-1].text.startswith("Widen the bounds")
+    assert (found.levels["parameters"], found.levels["search"], found.levels["unseen"]) == ("care", "good", "good")
 
 
-@pytest.mark.parametrize(("starts", "command"), [(1, "commonrail certainty r"), (8, "commonrail compare r likely=r/")])
+@pytest.mark.parametrize(("starts", "command"), [(1, "commonrail certainty r"), (8, "commonrail certainty r --adopt")])
 def test_a_better_fit_by_the_likelihood_is_the_first_reason(starts: int, command: str) -> None:
     record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x"}}
     known = record["parameters"][0]
@@ -194,3 +212,56 @@ def test_bands_that_hold_too_few_values_ask_for_care(values: int, covered: int, 
     reason = f"The bands hold too few measured values of {name}: they are too narrow."
     assert (reason in found.reasons) is narrow
     assert found.level == ("care" if narrow else "good")
+
+
+def test_the_first_screen_has_errors_in_percent_of_what_was_fitted_and_what_was_not() -> None:
+    record = rate_record() | {"convergence": {"converged": False, "spread": 41.0, "sentence": "not converged: x"}}
+    found = {tile.head: tile for tile in tiles(record, verdict(record, "r").levels)}
+    assert found["fit"].figure == "1.2 %"  # 171.5/14000 of the rate, as samples.py has it
+    assert found["fit"].words == "of the rate, EVI 160 MPa (start 2.9 %)"  # 402.2/14000
+    assert found["unseen"].figure == "1.1 · 1.1 %"  # 160.2 and 158.4
+    assert found["quantity"].figure == "+0.4 · +0.4 · +0.4 %"  # 51.9/51.7 − 1
+    assert (found["parameters"].figure, found["parameters"].sign) == ("3 of 7", "!")
+    assert found["search"].figure == "not converged"
+    assert found["search"].words == "the population is still spread after 50 steps"
+
+
+def test_the_first_screen_of_a_map_has_both_small_and_large_quantities() -> None:
+    record = sound()
+    found = {tile.head: (tile.figure, tile.words) for tile in tiles(record, verdict(record, "r").levels)}
+    assert found["fit"] == ("4.8 %", "rms of the quantities above 3 mm³ (start 22.4 %)")
+    assert found["quantity"] == ("0.21 · 0.21 mm³", "rms of the quantities up to 3 mm³ (start 0.61 · 0.61 mm³)")
+
+
+def test_data_that_were_not_held_back_leave_the_unseen_error_open() -> None:
+    record = sound()
+    record["data"] = record["data"][:1]
+    unseen = next(tile for tile in tiles(record, verdict(record, "r").levels) if tile.head == "unseen")
+    assert (unseen.figure, unseen.level) == ("not known", "care")
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        ({"converged": True, "spread": 0.1}, "the population has contracted and gains no more"),
+        ({"converged": False, "spread": 3.0}, "the population is still spread"),
+        ({"converged": False, "spread": 0.1}, "the best still falls"),
+        ({"converged": False, "starts": 8, "agreeing": 2}, "2 of 8 ends agree"),
+        (
+            {"converged": False, "sentence": "not converged: it ended with one point; more would"},
+            "it ended with one point",
+        ),
+    ],
+)
+def test_the_state_of_a_search_is_told_in_words_of_an_engineer(found: dict[str, Any], words: str) -> None:
+    assert search_words(found) == words
+
+
+def test_many_curves_have_the_range_of_their_errors() -> None:
+    record = rate_record()
+    first = record["data"][0]
+    record["data"] = [
+        first | {"name": f"shot {i}", "J_relative": {"start": 0.04, "best": 0.01 * (1 + i % 5)}} for i in range(9)
+    ]
+    fit, *_ = tiles(record, verdict(record, "r").levels)
+    assert (fit.figure, fit.words) == ("1.0 to 5.0 %", "of the rate, 9 curves (start 4.0 %)")

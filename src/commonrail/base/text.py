@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from commonrail.base.units import to_text
+from commonrail.base.units import convert, to_text
 
 MISSING = "–"
 _PRETTY = {"mm3": "mm³", "cm3": "cm³", "mm2": "mm²", "m3": "m³", "m2": "m²", "ohm": "Ω"}
@@ -66,8 +66,19 @@ def significant(value: Any, digits: int = 4, scale: float = 1.0) -> str:
     found = number(value)
     if found is None:
         return MISSING
-    rounded = f"{found * scale:.{digits}g}"
-    return f"{float(rounded):.0f}" if "e+" in rounded and abs(float(rounded)) < 1e6 else rounded
+    return _in_print(f"{found * scale:.{digits}g}")
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def _in_print(amount: str) -> str:
+    """A number with a true minus, and an exponent as a power of ten: "−2.4e-10" as −2.4·10⁻¹⁰."""
+    if "e+" in amount and abs(float(amount)) < 1e6:
+        amount = f"{float(amount):.0f}"
+    digits, _, exponent = amount.partition("e")
+    power = f"·10{str(int(exponent)).translate(_RAISED)}" if exponent else ""
+    return digits.replace("-", "−") + power
 
 
 def signed(value: Any, decimals: int) -> str:
@@ -100,7 +111,22 @@ def quantity(value: Any, unit: str, digits: int = 4) -> str:
     if found is None:
         return MISSING
     amount, _, shown = to_text(found, unit, digits).partition(" ")
-    return f"{amount} {in_print(shown)}".strip()
+    return f"{_in_print(amount)} {in_print(shown)}".strip()
+
+
+def shown_unit(value: float, unit: str) -> tuple[str, float]:
+    """Unit in which `quantity` writes a value of an SI unit, and its factor from SI."""
+    name = to_text(value, unit).partition(" ")[2] if value else field_unit(unit).name
+    if name in ("", unit):
+        return ("" if unit == "1" else in_print(unit)), 1.0
+    return in_print(name), convert(1.0, unit, name)
+
+
+def quantity_range(low: Any, high: Any, unit: str, digits: int = 4) -> str:
+    """Two values of an SI unit, whose unit is written once where it is that of both: "20 to 100 N/µm"."""
+    first, second = "0" if low == 0.0 else quantity(low, unit, digits), quantity(high, unit, digits)
+    amount, _, shown = first.partition(" ")
+    return f"{amount if shown and second.endswith(f' {shown}') else first} to {second}"
 
 
 def duration(seconds: Any) -> str:
@@ -118,6 +144,14 @@ def duration(seconds: Any) -> str:
 def counted(count: int, noun: str, nouns: str = "") -> str:
     """Number with its noun in the singular or the plural, by default with an s: 1 rail pressure, 2 rail pressures."""
     return f"{count} {noun if count == 1 else nouns or f'{noun}s'}"
+
+
+def several(values: Sequence[Any], text: Callable[[Any], str], most: int = 3) -> str:
+    """Values as a few texts beside one another, "+0.1 · 0.0", or as their range where there are more than `most`."""
+    known = [v for value in values if (v := number(value)) is not None]
+    if len(known) > most:
+        return " to ".join(dict.fromkeys((text(min(known)), text(max(known)))))
+    return " · ".join(map(text, known)) or MISSING
 
 
 def listed(words: Sequence[str]) -> str:

@@ -91,6 +91,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         ],
         **meter_records(calibration.meters),
         "warnings": warning_records(calibration.warnings),
+        **({"start_warnings": warning_records(calibration.start_warnings)} if calibration.start_warnings else {}),
     }
 
 

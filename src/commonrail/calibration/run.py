@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from commonrail.base.arguments import flag, function, instance, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import StudyError
 from commonrail.base.hooks import held_interrupts
 from commonrail.calibration.ensemble import injector_of, mean_scores
-from commonrail.calibration.plausibility.check import after_fit, of_settings, of_start
+from commonrail.calibration.optimisers.base import Best
+from commonrail.calibration.plausibility.check import after_fit, of_settings, of_values
 from commonrail.calibration.plausibility.finding import Finding
 from commonrail.calibration.plausibility.fit import Fit
 from commonrail.calibration.scoring import Scores, score_all, scores_of
@@ -49,7 +52,9 @@ class Calibration(Shown, SearchResult):
         For "start", "best" and, where the body is flexible, "rigid": every data set, fit and validation. Where several
         optima of maps were found, "mean" is of the mean of what they predict.
     warnings : tuple of Finding
-        What about study, data and result is implausible, found before and after the fit.
+        What about study, data and result is implausible: by its settings, and with the calibrated values.
+    start_warnings : tuple of Finding
+        What was implausible with the start values, and no longer is.
     members : tuple of Injector
         Of the optima whose mean is scored, the calibrated injector first; empty where there is none.
     best, cost, start_cost, history, counts, status, reason, seconds, simulations, failures, convergence, ends
@@ -62,6 +67,7 @@ class Calibration(Shown, SearchResult):
     injector: Injector
     scores: dict[str, tuple[Score, ...]]
     warnings: tuple[Finding, ...]
+    start_warnings: tuple[Finding, ...] = ()
     members: tuple[Injector, ...]
 
     @property
@@ -133,20 +139,40 @@ def calibrate(
         instance(checkpoint, Checkpoint, "checkpoint")
     with held_interrupts() as stop:
         search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, stop), checkpoint)
-        start, before = _start(study, threads, warn, strict)
-        found = search.to_end()
-        injector, finished = injector_of(study, found.best), found.status == "finished"
-        scores = scores_of(study, injector, threads, with_rigid=finished, start=start, best=found.best)
-        members: tuple[Injector, ...] = ()
-        if finished:
-            members, mean = mean_scores(study, injector, scores[JUDGED], found.ends, threads)
-            scores |= mean
-        fit = Fit(study, found.best, found.start_cost, found.cost, scores["best"])
-        after = after_fit(fit, injector, before)
-        _tell(after, warn)
-        return Calibration(
-            study=study, injector=injector, scores=scores, warnings=before + after, members=members, **vars(found)
-        )
+        start, by_itself, at_start = _start(study, threads, warn, strict)
+        found = _calibration(study, search.to_end(), start, threads)
+        _tell(tuple(one for one in found.warnings if one not in by_itself + at_start), warn)
+        return found
+
+
+def at_values(calibration: Calibration, best: Mapping[str, float], threads: int | None = None) -> Calibration:
+    """The calibration with values `best` [SI] of all parameters, such as the most likely, in place of the search's."""
+    study, x = calibration.study, np.array([best[name] for name in calibration.study.space.names])
+    cost = float(objective_of(study, threads).costs(x[None]).costs[0])
+    found = {one.name: getattr(calibration, one.name) for one in fields(SearchResult)}
+    found |= {"best": dict(best), "cost": cost, "ends": (Best(x, cost),)}
+    return _calibration(study, SearchResult(**found), calibration.scores["start"], threads)
+
+
+def _calibration(study: Study, found: SearchResult, start: Scores, threads: int | None) -> Calibration:
+    """Result of a search with what it makes of injector and data; `start` are the scores of the start values."""
+    injector, finished = injector_of(study, found.best), found.status == "finished"
+    scores = scores_of(study, injector, threads, with_rigid=finished, start=start, best=found.best)
+    members: tuple[Injector, ...] = ()
+    if finished:
+        members, mean = mean_scores(study, injector, scores[JUDGED], found.ends, threads)
+        scores |= mean
+    by_itself = of_settings(study)
+    after = after_fit(Fit(study, found.best, found.start_cost, found.cost, scores["best"]), injector, by_itself)
+    return Calibration(
+        study=study,
+        injector=injector,
+        scores=scores,
+        warnings=by_itself + after,
+        start_warnings=_others(of_values(study, start), after),
+        members=members,
+        **vars(found),
+    )
 
 
 def check_study(study: Study, threads: int | None = None) -> tuple[Finding, ...]:
@@ -160,21 +186,28 @@ def check_study(study: Study, threads: int | None = None) -> tuple[Finding, ...]
         If an argument is of another kind, such as a path in place of a study.
     """
     instance(study, Study, "study")
-    return _start(study, thread_count(threads))[1]
+    _, by_itself, at_start = _start(study, thread_count(threads))
+    return by_itself + at_start
 
 
 def _start(
     study: Study, threads: int | None, warn: Callable[[Finding], None] | None = None, strict: bool = False
-) -> tuple[Scores, tuple[Finding, ...]]:
-    """Scores of the start values, and the warnings before the fit; if `strict`, the first ones are an error."""
+) -> tuple[Scores, tuple[Finding, ...], tuple[Finding, ...]]:
+    """Scores of the start values, and warnings about settings and start; if `strict`, the first ones are an error."""
     by_itself = of_settings(study)
     _tell(by_itself, warn)
     _refuse(by_itself, strict)
     start = score_all(study, study.injector, threads)
-    simulated = of_start(study, start)
+    simulated = of_values(study, start)
     _tell(simulated, warn)
     _refuse(simulated, strict)
-    return start, by_itself + simulated
+    return start, by_itself, simulated
+
+
+def _others(findings: tuple[Finding, ...], known: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """Findings whose kind and subject are not among the known ones."""
+    said = {(finding.code, finding.subject) for finding in known}
+    return tuple(finding for finding in findings if (finding.code, finding.subject) not in said)
 
 
 def _tell(findings: tuple[Finding, ...], warn: Callable[[Finding], None] | None) -> None:

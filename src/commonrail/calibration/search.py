@@ -137,7 +137,7 @@ def judge_population(costs: Floats, history: Sequence[Generation], noise: float)
     finite = costs[np.isfinite(costs)]
     if len(finite) < 2:
         why = ONE_POINT if len(costs) == 1 else "fewer than two members could be simulated"
-        return Convergence.of(False, why, {"members": len(finite)})
+        return Convergence.of(False, why, {"members": len(finite), "cut_short": len(costs) > 1})
     spread = float(finite.max() - finite.min()) / noise
     past = history[max(len(history) - 1 - LATEST, 0)]
     done = max(history[-1].generation - past.generation, 1)
@@ -145,6 +145,7 @@ def judge_population(costs: Floats, history: Sequence[Generation], noise: float)
     known = len(history) > LATEST and bool(np.isfinite(gain))
     converged = spread <= ALIKE and known and gain <= SMALL_GAIN
     figures = {"members": len(finite), "spread": spread, "gain_per_generation": gain if np.isfinite(gain) else None}
+    figures["cut_short"] = not converged
     sentence = (
         f"the members differ by {spread:.2g} of 2 ln L, and the last {done} generations gained {gain:.2g} each; "
         f"{ALIKE} and {SMALL_GAIN} over {LATEST} generations are asked for"
@@ -161,7 +162,7 @@ def judge_restarts(costs: Floats, noise: float) -> Convergence:
     agreeing = int((finite <= finite.min(initial=np.inf) + ALIKE * noise).sum())
     converged = agreeing >= AGREEING
     sentence = f"{agreeing} of {len(costs)} refinements end within {ALIKE} of the best 2 ln L; {AGREEING} are asked for"
-    return Convergence.of(converged, sentence, {"starts": len(costs), "agreeing": agreeing})
+    return Convergence.of(converged, sentence, {"starts": len(costs), "agreeing": agreeing, "cut_short": False})
 
 
 _Begin = Callable[[Optimiser | None], Optimiser]  # begins an optimiser, given the one before it in the row

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
@@ -66,6 +68,7 @@ COMPILING = "compiling the simulation for this machine, once"
 # Control characters but tab and line feed, and those that turn the direction of writing.
 _OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
+NARROW_TERMINAL = 100  # columns below which tables lose their last columns rather than fold their words
 
 
 def say(text: str) -> None:
@@ -129,10 +132,34 @@ def print_result(
         say(f"wrote {path}")
 
 
+def columns_of(stream: TextIO) -> int:
+    """Columns of a terminal, or those that a file gets."""
+    return shutil.get_terminal_size().columns if stream.isatty() else WIDTH_OF_A_FILE
+
+
+def wrapped(text: str, indent: str = "", later: str | None = None) -> list[str]:
+    """Lines of a sentence: in a terminal broken between words, in a file one.
+
+    `indent` opens the first line, `later` the others; by default the same.
+    """
+    later = indent if later is None else later
+    if not sys.stdout.isatty():
+        return [f"{indent}{text}"]
+    width = columns_of(sys.stdout)
+    return textwrap.wrap(
+        text, width, initial_indent=indent, subsequent_indent=later, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Print sentences, in a terminal broken between words."""
+    for line in lines:
+        click.echo("\n".join(wrapped(line)))
+
+
 def print_text(lines: Iterable[str], tables: Sequence[Table] = ()) -> None:
     """Print sentences, and tables below them."""
-    for line in lines:
-        click.echo(line)
+    print_lines(lines)
     if tables:
         click.echo("")
     for table in tables:
@@ -144,7 +171,7 @@ def print_table(table: Table) -> None:
     rows = [[cell.plain for cell in row] for row in table.rows]
     print_rows(table.columns, rows, table.title, texts=table.texts)
     if table.note:
-        click.echo(table.note)
+        print_lines([table.note])
     click.echo("")
 
 
@@ -154,10 +181,12 @@ def print_rows(
     """Print rows under their heads.
 
     `title`: line above the heads, if any. `texts`: number of leading columns with text; those after them are numbers.
-    None: all are text.
+    None: all are text. In a terminal of fewer than `NARROW_TERMINAL` columns the last columns are left out if
+    the table does not fit, and named below it.
     """
     shown = [list(map(_shown, row)) for row in (columns, *rows)]
     texts = len(columns) if texts is None else texts
+    shown, left_out = _fitting(shown, title, texts)
     plain = None if sys.stdout.isatty() else plain_rows(shown, title, texts, WIDTH_OF_A_FILE)
     if plain is not None:
         click.echo("\n".join(plain))
@@ -166,11 +195,25 @@ def print_rows(
     from rich.table import Table as Grid
 
     grid = Grid(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
-    for index, column in enumerate(columns):
+    for index, column in enumerate(shown[0]):
         grid.add_column(column, justify="right" if index >= texts else "left", overflow="fold")
     for row in shown[1:]:
         grid.add_row(*row)
     _print(grid)
+    if left_out:
+        print_lines([f"Left out, as this terminal is narrow: {', '.join(left_out)}."])
+
+
+def _fitting(rows: list[list[str]], title: str, texts: int) -> tuple[list[list[str]], list[str]]:
+    """Rows with as many columns as a narrow terminal shows without folding, and the heads of those left out.
+
+    All columns where two of them do not fit either.
+    """
+    width, whole = columns_of(sys.stdout), len(rows[0])
+    counts = range(whole, 1 if width < NARROW_TERMINAL else whole - 1, -1)
+    fits = (n for n in counts if plain_rows([row[:n] for row in rows], title, texts, width) is not None)
+    count = next(fits, whole)
+    return [row[:count] for row in rows], rows[0][count:]
 
 
 def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:

@@ -281,9 +281,9 @@ def self_check(found: dict[str, Any]) -> Fact:
     if volume is None or balance is None:
         value, sound = found["status"], False
     else:
-        value = f"{volume * 1e9:.1f} mm3 injected, mass kept to {abs(balance):.0e}"
+        value = f"{volume * 1e9:.1f} mm³ injected, mass kept to {abs(balance):.0e}"
         sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < TOLERANCE
-    cure = f"It should be {VOLUME * 1e9:.1f} mm3 and 1e-14: empty the kernel cache; if it stays, report it."
+    cure = f"It should be {VOLUME * 1e9:.1f} mm³ and 1e-14: empty the kernel cache; if it stays, report it."
     return Fact("self-check", value, OK if sound else cure, True)
 
 

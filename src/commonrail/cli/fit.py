@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import sys
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +13,7 @@ import click
 from commonrail.base.errors import StudyError
 from commonrail.base.text import counted
 from commonrail.base.units import to_text
-from commonrail.cli.console import Bar, Stage, print_json, print_table, say
+from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, wrapped
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -76,38 +78,21 @@ def reported(
         return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
 
 
-def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
-    """Print figures or the record of a run; exit status 130 if it was stopped.
+def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: bool = False) -> None:
+    """Print the verdict of a run, with `full` its tables too, or its record; exit status 130 if it was stopped.
 
     `StudyError` if `strict` and the run has given a warning; its files are written.
     """
-    from commonrail.report.fit.certainty import certainty_lines, certainty_tables
-    from commonrail.report.fit.tables import parameter_table, tables_of
-    from commonrail.report.fit.verdict import baseline_lines, convergence_lines, judgement_lines, judgement_tables
-
-    warnings = outcome.record["warnings"]
+    record, warnings = outcome.record, outcome.record["warnings"]
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
-        print_json({"kind": "calibration", **places, "result": outcome.record})
+        print_json({"kind": "calibration", **places, "result": record})
     else:
-        if outcome.record["synthetic"]:
-            click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
-        record = outcome.record
-        for table in (
-            *tables_of(record["data"]),
-            parameter_table(record["parameters"], record.get("certainty")),
-            *certainty_tables(record),
-            *judgement_tables(record),
-        ):
-            print_table(table)
-        lines = (
-            convergence_lines(record),
-            certainty_lines(record),
-            baseline_lines(record["data"]),
-            judgement_lines(record),
-        )
-        for line in (line for group in lines for line in group):
-            click.echo(line)
+        if full:
+            _print_tables(record)
+        if record["synthetic"]:
+            click.echo(f"SYNTHETIC: {record['synthetic']}" if full else _one_line(f"SYNTHETIC: {record['synthetic']}"))
+        _print_card(record, str(outcome.folder))
         click.echo(f"report: {outcome.report}{_mention(warnings)}")
     end_if_stopped(outcome)
     if strict and warnings:
@@ -115,6 +100,57 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
             f"{outcome.folder} is written, and has {counted(len(warnings), 'warning')}; the first: "
             f"{warnings[0]['sentence']}"
         )
+
+
+def _print_tables(record: Mapping[str, Any]) -> None:
+    """Print all tables and sentences of a calibration."""
+    from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
+    from commonrail.report.fit.tables import parameter_table, tables_of
+    from commonrail.report.fit.verdict import baseline_lines, convergence_lines, judgement_lines, judgement_tables
+
+    tables = (
+        *tables_of(record["data"]),
+        parameter_table(record["parameters"], record.get("certainty")),
+        *likelihood_tables(record),
+        *judgement_tables(record),
+    )
+    for table in tables:
+        print_table(table)
+    print_lines(convergence_lines(record))
+    print_lines(certainty_lines(record))
+    print_lines(baseline_lines(record["data"]))
+    print_lines(judgement_lines(record))
+
+
+COLOURS = {"good": "green", "care": "yellow", "bad": "red"}  # of the levels of a verdict
+REASONS, STEPS = 7, 3  # lines with reasons, and commands, in a terminal
+
+
+def _print_card(record: Mapping[str, Any], run: str) -> None:
+    """Print verdict, figures, reasons and next commands of a calibration: 22 lines at most in a terminal."""
+    from commonrail.report.fit.verdict import tiles, verdict
+
+    found = verdict(record, run)
+    bar = click.style("┃", fg=COLOURS[found.level])
+    click.echo(f"{bar} {click.style(found.title, bold=True)}")
+    for tile in tiles(record, found.levels):
+        figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
+        click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
+    lines = [line for reason in found.reasons for line in wrapped(reason, "- ", "  ")]
+    click.echo("\n".join(lines[:REASONS]))
+    if len(lines) > REASONS:
+        click.echo(f"  … {counted(len(lines) - REASONS, 'more line')} in the report")
+    for number, step in enumerate(found.steps[:STEPS], start=1):
+        click.echo(f"{number} {_one_line(step.text, 2)}")
+        if step.command:
+            click.echo(click.style(f"  {step.command}", bold=True))
+
+
+def _one_line(text: str, before: int = 0) -> str:
+    """Text cut between words to the line of a terminal of which so many columns are taken; in a file the whole text."""
+    if not sys.stdout.isatty():
+        return text
+    return textwrap.shorten(text, max(columns_of(sys.stdout) - before, 20), placeholder=" …")
 
 
 def end_if_stopped(outcome: Outcome) -> None:

@@ -85,7 +85,8 @@ def _lowered(source: Source) -> bytes:
             '"reference".'
         )
     with _TURN:
-        answer = _child(source.kind).ask(source)
+        # one that has waited for too long may end as it is asked
+        answer = _child(source.kind).ask(source) or _child(source.kind).ask(source) or {"fault": "it has ended"}
     if "fault" in answer:
         raise ConfigurationError(f"Compiling the simulation failed: {answer['fault']}.")
     return json.dumps(answer["texts"]).encode()
@@ -119,8 +120,8 @@ class _Child:
             env=os.environ | _NUMBA | {"PYTHONPATH": path},
         )
 
-    def ask(self, source: Source) -> dict[str, Any]:
-        """Texts of a source, or a fault."""
+    def ask(self, source: Source) -> dict[str, Any] | None:
+        """Texts of a source, or a fault; nothing if the process has ended as it does after a while."""
         line = b""
         try:
             with contextlib.suppress(BrokenPipeError):
@@ -133,6 +134,8 @@ class _Child:
         if line:
             answer: dict[str, Any] = json.loads(line)
             return answer
+        if self.process.returncode == 0:
+            return None
         self._errors.seek(0)
         said = self._errors.read().decode(errors="replace").strip().splitlines()[-1:] or ["it ended without a message"]
         return {"fault": said[0].rstrip(".")}

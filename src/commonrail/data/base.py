@@ -148,6 +148,13 @@ class Score(ABC):
         return []
 
 
+class Merit(NamedTuple):
+    """Figure of merit on the first page of a report: the figure with its unit, and of what it is."""
+
+    figure: str
+    words: str
+
+
 class View(ABC):
     """Content of reports on records of one kind: tables, figures and sentences, as plain data."""
 
@@ -164,8 +171,16 @@ class View(ABC):
         return [self.operating_point(data)]
 
     @abstractmethod
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """Ends of sentences on the agreement of a calibrated model with data sets."""
+    def merit(self, data: Sequence[Record]) -> Merit:
+        """Error of the calibrated model on data sets, beside that of the start values."""
+
+    def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
+        """Error of the quantity per stroke, where `merit` does not say it."""
+        return None
+
+    def quantities(self, data: Record) -> list[tuple[float, float | None]]:
+        """Measured and calibrated quantities per stroke [m³]."""
+        return []
 
     @abstractmethod
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Points, Series
-from commonrail.base.text import number
+from commonrail.base.text import MISSING, number
 from commonrail.engine.operating_point import OperatingPoint
 
 Record = Mapping[str, Any]
@@ -64,6 +64,11 @@ def point_record(point: OperatingPoint) -> dict[str, float]:
 def relative_error(value: float | None, measured: float) -> float | None:
     """Error of a value in percent of the measured one; None where either is missing."""
     return None if value is None or not measured else 100.0 * (value / measured - 1.0)
+
+
+def start_words(start: str, unit: str) -> str:
+    """Words behind a figure of merit that tell that of the start values; none where it is missing."""
+    return "" if start == MISSING else f" (start {start} {unit})"
 
 
 def scaled(rows: Sequence[Record], key: str, scale: float) -> Points:

@@ -361,11 +361,11 @@ def _pressures(model: Model, time: Floats, states: Floats) -> dict[str, Floats]:
         needle_side.append((h.accumulation.pressure, h.sac.pressure))
         if model.direct:
             continue
-        control.append(contents(c.fuel, core.fuel.control, 1.0 / h.volumes.control).pressure)
+        control.append(contents(c.fuel, core.fuel.control, h.volumes.control).pressure)
         at = Inlet(rail[i], core.rail_mass, y[0])
         inlet[i] = feed(c, inlet_law(model.variant), at, h.accumulation.pressure, control[i]).inlet
         if model.variant.boundary is Boundary.VOLUME:
-            rail[i] = contents(c.fuel, core.rail_mass, 1.0 / c.rail.volume).pressure
+            rail[i] = contents(c.fuel, core.rail_mass, c.rail.volume).pressure
     accumulation, sac = np.array(needle_side).T.copy()
     return {
         **({} if model.direct else {"control_pressure": np.array(control)}),

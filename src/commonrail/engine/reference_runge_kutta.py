@@ -143,6 +143,13 @@ def entries(*words: str) -> dict[str, Any]:
 
 
 @physics
+def set_all(target: Any, source: Any) -> None:
+    """Copy an array; by a slice it would be into memory of its own first, lest the two overlap."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@physics
 def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
     """Boundary courses at time t between stops k and k + 1, linear.
 
@@ -219,9 +226,9 @@ def _make_march(variant: Variant) -> Callable[..., int]:
         farthest = farthest_lift(c)
         outside, work = memory
         y, new = work[0], work[1]
-        y[:] = start
+        set_all(y, start)
         outside[AT.conducting] = 2.0
-        states[rows[0]] = y
+        set_all(states[rows[0]], y)
         for k in range(len(stops) - 1):
             outside[AT.on], outside[AT.peak] = plan.schedule[k, 0], plan.schedule[k, 1]
             outside[AT.conducting] = outside[AT.conducting] if outside[AT.on] > 0.5 else 2.0
@@ -243,12 +250,12 @@ def _make_march(variant: Variant) -> Callable[..., int]:
                     continue
                 record_instants(recorded, now, h, y[tip], new[tip], new[injected])
                 now = stop if h >= stop - now else now + h
-                y[:] = new
+                set_all(y, new)
                 if long > 0.0:
                     outside[AT.conducting] = turned(outside[AT.conducting])
                 short, gap, long, tries = 0.0, past(c, cells, y, outside), 0.0, 0
             if rows[k + 1] >= 0:
-                states[rows[k + 1]] = y
+                set_all(states[rows[k + 1]], y)
                 # not isfinite(), which "reassoc" folds to true; any comparison with NaN is false
                 if not (abs(y[tip]) < farthest and abs(y[injected]) < 1.0):
                     return 0

@@ -10,7 +10,7 @@ from commonrail.physics.components import needle_seat, valve
 from commonrail.physics.components.nozzle import RESIDUAL_LIFT
 from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.flow import Contents, Flow, Restriction, choked, jet, leakage_slope, orifice, series
-from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.law import physics
 from commonrail.physics.model import Coefficients, accumulation_volume, control_volume
 
 # Pressure drop below which the film on the valve's land counts as at this one, for a finite quotient [Pa].
@@ -59,9 +59,10 @@ def seat_pressure(c: Coefficients, gap_cda2: float, upstream: float, behind: flo
     valve [Pa].
     """
     hole = c.control_chamber.a_cda2
-    per_series, per_gap = reciprocals(hole + gap_cda2, max(gap_cda2, 1e-3 * hole))
-    cavitating = c.control_chamber.a_cda2_choked * (upstream - c.fuel.vapour_pressure) * per_gap
-    return min((upstream - behind) * hole * per_series, cavitating)
+    free, both = (upstream - behind) * hole, hole + gap_cda2
+    cavitating, gap = c.control_chamber.a_cda2_choked * (upstream - c.fuel.vapour_pressure), max(gap_cda2, 1e-3 * hole)
+    limited = cavitating * both < free * gap
+    return (cavitating if limited else free) / (gap if limited else both)
 
 
 @physics

@@ -20,7 +20,7 @@ from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.connections import Volumes, middle, remembered_lift
 from commonrail.physics.flow import Contents, Flow, contents, filled
 from commonrail.physics.fuel_kernel import FuelCoefficients
-from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.law import physics
 from commonrail.physics.model import (
     GIVE,
     Ambient,
@@ -223,14 +223,15 @@ def make_step(laws: DirectLaws) -> Callable[..., tuple[State, Waves]]:
 
         ends = feed_pipe.State(inlet.flow, filled.pipe)
         away = feed_pipe.leave(c.feed_pipe, ends, inlet.pressure, filled.pressure)
-        per_store, per_sac = reciprocals(geometry.after.accumulation, geometry.after.sac)
         after = State(
             feed_pipe=ends,
             solenoid=magnet,
             drive=drive.State(conducting),
-            accumulation=needle_seat.AccumulationState(contents(c.fuel, filled.mass, per_store), store.pressure),
+            accumulation=needle_seat.AccumulationState(
+                contents(c.fuel, filled.mass, geometry.after.accumulation), store.pressure
+            ),
             body=body,
-            sac=contents(c.fuel, sac_flows.mass, per_sac),
+            sac=contents(c.fuel, sac_flows.mass, geometry.after.sac),
             nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * sac_flows.nozzle),
             cumulative_flows=CumulativeFlows(
                 s.cumulative_flows.returned, s.cumulative_flows.supplied + dt * inlet.flow

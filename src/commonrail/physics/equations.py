@@ -131,7 +131,7 @@ def inlet_ideal(c: Coefficients, at: Inlet, z_flow: float) -> float:
 @physics
 def inlet_throttled(c: Coefficients, at: Inlet, z_flow: float) -> float:
     """Pressure at the pipe's inlet behind the rail's throttle, Eq. (4) solved for the pressure."""
-    rail = contents(c.fuel, at.rail_mass, 1.0 / c.rail.volume)
+    rail = contents(c.fuel, at.rail_mass, c.rail.volume)
     total = at.flow + c.control_chamber.z_inlet_fraction * z_flow
     return rail.pressure - total * abs(total) / (2.0 * rail.density * c.rail.throttle_cda2)
 
@@ -259,8 +259,8 @@ def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
         return Hydraulics(
             lifts,
             volumes,
-            contents(c.fuel, fuel.accumulation, 1.0 / volumes.accumulation),
-            contents(c.fuel, fuel.sac, 1.0 / volumes.sac),
+            contents(c.fuel, fuel.accumulation, volumes.accumulation),
+            contents(c.fuel, fuel.sac, volumes.sac),
             max(reached, lifts.tip),
         )
 
@@ -312,7 +312,7 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
         s = load_core(y, core, 1)
         z, v = load_masses(y, at.body, 2), load_masses(y, at.body + 1, 2)
         h = hydraulics(c, s.fuel, s.nozzle.lift_reached, z)
-        chamber = contents(c.fuel, s.fuel.control, 1.0 / control_volume(c, h.lifts))
+        chamber = contents(c.fuel, s.fuel.control, control_volume(c, h.lifts))
         x = c.control_chamber.z_inlet_fraction
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
         gap_cda2 = gap_law(c, chamber, pressure_behind(c, s.outlet, wave), s.valve.lift)

@@ -7,7 +7,7 @@ from math import pi
 from typing import NamedTuple
 
 from commonrail.physics import fuel_kernel as fuel
-from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.law import physics
 
 # Flow through an orifice, Eq. (4), with a laminar limit and cavitation.
 #
@@ -80,27 +80,6 @@ def orifice(through: Restriction, density: float, offset: float) -> Flow:
     """
     flow = jet(through.cda2_dp, density, offset)
     return Flow(flow.mass_flow, density * through.cda2 / flow.root)
-
-
-@physics
-def orifice_pair(
-    first: Restriction,
-    second: Restriction,
-    density: tuple[float, float],
-    offset: tuple[float, float],
-) -> tuple[Flow, Flow]:
-    """Mass flows [kg/s] and slopes [kg/(s Pa)] of two orifices as of `orifice`, with one division.
-
-    `first`, `second`: (c_d A)² Δp of each and its derivative; `density` (float, float): ρ of the fluid upstream of the
-    first [kg/m³] and of the second [kg/m³], > 0; `offset` (float, float): q_h of the first [kg/s] and of the second
-    [kg/s], > 0.
-    """
-    one, two = jet(first.cda2_dp, density[0], offset[0]), jet(second.cda2_dp, density[1], offset[1])
-    per_one, per_two = reciprocals(one.root, two.root)
-    return (
-        Flow(one.mass_flow, density[0] * first.cda2 * per_one),
-        Flow(two.mass_flow, density[1] * second.cda2 * per_two),
-    )
 
 
 @physics
@@ -191,7 +170,7 @@ def friction_resistance(friction_factor: float, length: float, diameter: float, 
 # linear in the pressure, q(p) = q_n + Σ s (p − p_n) with Σ s = −S, and the geometry that of mid-step. The
 # pressure then relaxes as exp(−y), y = dt · S · (dp/dρ)/V; its mean departure from p_n over the step is
 #
-#     δ = dt · dp/dt · φ2(y),   φ2(y) = (1/2 + y/6)/(1 + 2y/3 + y²/6)
+#     δ = dt · dp/dt · φ2(y),   φ2(y) = (3 + y)/(6 + 4y + y²)
 #
 # a rational form of (1 − (1 − e^(−y))/y)/y: second order for y → 0, exact equilibrium for y → ∞ (L-stable).
 # Every flow's mean over the step is q_n ± s δ, and the mass changes by exactly their sum.
@@ -199,11 +178,11 @@ def friction_resistance(friction_factor: float, length: float, diameter: float, 
 
 @physics
 def relaxation(y: float) -> float:
-    """φ1(y) = (1 + y/6)/(1 + 2y/3 + y²/6) ≈ (1 − e^(−y))/y: change over a step, divided by dt times its first rate [1].
+    """φ1(y) = (6 + y)/(6 + 4y + y²) ≈ (1 − e^(−y))/y: change over a step, divided by dt times its first rate [1].
 
     `y`: step over relaxation time [1], ≥ 0.
     """
-    return (1.0 + y * (1.0 / 6.0)) / (1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0)))
+    return (6.0 + y) / (6.0 + y * (4.0 + y))
 
 
 @physics
@@ -211,13 +190,12 @@ def mean_departure(net_flow: float, slope: float, stiffness: float, volume: floa
     """Mean over the step of p − p_n [Pa].
 
     `net_flow`: Σ q at the start of the step [kg/s], positive into the volume; `slope`: S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
-    `stiffness`: dp/dρ = K/ρ [Pa m³/kg]; `volume`: V in mid-step [m³], > 0; `growth`: ρ dV/dt [kg/s], subtracted from
-    the net flow.
+    `stiffness`: dp/dρ = K/ρ [Pa m³/kg]; `volume`: V in mid-step [m³], > 0; `growth`: ρ ΔV of the step [kg], which the
+    growing volume takes.
     """
-    spring = dt * stiffness  # V² times numerator and denominator of φ2: one division
-    yv = spring * slope  # y V
-    numerator = spring * (net_flow - growth) * (0.5 * volume + yv * (1.0 / 6.0))
-    return numerator / (volume * volume + yv * (volume * (2.0 / 3.0) + yv * (1.0 / 6.0)))
+    yv = dt * stiffness * slope  # y V
+    gain = stiffness * (dt * net_flow - growth)  # dt · dp/dt V
+    return gain * (3.0 * volume + yv) / (6.0 * volume * volume + yv * (4.0 * volume + yv))  # V² φ2: one division
 
 
 # Fuel held by a lumped volume, Eq. (3): the mass is the state, pressure follows from mass/volume.
@@ -233,15 +211,15 @@ class Contents(NamedTuple):
 
 
 @physics
-def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Contents:
+def contents(f: fuel.FuelCoefficients, mass: float, volume: float) -> Contents:
     """Contents of a volume that holds a given mass.
 
     Below the vapour pressure the volume holds vapour: the pressure stays there, dp/dρ is zero, and the
     missing mass is kept in the state until fuel has filled the cavity.
 
-    `mass`: m [kg]; `per_volume`: 1/V [1/m³].
+    `mass`: m [kg]; `volume`: V [m³], > 0.
     """
-    density = mass * per_volume
+    density = mass / volume
     liquid = fuel.pressure_and_stiffness(f, density)
     cavity = liquid[0] < f.vapour_pressure
     return Contents(
@@ -255,4 +233,4 @@ def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Conten
 @physics
 def filled(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
     """Contents of a volume at a given pressure; `pressure`: p [Pa], above the vapour pressure; `volume`: V [m³]."""
-    return contents(f, fuel.density(f, pressure) * volume, 1.0 / volume)
+    return contents(f, fuel.density(f, pressure) * volume, volume)

@@ -70,22 +70,6 @@ def in_single(law: Callable[..., Any]) -> Callable[..., Any]:
     return twin
 
 
-@physics
-def reciprocals(a: float, b: float) -> tuple[float, float]:
-    """(1/a, 1/b) with one division: divisions bound the speed of the step."""
-    inverse = 1.0 / (a * b)
-    return b * inverse, a * inverse
-
-
-@physics
-def three_reciprocals(a: float, b: float, c: float) -> tuple[float, float, float]:
-    """(1/a, 1/b, 1/c) with one division."""
-    ab = a * b
-    inverse = 1.0 / (ab * c)
-    per_ab = c * inverse
-    return b * per_ab, a * per_ab, ab * inverse
-
-
 # The functions that read and write a NamedTuple are generated from it, as plain straight-line Python, when they are
 # first asked for.
 

@@ -39,8 +39,8 @@ from commonrail.physics.connections import (
     volumes_of,
     z_hole_cda2,
 )
-from commonrail.physics.flow import Contents, Flow, Restriction, contents, jet, mean_departure, orifice, orifice_pair
-from commonrail.physics.law import physics, three_reciprocals
+from commonrail.physics.flow import Contents, Flow, Restriction, contents, jet, mean_departure, orifice
+from commonrail.physics.law import physics
 from commonrail.physics.model import (
     Advance,
     Coefficients,
@@ -100,7 +100,7 @@ def draw_nothing(c: Coefficients, s: State, drawn: float) -> Contents:
 @physics
 def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
     """Rail after `drawn` [kg] have left it; the pump delivers nothing during an injection."""
-    return contents(c.fuel, s.rail.mass - drawn, 1.0 / c.rail.volume)
+    return contents(c.fuel, s.rail.mass - drawn, c.rail.volume)
 
 
 class StepGeometry(NamedTuple):
@@ -154,7 +154,7 @@ def mean_departure_of(here: Contents, balance: Flow, before: float, after: float
     `here`: at t_n; `balance`: Σ q at t_n, positive into the volume [kg/s], and S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)];
     `before`, `after`: volume at both ends of the step [m³].
     """
-    growth = here.density * (after - before) / dt
+    growth = here.density * (after - before)
     return mean_departure(balance.mass_flow, balance.slope, here.stiffness, middle(before, after), growth, dt)
 
 
@@ -204,12 +204,9 @@ def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geome
     """
     here, before, dt = s.sac, s.accumulation.fuel.density, geometry.dt
     # balance at t_n, and its slopes in the SAC's pressure: −s_seat of the inflow, s_nozzle of the outflow
-    seat, spray = orifice_pair(
-        seat_cda2(c, upstream, here.pressure, middle(geometry.old.tip, geometry.new.tip)),
-        nozzle_cda2(c, here.pressure, u.cylinder, discharge),
-        density=(before, here.density),
-        offset=(c.needle_seat.offset, c.nozzle.offset),
-    )
+    seat_gap = seat_cda2(c, upstream, here.pressure, middle(geometry.old.tip, geometry.new.tip))
+    seat = orifice(seat_gap, before, c.needle_seat.offset)
+    spray = orifice(nozzle_cda2(c, here.pressure, u.cylinder, discharge), here.density, c.nozzle.offset)
     balance = Flow(seat.mass_flow - spray.mass_flow, seat.slope + spray.slope)
     # implicit mean over the step
     departure = mean_departure_of(here, balance, geometry.before.sac, geometry.after.sac, dt)
@@ -262,17 +259,17 @@ def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2:
     """
     here, hole, behind = s.control_chamber.fuel, c.control_chamber, s.return_line.pressure
     density = ambient_density(c.source, feed)
-    through_z = z_hole_cda2(c, feed, here.pressure)
-    z = jet(through_z.cda2_dp, density, hole.z_offset)
     drain = drain_cda2(c, here.pressure, behind, gap_cda2)
     a = jet(drain.cda2_dp, here.density, hole.a_offset)
     line = here.density * drain.line_cda2
-    # the line's answer divides the outflow by 1 + Z ρ (c_d A)²/root; a cavity lets through what flows into vapour
-    per_z, per_full, per_open = three_reciprocals(z.root, a.root + c.return_line.impedance * line, a.root)
-    full = (a.mass_flow * a.root + line * (behind - filling)) * per_full
-    a_flow = min(full, a.mass_flow + line * (behind - c.fuel.vapour_pressure) * per_open)
-    a_slope = here.density * drain.cda2 * (per_open if a_flow < full else per_full)
-    return Flow(z.mass_flow, density * through_z.cda2 * per_z), Flow(a_flow, a_slope)
+    # q = q_n + ρ (c_d A)²/root (behind − p) with p = filling + Z q, or p_v where that flow does not fill the line
+    vapour = c.fuel.vapour_pressure
+    at_vapour = a.mass_flow * a.root + line * (behind - vapour)
+    cavity = c.return_line.impedance * at_vapour < (vapour - filling) * a.root
+    answered = a.root if cavity else a.root + c.return_line.impedance * line
+    a_flow = (at_vapour if cavity else at_vapour + line * (vapour - filling)) / answered
+    z = orifice(z_hole_cda2(c, feed, here.pressure), density, hole.z_offset)
+    return z, Flow(a_flow, here.density * drain.cda2 / answered)
 
 
 @physics
@@ -381,18 +378,19 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         ends = feed_pipe.State(inlet.flow, filled.pipe)
         away = feed_pipe.leave(c.feed_pipe, ends, inlet.pressure, filled.pressure)
         volumes = geometry.after
-        per_control, per_store, per_sac = three_reciprocals(volumes.control, volumes.accumulation, volumes.sac)
         after = State(
             rail=draw(c, s, drawn),
             feed_pipe=ends,
-            control_chamber=control_chamber.State(contents(c.fuel, chamber.mass, per_control), chamber.z_hole),
+            control_chamber=control_chamber.State(contents(c.fuel, chamber.mass, volumes.control), chamber.z_hole),
             valve=moved_valve,
             solenoid=magnet,
             drive=drive.State(conducting),
             return_line=outlet,
-            accumulation=needle_seat.AccumulationState(contents(c.fuel, filled.mass, per_store), store.pressure),
+            accumulation=needle_seat.AccumulationState(
+                contents(c.fuel, filled.mass, volumes.accumulation), store.pressure
+            ),
             body=body,
-            sac=contents(c.fuel, sac.mass, per_sac),
+            sac=contents(c.fuel, sac.mass, volumes.sac),
             nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * sac.nozzle),
             cumulative_flows=CumulativeFlows(
                 returned=s.cumulative_flows.returned + dt * (chamber.a_hole + chamber.leak + filled.leak),

@@ -10,7 +10,6 @@ from commonrail.base.chart import Figure
 from commonrail.base.choices import Actuation, Drive
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import fixed, quantity
-from commonrail.base.units import to_text
 from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
@@ -91,7 +90,7 @@ def _commands(e: Exhibit) -> list[str]:
     """Command lines that use the injector; one that follows a trace needs data that hold it."""
     if e.injector.variant.drive in _TRACED:
         return []
-    rail, time = to_text(e.points[-1].initial_pressures()[0], "Pa"), to_text(e.points[-1].pulses[0][1], "s")
+    rail, time = quantity(e.points[-1].initial_pressures()[0], "Pa"), quantity(e.points[-1].pulses[0][1], "s")
     point = f"--rail-pressure {rail} --energising-time {time}".replace(" MPa", "MPa").replace(" us", "us")
     return [f"commonrail simulate {e.name} {point}", f"commonrail page {e.name} --out {e.name}.html"]
 

@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 
 from commonrail.base.table import Table
 from commonrail.base.text import MISSING
+from commonrail.report.draw.figure import dark_rules
 
 # Letters of a table beside one another: on a telephone 390 px wide, and times the size [pt] on A4 between its margins.
 TELEPHONE, PAPER = 50.0, 930.0
@@ -31,13 +32,19 @@ def _environment(package: str = CORE) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update({f.__name__: f for f in (breakable, unbroken, print_size, is_long)})
+    environment.filters.update({f.__name__: f for f in (breakable, unbroken, print_size, is_long, css_text)})
+    environment.globals["dark_figures"] = Markup(dark_rules())
     return environment
 
 
 def breakable(name: str) -> Markup:
     """A dotted name, escaped, that may be broken after its dots and underscores."""
     return Markup(re.sub(r"([._])", r"\1<wbr>", str(escape(name))))
+
+
+def css_text(text: str) -> Markup:
+    """A string of CSS, every letter but the plainest as its code, so that none ends string or element."""
+    return Markup('"{}"').format(Markup("".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):06x}" for c in text)))
 
 
 def unbroken(text: str) -> Markup:

@@ -3,37 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
+
+import numpy as np
 
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import InputError
-from commonrail.base.output import write_text
-from commonrail.base.text import number, significant
-from commonrail.data.records import Record
-from commonrail.report.draw.figure import drawings, small_html
-from commonrail.report.fit.certainty import certainty_lines, certainty_tables
+from commonrail.base.errors import InputError, StudyError
+from commonrail.base.input import opened
+from commonrail.base.output import check_sum, write_text
+from commonrail.base.text import significant
+from commonrail.data.records import Record, Traces
+from commonrail.report.draw.figure import drawings, figure_html, small_drawings
+from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
+from commonrail.report.fit.diagnostics import (
+    autocorrelation_figure,
+    by_effect,
+    loading_matrix,
+    pair_figures,
+    parity_figure,
+    profile_figures,
+)
 from commonrail.report.fit.figures import error_maps, figures_of
 from commonrail.report.fit.record import rerun_lines
 from commonrail.report.fit.search import convergence_section, search_facts
-from commonrail.report.fit.tables import parameter_rows, tables_of
+from commonrail.report.fit.tables import interval_head, parameter_rows, tables_of
 from commonrail.report.fit.verdict import (
-    combination_table,
     headline,
     judgement_lines,
     judgement_tables,
-    parameter_lines,
     synthetic_notes,
+    tiles,
     verdict,
     warning_lines,
 )
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind, kind_of
 from commonrail.runs.folder import RESULT, TRACES, refuse_foreign
+from commonrail.runs.journal import JOURNAL, best_course
 from commonrail.runs.traces import read_traces
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
-MANY = 6  # figures; more are set beside one another, below a table of contents
+# Draws of a posterior: arrays "points" (chains, steps, parameters) [SI], "names" and "refused".
+POSTERIOR = "posterior.npz"
+MAIN_HEIGHT = 420  # of the chart on the first screen [px]
+FOREST = 9  # parameters on the first screen
+OPEN, LONG = 2, 12  # tables of errors that are not folded, and their rows at most
+FEW = 10  # columns of a heat map that stands beside others
 
 
 def write_report(folder: str | Path) -> Path:
@@ -74,8 +91,32 @@ def write_report(folder: str | Path) -> Path:
 
 def _page(record: Record, folder: Path) -> str:
     refuse_foreign(folder, record)
-    bench = (folder / BENCH).is_file()
-    return report_html(record, read_traces(folder / TRACES), folder.as_posix() or "RUN", bench)
+    return report_html(
+        record,
+        read_traces(folder / TRACES),
+        folder.as_posix() or "RUN",
+        bench=(folder / BENCH).is_file(),
+        course=_course(folder),
+        draws=_draws(folder),
+    )
+
+
+def _course(folder: Path) -> Floats | None:
+    """Best candidates after each generation; None where the journal is missing or cannot be read."""
+    with suppress(StudyError):
+        return best_course(folder) if (folder / JOURNAL).is_file() else None
+    return None
+
+
+def _draws(folder: Path) -> dict[str, Floats]:
+    """Draws of the posterior by parameter [SI]; none without a file, or of chains that do not agree."""
+    path = folder / POSTERIOR
+    if not path.is_file():
+        return {}
+    check_sum(path)
+    with opened(path) as stream, np.load(stream, allow_pickle=False) as arrays:
+        draws = arrays["points"].reshape(-1, arrays["points"].shape[-1])
+        return {} if str(arrays["refused"]) else {str(name): draws[:, i] for i, name in enumerate(arrays["names"])}
 
 
 KEYS = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
@@ -83,39 +124,56 @@ CALIBRATION = ResultKind(RESULT, "calibration", "calibrate", _page, KEYS)
 
 
 def report_html(
-    record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN", bench: bool = False
+    record: Record,
+    traces: Traces,
+    run: str = "RUN",
+    bench: bool = False,
+    course: Floats | None = None,
+    draws: Mapping[str, Floats] = {},
 ) -> str:
     """Page of a calibration from its record and its curves by data set.
 
     `run` is the folder's name for the command lines in the page; with `bench` a page with sliders lies beside, to be
-    linked.
+    linked. `course` are the best candidates after each generation (generations, d), `draws` those of a posterior by
+    parameter, both in SI.
     """
-    figures = figures_of(record, traces)
-    many = len(figures) > MANY
-    by_effect = sorted(record["parameters"], key=lambda p: number(p.get("effect")) or 0.0, reverse=True)
+    figures, heats = figures_of(record, traces), error_maps(record)
+    checks = filter(None, [parity_figure(record), autocorrelation_figure(record, traces)])
+    found = enumerate(tables_of(record["data"], record["labels"]))
+    tables = [(table, i < OPEN and len(table.rows) <= LONG) for i, table in found]
+    certainty = record.get("certainty")
+    rows = parameter_rows(by_effect(record), certainty)
+    judged = verdict(record, run)
     return render(
         "report.html",
         kind="Calibration",
         record=record,
         dated=str(record["clock"]["ended"]).replace("T", " ").replace("+00:00", " UTC"),
-        verdict=verdict(record, run),
-        many=many,
-        contents=[(figure.title, f"small-{i}") for i, figure in enumerate(figures, start=1)] if many else [],
-        heats=drawings(error_maps(record), name="error"),
-        lines=headline(record),
-        tables=tables_of(record["data"], record["labels"]),
-        figures=[(f, small_html(f, f"figure-{i}")) for i, f in enumerate(figures)] if many else drawings(figures),
-        convergence=convergence_section(record),
-        judgement_lines=judgement_lines(record),
-        judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
-        certainty_lines=certainty_lines(record),
-        certainty_tables=certainty_tables(record),
-        parameters=parameter_rows(by_effect, record.get("certainty")),
-        parameter_lines=parameter_lines(record["parameters"]),
+        verdict=judged,
+        tiles=tiles(record, judged.levels),
+        main=[(figure, figure_html(figure, "figure-0", MAIN_HEIGHT)) for figure in figures[:1]],
+        forest=rows[:FOREST],
+        interval_head=interval_head(certainty),
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
-        commands=rerun_lines(record, run),
         bench=BENCH if bench else "",
+        lines=headline(record),
+        tables=[table for table, is_open in tables if is_open],
+        folded=[table for table, is_open in tables if not is_open],
+        titles=dict.fromkeys(table.title.partition(":")[0] for table, is_open in tables if not is_open),
+        figures=small_drawings([*figures[1:], *checks], "figure"),
+        heats=drawings([h for h in heats if len(h.x) > FEW], name="error"),
+        small_heats=small_drawings([h for h in heats if len(h.x) <= FEW], "error-small"),
+        parameters=rows,
+        cures={p["name"]: p["cure"] for p in (certainty or {}).get("parameters", ()) if p.get("cure")},
+        loadings=drawings(filter(None, [loading_matrix(record)]), name="loading"),
+        profiles=small_drawings(profile_figures(record), "profile"),
+        pairs=small_drawings(pair_figures(record, draws), "pair"),
+        judgement_lines=judgement_lines(record),
+        judgement_tables=[*judgement_tables(record), *likelihood_tables(record)],
+        certainty_lines=certainty_lines(record),
+        convergence=convergence_section(record, course),
+        commands=rerun_lines(record, run),
         facts=_facts(record),
     )
 

@@ -13,7 +13,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
 from commonrail.base.input import read_plain, sha256
 from commonrail.base.output import check_sum, summed, write_text, writing
-from commonrail.calibration.result import result_record
+from commonrail.calibration.result import CERTAINTY, result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
@@ -82,6 +82,7 @@ def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
 
 RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
 LIKELY = "most-likely.toml"  # injector with the most likely values, which `commonrail certainty` leaves
+POSTERIOR = "posterior.npz"  # draws that its option --posterior leaves
 MEMBER = "member-{}.toml"  # injectors of the other optima whose mean is scored, from number 2 on
 
 _COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # of courses in time, which have no mean
@@ -154,14 +155,22 @@ def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[
     write_results(folder, calibration, identified)
 
 
-def write_results(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write calibrated.toml, the other members, result.json and traces.csv, and their checksums."""
+def write_results(
+    folder: Path,
+    calibration: Calibration,
+    identified: Mapping[str, Mapping[str, Any]],
+    keep: Sequence[str] = (),
+) -> None:
+    """Write calibrated.toml, the other members, result.json and traces.csv, and their checksums.
+
+    `keep`: files that an earlier `commonrail certainty` has left and that are still of this fit.
+    """
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
     others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
-    with summed(folder, RESULT, CALIBRATED, TRACES, *others):
+    with summed(folder, RESULT, CALIBRATED, TRACES, *others, *keep):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
-        for name in {LIKELY, *members_of(folder)} - set(others):  # of the run before it was extended
+        for name in {LIKELY, *members_of(folder)} - {*others, *keep}:  # of the run before it was extended
             with writing(folder / name):
                 (folder / name).unlink(missing_ok=True)
         for name, injector in others.items():
@@ -170,9 +179,14 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
         _write_traces(folder / TRACES, calibration)
 
 
-def write_judgement(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
+def write_judgement(
+    folder: Path,
+    calibration: Calibration,
+    identified: Mapping[str, Mapping[str, Any]],
+    keep: Sequence[str] = (),
+) -> None:
     """Write result.json again, with what was judged since `write_results`; the other files stay."""
-    with summed(folder, RESULT, CALIBRATED, TRACES, *members_of(folder)):
+    with summed(folder, RESULT, CALIBRATED, TRACES, *members_of(folder), *keep):
         write_record(folder / RESULT, result_record(calibration, identified))
 
 
@@ -252,6 +266,19 @@ def _refuse_changed_data(folder: Path, record: Mapping[str, Any]) -> None:
             raise InputError(
                 f"{copy}: the file was changed after the fit; bring it back as it was, or calibrate again."
             )
+
+
+def earlier_certainty(folder: Path) -> tuple[dict[str, Any], dict[str, float]] | None:
+    """What `commonrail certainty` has left in a result, and the best values of the search that it is about.
+
+    None without a whole result, or where the calibration alone has looked at its certainty.
+    """
+    with suppress(InputError, KeyError, TypeError, AttributeError):
+        record = read_result(folder)
+        found = dict(record[CERTAINTY])
+        if found["starts"] > 1 or found["profiles"] or "posterior" in found:
+            return found, dict(found.get("searched") or {p["name"]: p["best"] for p in record["parameters"]})
+    return None
 
 
 def members_of(folder: Path) -> list[str]:

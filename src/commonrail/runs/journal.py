@@ -369,6 +369,25 @@ class Journal(JournalFile):
             return min(self._trials(), key=lambda step: step[1].min(initial=np.inf), default=nothing)
 
 
+def best_course(folder: Path) -> Floats:
+    """Best candidate so far after each generation of the run in a folder, (generations, d) [SI].
+
+    `StudyError` if the journal cannot be read.
+    """
+    path = folder / JOURNAL
+    best: list[Floats] = []
+    lowest = math.inf
+    with opened_to_read(path, RUN) as connection:
+        for _, _, _, _, _, trials, costs, _ in rows_of(connection, "generation"):
+            values = np.nan_to_num(np.frombuffer(costs, "<f8"), nan=np.inf)
+            at = int(np.argmin(values))
+            if values[at] < lowest or not best:
+                lowest = float(values[at])
+                found = np.frombuffer(trials, "<f8").reshape(len(values), -1)[at]
+            best.append(found)
+    return np.array(best)
+
+
 def read_about(folder: Path) -> dict[str, Any]:
     """Facts of the run in a folder, without holding it; `StudyError` if there is no journal, or it cannot be read.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.estimate import Estimate, estimate_at
+from commonrail.plugins.certainty.estimate import CLOSE, Estimate, estimate, estimate_at
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.profile import MOST_RATIO, ripple_of
@@ -62,6 +62,50 @@ def test_differences_over_the_interval_average_a_staircase() -> None:
     found = fitted(staircase(plain, half_width(smooth) / 1.96))
     # six standard errors are two ripples: the mean slope is met but for where in a ripple the optimum lies
     assert half_width(found) == pytest.approx(half_width(smooth), rel=0.15)
+
+
+def test_starts_that_a_ripple_catches_lead_to_the_top_of_the_smooth_likelihood() -> None:
+    """Tops are 1.5 standard errors apart, 2 ln L by 3 lower between them: hardly a search settles by itself.
+
+    The ripple is at right angles to all that the parameters do, so that the smooth top is known.
+    """
+    plain = likelihood([curve(1)], [design()], [STATED])
+    smooth = fitted(plain)
+    errors = np.sqrt(np.diag(smooth.covariance.total)) * (plain.space.upper - plain.space.lower)
+    settled = 0
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        across = random.standard_normal(N)
+        across -= design() @ np.linalg.lstsq(design(), across)[0]
+        across *= 0.2 * 3.0**0.5 / np.linalg.norm(across)
+
+        def rippled(points: Floats, across: Floats = across) -> Floats:
+            phase = 2.0 * np.pi * ((points - TRUTH) / errors).sum(axis=1) / 3.0
+            return plain.residuals(points) + np.sin(phase)[:, None] * across
+
+        own = Likelihood(plain.space, plain.blocks, rippled, forward=1e-5)
+        starts = plain.space.to_unit(TRUTH + errors * random.uniform(-20.0, 20.0, (6, 3)))
+        caught, found = estimate(own, starts), estimate(own, starts, level=True)
+        settled += found.settled - caught.settled
+        if found.settled:
+            assert smooth.apart(found.unit) < CLOSE
+    assert settled >= 4
+
+
+def test_a_place_at_a_bound_settles_nothing() -> None:
+    """Data whose third parameter is 12, and a bound of 10: all starts agree there, on what the others take of it."""
+    measured = design() @ np.array([2.0, 3.0, 12.0]) + 0.2 * np.random.default_rng(1).standard_normal(N)
+    plain = likelihood([measured], [design()], [STATED])
+    across = np.random.default_rng(2).standard_normal(N) * 0.2 * 3.0**0.5 / N**0.5
+
+    def rippled(points: Floats) -> Floats:
+        return plain.residuals(points) + np.sin(2.0 * np.pi * points.sum(axis=1) / 0.1)[:, None] * across
+
+    own = Likelihood(plain.space, plain.blocks, rippled, forward=1e-5)
+    starts = plain.space.to_unit(np.random.default_rng(3).uniform([1.0, 2.0, 8.0], [3.0, 4.0, 9.9], (6, 3)))
+    found = estimate(own, starts, level=True)
+    assert found.point[2] == pytest.approx(10.0)
+    assert not found.settled
 
 
 def test_the_error_of_the_time_step_is_in_the_interval() -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import errno
+import json
 import re
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,9 +58,48 @@ def test_a_better_fit_is_said_first_and_left_as_an_injector(run: Path) -> None:
     assert done.record["certainty"]["gain"] > 100.0
     assert "most-likely.toml" in (run / "SHA256SUMS").read_text(encoding="utf-8")
     page = (run / "report.html").read_text(encoding="utf-8")
-    assert page.index("2 ln L is higher by") < page.index("What to do next") < page.index("<h2>Certainty")
+    assert page.index("2 ln L is higher by") < page.index("<h2>Fit")  # on the first screen
     headings = re.findall(r"<h[23][^>]*>([^<]+)", page)
     assert len(headings) == len(set(headings))
+
+
+def result_of(run: Path) -> dict[str, Any]:
+    """The result without what depends on the clock."""
+    record: dict[str, Any] = json.loads((run / "result.json").read_text(encoding="utf-8"))
+    return {key: value for key, value in record.items() if key != "clock"}
+
+
+def test_a_resume_that_changes_nothing_keeps_the_profiles(run: Path, tmp_path: Path) -> None:
+    own = shutil.copytree(run, tmp_path / "own")
+    assert run_command("certainty", own, "--starts", 2, "--threads", 1).status == 0
+    before, likely = result_of(own), (own / "most-likely.toml").read_bytes()
+    assert len(before["certainty"]["profiles"]) == len(before["parameters"])
+    assert run_command("resume", own, "--threads", 1).status == 0
+    assert result_of(own) == before
+    assert (own / "most-likely.toml").read_bytes() == likely
+
+
+def test_adopted_values_are_those_of_all_of_the_run_and_stay_so(run: Path, tmp_path: Path) -> None:
+    own = shutil.copytree(run, tmp_path / "own")
+    assert run_command("certainty", own, "--local", "--starts", 2, "--threads", 1).status == 0
+    likely = {one["name"]: one["value"] for one in result_of(own)["certainty"]["parameters"]}
+    done = run_command("certainty", own, "--adopt", "--threads", 1, "--json")
+    assert done.status == 0, done.err
+    record = result_of(own)
+    assert {p["name"]: p["best"] for p in record["parameters"]} == likely
+    calibrated = cr.load_injector(own / "calibrated.toml")
+    assert all(calibrated.values[name] == pytest.approx(value, rel=1e-12) for name, value in likely.items())
+    assert record["certainty"]["gain"] == 0.0
+    assert record["convergence"]["converged"] == record["certainty"]["settled"]
+    study = cr.load_study(own / "study.toml")
+    scored = cr.validate(study, calibrated, 1)
+    assert [d["J"]["best"] for d in scored] == pytest.approx([d["J"]["best"] for d in record["data"]], rel=1e-9)
+    assert run_command("resume", own, "--threads", 1).status == 0
+    assert result_of(own) == record
+    longer = run_command("resume", own, "--generations", 30, "--threads", 1)
+    assert longer.status == 0, longer.err
+    assert "have changed" in longer.err
+    assert "taken" not in result_of(own)["certainty"]
 
 
 def test_no_interval_is_told_of_chains_that_do_not_agree(run: Path) -> None:

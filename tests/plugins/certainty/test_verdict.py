@@ -13,7 +13,7 @@ from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import Block
-from commonrail.plugins.certainty.verdict import Judged, verdicts_of, withdrawal
+from commonrail.plugins.certainty.verdict import UNSTATED, Judged, verdicts_of, withdrawal
 from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, linear, space
 
 # Everything stated, so that nothing is assumed.
@@ -146,6 +146,14 @@ def test_the_size_of_residuals_with_tails_is_judged_by_their_law(stated: float, 
         assert size is not None
         alarms += size < 0.01
     assert alarms == found
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_starts_that_agree_beyond_a_ripple_pin_only_against_a_stated_noise(stated: bool) -> None:
+    noise = replace(STATED, sigma=0.2 if stated else None)
+    found = fitted(likelihood([curve(8)], [design()], [noise], KNOWN))
+    assert withdrawal(found, []) == ""
+    assert withdrawal(replace(found, beyond_ripple=True), []) == ("" if stated else UNSTATED)
 
 
 def test_a_search_that_has_not_settled_withdraws() -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.family.adapt import FLOW
+from commonrail.base.units import to_text
+from commonrail.plugins.family.drawn import FLOW
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, injected, small_type
 
 FOUR = (80.0, 400.0), (80.0, 1000.0), (160.0, 400.0), (160.0, 1000.0)
@@ -96,3 +97,36 @@ def test_points_are_read_with_their_units(tmp_path: Path) -> None:
     path.write_text(f"{head}1200,0.7,{data.quantity[0] * 1e9!r}\n".replace("np.float64(", "").replace(")", ""))
     adapted = cr.adapt(small_type(), path, cylinder_pressure="50 bar", return_pressure=0.5e6)
     assert adapted.flow_factor == pytest.approx(1.04, rel=1e-6)  # twelve digits of the file, and its units
+
+
+def test_a_sound_part_lies_in_the_band_of_its_type_and_is_not_doubted() -> None:
+    found = cr.adapt(small_type(), injected(with_flow(1.02), *FOUR))
+    assert found.doubts.sentences == ()
+    assert ((found.doubts.low < found.points.quantity) & (found.points.quantity < found.doubts.high)).all()
+    assert ((found.doubts.low < found.before) & (found.before < found.doubts.high)).all()
+
+
+def test_a_coked_nozzle_is_doubted_and_named() -> None:
+    """15 % of the flow are five times the 3 % by which nozzles scatter."""
+    found = cr.adapt(small_type(), injected(with_flow(0.85), *FOUR))
+    assert found.doubts.pulls[FLOW] == pytest.approx(-5.0, abs=0.2)
+    assert any(FLOW in sentence for sentence in found.doubts.sentences)
+    assert "a flow factor of 0.85" in found.doubts.change
+
+
+def test_a_part_that_no_scatter_of_the_type_explains_is_doubted() -> None:
+    """Four fifths of the valve's lift, which the type fixes: springs would have to differ by 8 spreads."""
+    lift = INJECTOR.values["valve.lift"]
+    fixed = (cr.FixedValue("valve.lift", lift, "M", "gauge"),)
+    known = replace(small_type(), fixed=fixed)
+    found = cr.adapt(known, injected(INJECTOR.with_values({"valve.lift": 0.8 * lift}), *FOUR))
+    assert found.doubts.sentences
+    assert found.doubts.change == f"valve.lift {to_text(0.8 * lift, 'm', 3)}"
+
+
+def test_one_quantity_beyond_the_band_is_doubted() -> None:
+    """A flow factor meets any quantity: only the scatter of the type tells that 20 % more is no sound part."""
+    sound, odd = (cr.adapt(small_type(), injected(with_flow(f), (160.0, 1000.0))) for f in (1.02, 1.2))
+    assert sound.doubts.sentences == ()
+    assert odd.doubts.sentences
+    assert not odd.doubts.low[0] < odd.points.quantity[0] < odd.doubts.high[0]

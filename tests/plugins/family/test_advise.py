@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.family.adapt import FLOW, advise, read_candidates
+from commonrail.plugins.family.adapt import advise, read_candidates
+from commonrail.plugins.family.drawn import FLOW
 from tests.plugins.family.samples import INJECTOR, PRELOAD, injected, small_type
 
 POINTS = tuple(cr.OperatingPoint(160e6, time * 1e-6, horizon=time * 1e-6 + 3e-3) for time in (300, 500, 700, 900))

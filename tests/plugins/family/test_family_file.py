@@ -10,7 +10,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.calibration.study_file.from_data import write_new
-from commonrail.plugins.family.adapt import FLOW
+from commonrail.plugins.family.drawn import FLOW
 from commonrail.plugins.family.study import Share, Shared, load_family
 
 Z, A, C_D = "control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum"

@@ -30,6 +30,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     done = command("family", run, "--out", file, "--part-spread", "3%")
     assert done.status == 0
     assert "SYNTHETIC" in done.out
+    assert "90 % of parts" in done.out
     known = cr.load_type(file)
     calibrated = cr.load_injector(run / "calibrated.toml")
     assert {p.name: p.value for p in known.parameters} == {p.name: calibrated.values[p.name] for p in known.parameters}
@@ -55,7 +56,11 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     assert solution.injected_volume == pytest.approx(60e-9, rel=1e-9)
     assert "flow factor" in model.read_text(encoding="utf-8").splitlines()[0]
     table = command("adapt", file, "--from", points, *own, "--out", model)
-    assert "60.000 mm3" in table.out
+    assert "60.000 mm³" in table.out
+    points.write_text(f"{HEAD}160,700,30\n", encoding="utf-8")  # half of it: no part of the type
+    strict = command("adapt", file, "--from", points, *own, "--out", model, "--strict")
+    assert strict.status == 2
+    assert model.is_file() or "flow factor at the end of" in strict.sentence
     for read in (points, file, study.parent / "injector.toml"):
         before = read.read_bytes()
         done = command("adapt", file, "--from", points, *own, "--out", read)
@@ -97,8 +102,8 @@ def test_reference_points_are_ranked_before_anything_is_measured(command: Comman
     assert record["order"][0] == min((0, 1), key=lambda i: record["points"][i]["expected_rms"])
     assert 0.0 < record["points"][0]["expected_rms"] < record["without_reference"]
     shown = command("adapt", file, "--from", points, "--advise").out
-    assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm3" in next(
-        line for line in shown.splitlines() if " us " in line
+    assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm³" in next(
+        line for line in shown.splitlines() if " µs " in line
     )
     assert "nothing measured on the part was used" in shown
     done = command("adapt", file, "--from", points)

@@ -10,7 +10,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.calibration import ensemble
-from commonrail.plugins.family.adapt import FLOW
+from commonrail.plugins.family.drawn import FLOW
 from commonrail.plugins.family.fit import FamilyFit, fit_family
 from commonrail.plugins.family.study import Family, Share, Shared, joint_space
 from tests.plugins.family.samples import INJECTOR, PRELOAD, injected, study_of

@@ -40,6 +40,16 @@ def test_one_part_without_a_prior_has_the_bounds_or_an_assumption(tmp_path: Path
     assert "2 % between parts [E, assumed]" in assumed.source
 
 
+def test_a_length_spreads_by_no_more_than_its_machining_tolerance(tmp_path: Path) -> None:
+    """IT7 of 3 to 6 mm is 12 um (ISO 286-1), where 3 % of 4.27 mm would be 128 um; 3 % of a lift of 42 um are less."""
+    diameter, lift = "plunger_needle.plunger_diameter", "valve.lift"
+    for name, value, spread in ((diameter, 4.27e-3, 12e-6), (lift, 42e-6, 1.26e-6)):
+        folder = run_folder(tmp_path / name, value, 0.0, name=name, lower=0.5 * value, upper=2.0 * value)
+        assert cr.type_from_runs([folder], "t", part_spread=0.03).by_name[name].between == pytest.approx(
+            spread, rel=0.03
+        )
+
+
 def test_several_parts_have_their_own_spread(tmp_path: Path) -> None:
     runs = [run_folder(tmp_path / name, best, 0.0) for name, best in (("a", 60.0), ("b", 64.0), ("c", 68.0))]
     found = cr.type_from_runs(runs, "t")

@@ -18,10 +18,9 @@ from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.engine.plan import candidate_matrix
 from commonrail.physics.variants import Variant
-from commonrail.plugins.certainty.posterior.file import POSTERIOR
 from commonrail.plugins.page.page import FIRST_POINT, content
 from commonrail.plugins.page.subject import MEMBERS, WORSE, Slider, Subject, near_fits, read_subject
-from commonrail.runs.folder import read_fit
+from commonrail.runs.folder import POSTERIOR, read_fit
 
 
 @pytest.fixture(scope="module")

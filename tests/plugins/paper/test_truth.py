@@ -30,14 +30,14 @@ def test_the_facts_are_every_number_of_the_file(truth: Truth) -> None:
     facts = truth.facts()
     text = " ".join(f"{name} {what}" for name, what in facts)
     expected = {
-        "plunger_needle.k1": "303 N/um [F] Lino et al. 2016, Table 1, optimal",
-        "plunger_needle.k7": "64.4 N/um [F]",
-        "rail.volume": "40 cm3 [E]",
-        "rail.throttle_diameter": "850 um [E]",
+        "plunger_needle.k1": "303 N/µm [F] Lino et al. 2016, Table 1, optimal",
+        "plunger_needle.k7": "64.4 N/µm [F]",
+        "rail.volume": "40 cm³ [E]",
+        "rail.throttle_diameter": "850 µm [E]",
         "Coulomb friction": "1.5, 0.5, 0.3, 1, 1, 0.3, 1.5, 1, 0 N [E]",
         "viscous friction": "1, 0.3, 0.2, 0.6, 0.6, 0.2, 1, 0.6, 0 N s/m [E]",
         "rate meter, bandwidth": "60 kHz [E]",
-        "rate meter, noise": "0.3 mm3/ms [E]",
+        "rate meter, noise": "0.3 mm³/ms [E]",
         "rail sensor, bandwidth": "100 kHz [E]",
         "rail sensor, noise": "100 kPa [E]",
         "scatter, rail pressure": "300 kPa [E]",

@@ -122,6 +122,7 @@ class MultiStartLeastSquares(Optimiser):
             "agreeing": agreeing,
             "predicted_gain": gain if np.isfinite(gain) else None,
             "running": int(self._ends.running.sum()),
+            "cut_short": not self._stopped,
         }
         rest = "" if not figures["running"] else f", {figures['running']} were still falling"
         sentence = (

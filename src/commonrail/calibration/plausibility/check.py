@@ -30,20 +30,20 @@ def of_settings(study: Study) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def of_start(study: Study, scores: Sequence[Score]) -> tuple[Finding, ...]:
-    """Findings about the data beside their simulation with the start values, one score for each data set."""
+def of_values(study: Study, scores: Sequence[Score], of: str = "start values") -> tuple[Finding, ...]:
+    """Findings about the data beside their simulation with values `of` the parameters, one score for each data set."""
     findings = [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
-    return (*findings, *share_findings(study.data, scores, "start values"))
+    return (*findings, *share_findings(study.data, scores, of))
 
 
 def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> tuple[Finding, ...]:
-    """Findings about a finished search and its calibrated injector.
+    """Findings about a finished search and its calibrated injector, those about start values again with its values.
 
-    `injector`: the calibrated one; `before`: what is told already.
+    `injector`: the calibrated one; `before`: what the settings tell already.
     """
+    now = of_values(fit.study, fit.scores, "calibrated values")
     findings = [*fit_findings(fit), *_of_scores(fit.study, injector, fit.scores)]
-    findings += share_findings(fit.study.data, fit.scores, "calibrated values")
-    return _unknown(findings, before)
+    return (*now, *_unknown(findings, (*before, *now)))
 
 
 def of_model(study: Study, injector: Injector, scores: Sequence[Score], fitted: bool) -> tuple[Finding, ...]:

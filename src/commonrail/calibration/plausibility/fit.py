@@ -149,5 +149,5 @@ def _density_slip(gain: float, density: float) -> str:
     """The mistake between mass and volume that makes such a gain; `density` in g/cm³, which is mg/mm³."""
     for factor, words in ((1.0 / density, "volumes (mm3) labelled as masses (mg)"), (density, "masses (mg) as mm3")):
         if abs(gain / factor - 1.0) <= finding.DENSITY_MATCH:
-            return f"{words} would do that, at the fuel's {density:.3g} mg/mm3; "
+            return f"{words} would do that, at the fuel's {density:.3g} mg/mm³; "
     return ""

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Drive
-from commonrail.base.units import to_text
+from commonrail.base.text import quantity
 from commonrail.calibration.plausibility import finding
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
@@ -49,7 +49,7 @@ def injector_findings(injector: Injector) -> Iterator[Finding]:
             yield found(
                 "parameter",
                 name,
-                f"the {q.meaning} is {to_text(value, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
+                f"the {q.meaning} is {quantity(value, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
                 f"unit in the file of {injector.name}.",
             )
 
@@ -63,7 +63,7 @@ def bounds_findings(space: Space) -> Iterator[Finding]:
             yield found(
                 "parameter_bound",
                 p.name,
-                f"a bound is {to_text(odd[0], q.unit, 4)}, more than {finding.BOUND_SLACK:g} times outside the usual "
+                f"a bound is {quantity(odd[0], q.unit, 4)}, more than {finding.BOUND_SLACK:g} times outside the usual "
                 f"{_range(q.usual, q.unit)}; check its unit in the study.",
             )
 
@@ -75,8 +75,8 @@ def step_findings(study: Study) -> Iterator[Finding]:
         yield found(
             "time_step",
             "time_step",
-            f"the step of {to_text(study.time_step, 's')} is too long for the stiffest parameters within the bounds, "
-            f'which bear {to_text(limit, "s", 3)}: such candidates fail. {step_advice(limit)} The time step "auto" '
+            f"the step of {quantity(study.time_step, 's')} is too long for the stiffest parameters within the bounds, "
+            f'which bear {quantity(limit, "s", 3)}: such candidates fail. {step_advice(limit)} The time step "auto" '
             "chooses it.",
         )
 
@@ -84,7 +84,7 @@ def step_findings(study: Study) -> Iterator[Finding]:
 def signal_findings(data: DataSet) -> Iterator[Finding]:
     """No signal at all, or a signal upside down: nothing that is compared with such data says anything."""
     values, what, unit = data.measured, data.what, data.unit
-    first = to_text(float(values[0]), unit, 4)
+    first = quantity(float(values[0]), unit, 4)
     if not np.any(values):
         yield found("constant", data.name, f"all {len(values)} values of the {what} are zero; check the column.")
     elif len(values) > 1 and np.ptp(values) == 0.0:
@@ -93,8 +93,8 @@ def signal_findings(data: DataSet) -> Iterator[Finding]:
         yield found(
             "sign",
             data.name,
-            f"the {what} is mostly negative: from {to_text(float(values.min()), unit, 4)} to "
-            f"{to_text(float(values.max()), unit, 4)}; fuel that is injected counts positive, so reverse the sign or "
+            f"the {what} is mostly negative: from {quantity(float(values.min()), unit, 4)} to "
+            f"{quantity(float(values.max()), unit, 4)}; fuel that is injected counts positive, so reverse the sign or "
             "remove the offset.",
         )
 
@@ -105,7 +105,7 @@ def _sampling(name: str, bounds: Floats) -> Iterator[Finding]:
         yield found(
             "sampling",
             name,
-            f"its samples are {to_text(interval, 's', 4)} apart, and {_range(finding.SAMPLING, 's')} is usual; check "
+            f"its samples are {quantity(interval, 's', 4)} apart, and {_range(finding.SAMPLING, 's')} is usual; check "
             "the unit of its times.",
         )
 
@@ -121,8 +121,8 @@ def _drive(data: DataSet, injector: Injector) -> Iterator[Finding]:
         yield found(
             "drive",
             data.name,
-            f"the measured drive reaches {to_text(peak, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
-            "unit.",
+            f"the measured drive reaches {quantity(peak, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check "
+            "its unit.",
         )
 
 
@@ -133,7 +133,7 @@ def _energising(name: str, points: Sequence[OperatingPoint]) -> Iterator[Finding
         yield found(
             "energising",
             name,
-            f"the injector is energised for {to_text(odd[0], 's', 4)}{_others(odd)}, and "
+            f"the injector is energised for {quantity(odd[0], 's', 4)}{_others(odd)}, and "
             f"{_range(finding.ENERGISING, 's')} is usual; check the unit of the energising time.",
         )
 
@@ -145,7 +145,7 @@ def _pressure(name: str, words: str, courses: Sequence[Course], usual: tuple[flo
         yield found(
             "pressure",
             name,
-            f"the {words} is {to_text(odd[0], 'Pa', 4)}{_others(odd)}, and {_range(usual, 'Pa')} is usual; check its "
+            f"the {words} is {quantity(odd[0], 'Pa', 4)}{_others(odd)}, and {_range(usual, 'Pa')} is usual; check its "
             "unit.",
         )
 
@@ -155,4 +155,4 @@ def _others(odd: Sequence[float]) -> str:
 
 
 def _range(limits_: tuple[float, float], unit: str) -> str:
-    return f"{to_text(limits_[0], unit, 4)} to {to_text(limits_[1], unit, 4)}"
+    return f"{quantity(limits_[0], unit, 4)} to {quantity(limits_[1], unit, 4)}"

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
-from commonrail.base.units import to_text
+from commonrail.base.text import quantity
 from commonrail.calibration.plausibility import finding
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.data.base import DataSet, Role, Score
@@ -89,7 +89,7 @@ def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Find
     yield found(
         "quantity",
         name,
-        f"the measured quantity is {m * MM3:.4g} mm3, and the simulated one {s * MM3:.4g} mm3{where}: "
+        f"the measured quantity is {m * MM3:.4g} mm³, and the simulated one {s * MM3:.4g} mm³{where}: "
         f"more than a factor of {finding.QUANTITY_TIMES:g} apart{_slip(m, s)}; check the unit of the data, the "
         "pressures and the holes of the nozzle.",
     )
@@ -112,16 +112,16 @@ def _onset(data: DataSet, measured: float | None, simulated: float | None) -> It
     pulses = data.points[0].pulses
     if measured is None or not pulses:
         return
-    at = f"the measured injection begins at {to_text(measured, 's', 4)}"
+    at = f"the measured injection begins at {quantity(measured, 's', 4)}"
     cure = "check the energising time and the trigger's zero"
     first, last = pulses[0].start, pulses[-1].start
     if measured < first + finding.EARLIEST:
-        begins = f"energising begins at {to_text(first, 's', 4)}"
+        begins = f"energising begins at {quantity(first, 's', 4)}"
         yield found("onset", data.name, f"{at}, and {begins}: no injector opens that soon; {cure}.")
     elif measured > last + finding.LATEST:
-        ago = to_text(measured - last, "s", 4)
+        ago = quantity(measured - last, "s", 4)
         yield found("onset", data.name, f"{at}, {ago} after the last energising begins: that is too late; {cure}.")
     elif simulated is not None and abs(measured - simulated) > finding.ONSET_APART:
-        begins = f"the simulated one at {to_text(simulated, 's', 4)}"
-        most = to_text(finding.ONSET_APART, "s", 4)
+        begins = f"the simulated one at {quantity(simulated, 's', 4)}"
+        most = quantity(finding.ONSET_APART, "s", 4)
         yield found("onset", data.name, f"{at}, and {begins}, more than {most} apart; {cure}.")

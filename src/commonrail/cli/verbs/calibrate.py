@@ -19,6 +19,8 @@ from commonrail.cli.options import (
     stem_of,
 )
 
+Full = Annotated[bool, Option("--full", help="Print all tables too; a family and an FMU have theirs in any case.")]
+
 
 @verb
 def calibrate(
@@ -40,6 +42,7 @@ def calibrate(
             "--strict", help="Treat warnings as errors: before the fit nothing is run, after it the exit status is 2."
         ),
     ] = False,
+    full: Full = False,
     json: Json = False,
 ) -> None:
     """Fit a study and write a run folder.
@@ -65,7 +68,7 @@ def calibrate(
         loaded = replace(loaded, seed=seed)
     with open_workers(workers, cluster) as crew:
         outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
-    print_outcome(outcome, json, strict=strict)
+    print_outcome(outcome, json, full=full, strict=strict)
 
 
 # commonrail resume: resume a stopped run, of a family or an FMU too, or extend a finished one by generations.
@@ -84,6 +87,7 @@ def resume(
     threads: Threads = None,
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
+    full: Full = False,
     json: Json = False,
 ) -> None:
     """Resume a stopped run, or extend a finished one.
@@ -124,4 +128,4 @@ def resume(
                 run, generations=generations, as_begun=as_begun, threads=threads, workers=crew, listener=listener
             ),
         )
-    print_outcome(outcome, json)
+    print_outcome(outcome, json, full=full)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from commonrail.base.choices import Actuation, Body, Engine, Precision
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.output import write_csv, write_text, writing
-from commonrail.base.text import FieldUnit, field_unit, number
-from commonrail.base.units import parse, to_text
+from commonrail.base.text import FieldUnit, field_unit, number, quantity
+from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_json, print_pairs, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
@@ -230,8 +230,8 @@ def solve(
 
 def heading(run: Run) -> str:
     """Injector and operating point in one line."""
-    rail = to_text(run.point.at_start(run.point.rail_pressure), "Pa", 4)
-    pulses = " + ".join(to_text(pulse.duration, "s", 4) for pulse in run.point.pulses)
+    rail = quantity(run.point.at_start(run.point.rail_pressure), "Pa")
+    pulses = " + ".join(quantity(pulse.duration, "s") for pulse in run.point.pulses)
     return f"{run.injector.name}: {rail}, energising time {pulses}"
 
 
@@ -242,15 +242,15 @@ def figures(run: Run) -> list[tuple[str, str]]:
     end = run.point.end_of_energising
     again = s.first_closing < s.closing
     return [
-        ("injected quantity", f"{injected:.2f} mm3, {s.injected_mass * 1e6:.2f} mg"),
-        ("return quantity", f"{returned:.2f} mm3, {s.returned_mass * 1e6:.2f} mg"),
+        ("injected quantity", f"{injected:.2f} mm³, {s.injected_mass * 1e6:.2f} mg"),
+        ("return quantity", f"{returned:.2f} mm³, {s.returned_mass * 1e6:.2f} mg"),
         ("needle opens", _instant(r["opening"], r["opening_delay"], "start")),
         ("needle closes", _instant(r["closing"], r["closing_delay"], "end")),
         *([("for the first time", _instant(r["first_closing"], r["first_closing"] - end, "end"))] if again else []),
-        ("largest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
+        ("largest rate", f"{r['peak_rate'] * 1e6:.2f} mm³/ms"),
         *_shown(run.shown),
-        ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
-        ("reference density", f"{s.reference_density:.1f} kg/m3"),
+        ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} µm"),
+        ("reference density", f"{s.reference_density:.1f} kg/m³"),
         ("status", f"{s.status.name}: {s.sentence}"),
         ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
@@ -307,16 +307,16 @@ def _shown(shown: Metered | None) -> list[tuple[str, str]]:
     """Names and texts of what a meter shows."""
     if shown is None:
         return []
-    peak, quantity = float(shown.rate.max()) * 1e6, shown.quantity * 1e9
-    return [(f"by meter {shown.meter.name}", f"largest rate {peak:.2f} mm3/ms, quantity {quantity:.2f} mm3")]
+    peak, volume = float(shown.rate.max()) * 1e6, shown.quantity * 1e9
+    return [(f"by meter {shown.meter.name}", f"largest rate {peak:.2f} mm³/ms, quantity {volume:.2f} mm³")]
 
 
 def _shown_record(shown: Metered | None) -> dict[str, Any]:
     """Figures of what a meter shows [SI], under the key "meter"; empty without one."""
     if shown is None:
         return {}
-    peak, quantity = number(shown.rate.max()), number(shown.quantity)
-    return {"meter": {"name": shown.meter.name, "peak_rate": peak, "quantity": quantity}}
+    peak, volume = number(shown.rate.max()), number(shown.quantity)
+    return {"meter": {"name": shown.meter.name, "peak_rate": peak, "quantity": volume}}
 
 
 def write_rows(run: Run, path: Path) -> None:
@@ -344,4 +344,4 @@ def _unit(channel: str) -> FieldUnit:
 def _instant(at: float | None, delay: float | None, event: str) -> str:
     if at is None or delay is None:
         return "never"
-    return f"at {at * 1e6:.1f} us, {delay * 1e6:.1f} us after the {event} of energising"
+    return f"at {at * 1e6:.1f} µs, {delay * 1e6:.1f} µs after the {event} of energising"

@@ -9,7 +9,7 @@ from typing import Annotated
 import click
 
 from commonrail.base.errors import InputError
-from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.console import SIMULATING, print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Option, verb
 from commonrail.cli.options import Json, StudyFile
 
@@ -61,8 +61,7 @@ def validate(
         )
         return
     click.echo(f"{chosen.title} on the data of: {loaded.title}")
-    for line in meter_lines(meter_records(meters_of(loaded.data))):
-        click.echo(line)
+    print_lines(meter_lines(meter_records(meters_of(loaded.data))))
     if loaded.synthetic:
         click.echo(f"SYNTHETIC: {loaded.synthetic}")
     for table in tables_of(data, labels):

@@ -11,9 +11,9 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
-from commonrail.base.text import fixed, listed, megapascal, number, percent, pressure, signed
+from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
 from commonrail.data.bands import shaded
-from commonrail.data.base import View
+from commonrail.data.base import Merit, View
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
@@ -25,9 +25,9 @@ from commonrail.data.records import (
     Texts,
     origin_of,
     relative_error,
+    start_words,
 )
 
-NAMED = 6  # curves that a sentence tells one by one
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 _J_TITLE = "Error J of the injection curves, mm³/ms"
 
@@ -43,9 +43,22 @@ class CurveView(View):
         """The curve's operating point."""
         return data
 
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """J of all curves, calibrated against the other models."""
-        return [f", {listed([_sentence(d) for d in data])}" if len(data) <= NAMED else f", {_summary(data)}"]
+    def merit(self, data: Sequence[Record]) -> Merit:
+        """Σ |error| over Σ |rate|."""
+        best, start = (
+            several([d["J_relative"].get(key) for d in data], lambda value: fixed(value, 1, 100.0))
+            for key in (JUDGED, "start")
+        )
+        return Merit(f"{best} %", f"of the rate, {_named(data)}{start_words(start, '%')}")
+
+    def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
+        """Error of the injected volume."""
+        errors = [relative_error(number(q), measured) for d in data for measured, q in self.quantities(d)]
+        return Merit(f"{several(errors, lambda error: signed(error, 1))} %", f"injected volume, {_named(data)}")
+
+    def quantities(self, data: Record) -> list[tuple[float, float | None]]:
+        """Measured and calibrated volume within the samples [m³]."""
+        return [(data["volume"][MEASURED], number(data["volume"].get(JUDGED)))]
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """J of each curve."""
@@ -90,6 +103,11 @@ class CurveView(View):
         return [replace(figure, title=_title(data, data["name"])) for figure in self.figures(data, plotted)]
 
 
+def _named(data: Sequence[Record]) -> str:
+    """Names of a few curves, the number of many."""
+    return " · ".join(d["name"] for d in data) if len(data) < 4 else f"{len(data)} curves"
+
+
 def _title(data: Record, words: str) -> str:
     """Title of a curve's figure: words, and what the curve's name does not say of its operating point.
 
@@ -98,31 +116,6 @@ def _title(data: Record, words: str) -> str:
     place = pressure(data["rail_pressure"]), f"{data['energising_time'] * MICROSECOND:.0f} µs"
     name = data["name"].replace(" us", " µs")
     return ", ".join([words, *(one for one in place if one not in name)])
-
-
-def _sentence(data: Record) -> str:
-    others = [
-        f"{fixed(data['J'][key], 1)} {words}"
-        for key, words in (("start", "with the start values"), ("rigid", "as a rigid body"))
-        if number(data["J"].get(key)) is not None
-    ]
-    against = f" against {listed(others)}" if others else ""
-    return f"{data['name']} has J = {fixed(data['J'].get(JUDGED), 1)} mm³/ms{against}"
-
-
-def _summary(data: Sequence[Record]) -> str:
-    """Range of J over many curves, and the worst of them against its sum of the rates."""
-    texts = []
-    for key, words in ((JUDGED, ""), ("start", "with the start values"), ("rigid", "as a rigid body")):
-        known = [j for d in data if (j := number(d["J"].get(key))) is not None]
-        if known:
-            span = f"{fixed(min(known), 1)} to {fixed(max(known), 1)}"
-            texts.append(f"{span} {words}".strip() if words else f"J of {len(known)} curves is {span} mm³/ms")
-    found = {d["name"]: number(d["J_relative"].get(JUDGED)) or 0.0 for d in data}
-    worst = max(found, key=lambda name: found[name])
-    against = f" against {listed(texts[1:])}" if texts[1:] else ""
-    opening = texts[0] if texts else "nothing could be simulated"
-    return f"{opening}{against}; worst is {worst} with {percent(found[worst])} %"
 
 
 def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
@@ -144,8 +137,10 @@ def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Tab
 def _volume_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
     """Volume injected within the samples of every curve [mm³], by label."""
 
+    shown = labels[::-1]  # calibrated first: a narrow terminal leaves out the last columns
+
     def simulated(d: Record) -> Iterator[str]:
-        for label in labels:
+        for label in shown:
             volume = number(d["volume"].get(label))
             yield fixed(volume, 2, MM3)
             yield signed(relative_error(volume, d["volume"][MEASURED]), 1)
@@ -153,7 +148,7 @@ def _volume_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -
     parts = (
         Part(("data set", "role"), lambda d: (d["name"], d["role"])),
         Part((_origin(data),), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),)),
-        Part([head for label in labels for head in (texts[label], "error, %")], simulated),
+        Part([head for label in shown for head in (texts[label], "error, %")], simulated),
     )
     return table_of("Injected volume, mm³", data, parts, "", 2)
 

@@ -7,10 +7,10 @@ from typing import Any
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import field_unit, fixed, listed, megapascal, number, pressure, signed
-from commonrail.data.base import View
+from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
+from commonrail.data.base import Merit, View
 from commonrail.data.features.result import decimals_of
-from commonrail.data.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present
+from commonrail.data.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present, start_words
 
 _STEPS = (1.0, 2.0)  # [tolerances]
 _LEGEND = "{small} within one tolerance, {medium} within two, {large} beyond.".format(**SIGNS)
@@ -27,9 +27,10 @@ class FeatureView(View):
         """The operating point of the features."""
         return data
 
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """Root mean square errors of each data set in tolerances, calibrated against start values."""
-        return [f", {listed([_sentence(d) for d in data])}"]
+    def merit(self, data: Sequence[Record]) -> Merit:
+        """Root mean square error in tolerances."""
+        best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (JUDGED, "start"))
+        return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """Root mean square errors of the features."""
@@ -50,12 +51,6 @@ class FeatureView(View):
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Errors of the features in tolerances."""
         return [_figure(data, plotted.models)]
-
-
-def _sentence(data: Record) -> str:
-    text = f"the features of {data['name']} are met to {fixed(data['rms'].get(JUDGED), 2)} tolerances rms"
-    start = number(data["rms"].get("start"))
-    return text if start is None else f"{text} (start: {fixed(start, 2)})"
 
 
 def _name(row: Record) -> str:

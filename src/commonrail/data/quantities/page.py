@@ -9,9 +9,9 @@ from typing import Any
 
 from commonrail.base.chart import MARKERS, Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import fixed, listed, megapascal, number, pressure, signed, significant
+from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, several, signed, significant
 from commonrail.data.bands import band_cells, band_name, band_note, error_band, shaded
-from commonrail.data.base import View
+from commonrail.data.base import Merit, View
 from commonrail.data.quantities.dead_times import compared_dead_times, dead_time_figure, dead_time_table
 from commonrail.data.records import (
     JUDGED,
@@ -26,6 +26,7 @@ from commonrail.data.records import (
     present,
     relative_error,
     scaled,
+    start_words,
 )
 
 ENERGISING = "energising time, µs"
@@ -70,9 +71,17 @@ class MapView(View):
         rows: Sequence[Record] = data["rows"]
         return rows
 
-    def sentences(self, data: Sequence[Record]) -> list[str]:
-        """Root mean squares of each map, calibrated and start values."""
-        return [f" ({d['name']}), {_sentence(self, d)}" for d in data]
+    def merit(self, data: Sequence[Record]) -> Merit:
+        """Root mean square error of the large quantities, or of the small ones where there are no others."""
+        return _rms(self, data, "rms_large_percent") or _rms(self, data, "rms_small") or Merit(MISSING, "no quantity")
+
+    def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
+        """Root mean square error of the small quantities, which percentages do not tell."""
+        return _rms(self, data, "rms_small") if _rms(self, data, "rms_large_percent") else None
+
+    def quantities(self, data: Record) -> list[tuple[float, float | None]]:
+        """Measured and calibrated quantities [m³]."""
+        return [(row[MEASURED], number(row.get(JUDGED))) for row in _quantities(data)]
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """Errors of the large quantities of each map."""
@@ -93,9 +102,9 @@ class MapView(View):
         return [_figures_compared(self, data, labels), *(table for table in tables if table.rows)]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Quantities, their errors, and dead times; a rigid body is not shown."""
+        """Quantities with their errors, and dead times; a rigid body is not shown."""
         shown = {label: model for label, model in plotted.models.items() if label in ("start", JUDGED)}
-        return [_map_figure(self, data), _error_figure(self, data), *dead_time_figure(data, shown)]
+        return [_map_figure(self, data), *dead_time_figure(data, shown)]
 
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities, their errors, and dead times, of each model."""
@@ -104,22 +113,15 @@ class MapView(View):
         return [*found, *dead_time_figure(data, models)]
 
 
-def _sentence(view: MapView, data: Record) -> str:
-    best, start = (data["figures"].get(key, {}) for key in (JUDGED, "start"))
-    limit = significant(best.get("limit_quantity"), 3, MM3)
-    parts = []
-    for key, scale, decimals, words in (
-        ("rms_large_percent", 1.0, 1, f"{view.of}quantities above {limit} mm³ are met to {{}} % rms"),
-        ("rms_small", MM3, 2, f"those up to {limit} mm³ to {{}} mm³ rms"),
-        ("dead_time_rms", MICROSECOND, 0, "dead times to {} µs rms"),
-    ):
-        if number(best.get(key)) is None:
-            continue
-        text = words.format(fixed(best[key], decimals, scale))
-        if number(start.get(key)) is not None:
-            text += f" (start: {fixed(start[key], decimals, scale)})"
-        parts.append(text)
-    return listed(parts) or "nothing could be simulated"
+def _rms(view: MapView, data: Sequence[Record], key: str) -> Merit | None:
+    """Figure of merit from the root mean squares of some maps; None if none has it."""
+    unit, scale, decimals, side = ("%", 1.0, 1, "above") if key == "rms_large_percent" else ("mm³", MM3, 2, "up to")
+    best, start = (
+        several([d["figures"].get(label, {}).get(key) for d in data], lambda value: fixed(value, decimals, scale))
+        for label in (JUDGED, "start")
+    )
+    words = f"rms of the {view.of}quantities {side} {limit_text(data)} mm³{start_words(start, unit)}"
+    return None if best == MISSING else Merit(f"{best} {unit}", words)
 
 
 def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table:
@@ -195,47 +197,35 @@ def _compared(view: MapView, data: Record, labels: Sequence[str]) -> Table:
 
 
 def _map_figure(view: MapView, data: Record) -> Figure:
-    """Quantity [mm³] against energising time [us], one family for each rail pressure."""
+    """Quantities [mm³] and errors of the calibrated ones, a family for each rail pressure, over energising time [us].
+
+    Errors are in percent above a quantity, and in mm³ up to it.
+    """
+    limit = float(data["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT))
     series: list[Series] = []
-    bands: list[Band] = []
+    errors: tuple[list[Series], list[Series]] = ([], [])
+    bands: tuple[list[Band], list[Band], list[Band]] = ([], [], [])
     for family, (rail, rows) in enumerate(_by_pressure(data).items()):
         x = scaled(rows, "energising_time", MICROSECOND)
         series += [Series("", label, x, scaled(rows, label, MM3), family=family) for label in ("start", JUDGED)]
-        measured = scaled(rows, MEASURED, MM3)
-        series.append(Series(pressure(rail), MEASURED, x, measured, MARKERS, family))
-        bands += [error_band(rows, family, lambda value, _: value * MM3, about=JUDGED)] if "band" in data else []
-    caption = f"{view.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values."
-    return Figure(
-        f"{data['name']} ({data['role']})",
-        f"{caption} {shaded(data)}".rstrip(),
-        ENERGISING,
-        (Panel(f"{view.of}quantity, mm³", tuple(series), bands=tuple(bands)),),
-    )
-
-
-def _error_figure(view: MapView, data: Record) -> Figure:
-    """Errors of the calibrated quantities, in mm³ for small ones and in percent for large ones."""
-    limit = data["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT)
-    large, small = [], []
-    wide: list[Band] = []
-    narrow: list[Band] = []
-    for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+        series.append(Series(pressure(rail), MEASURED, x, scaled(rows, MEASURED, MM3), MARKERS, family))
         over, under = _parted_at(limit, rows)
-        large.append(Series(pressure(rail), JUDGED, *_errors(over, JUDGED, _percent), MARKERS, family))
-        small.append(Series("", JUDGED, *_errors(under, JUDGED, _absolute), MARKERS, family))
+        for found, part, measure in zip(errors, (over, under), (_percent, _absolute), strict=True):
+            found.append(Series("", JUDGED, *_errors(part, JUDGED, measure), MARKERS, family))
         if "band" in data:
-            wide.append(error_band(over, family, _percent))
-            narrow.append(error_band(under, family, _absolute))
+            bands[0].append(error_band(rows, family, lambda value, _: value * MM3, about=JUDGED))
+            bands[1].append(error_band(over, family, _percent))
+            bands[2].append(error_band(under, family, _absolute))
+    shown = [Panel(f"{view.of}quantity, mm³", tuple(series), 0.5, bands=tuple(bands[0]))]
+    for found, share, unit, around in zip(errors, (0.3, 0.2), ("%", "mm³"), bands[1:], strict=True):
+        if any(one.x for one in found):
+            shown.append(Panel(f"error, {unit}", tuple(found), share, zero_line=True, bands=tuple(around)))
     text = f"{limit * MM3:.3g} mm³"
-    return Figure(
-        f"Errors of {data['name']}",
-        f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {shaded(data)}".rstrip(),
-        ENERGISING,
-        (
-            Panel("error, %", tuple(large), 0.6, zero_line=True, bands=tuple(wide)),
-            Panel("error, mm³", tuple(small), 0.4, zero_line=True, bands=tuple(narrow)),
-        ),
+    caption = (
+        f"{view.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values. Errors, "
+        f"calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {shaded(data)}"
     )
+    return Figure(f"{data['name']} ({data['role']})", caption.rstrip(), ENERGISING, tuple(shown))
 
 
 def _map_compared(view: MapView, data: Record, models: Models) -> Figure:

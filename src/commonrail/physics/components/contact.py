@@ -81,10 +81,9 @@ def contact_over_step(
 
 
 @physics
-def next_velocity(v: float, gain: float, half: float, per_one_plus_half: float) -> float:
-    """Velocity [m/s] after a step whose contact damping is taken at mid-step (implicit, never unstable).
+def damped_gain(v: float, gain: float, half: float) -> float:
+    """Gain of velocity over a step [m/s] whose contact damping is taken at mid-step (implicit, never unstable).
 
-    `v`: velocity half a step before [m/s]; `gain`: dt F/m [m/s]; `half`: dt c/(2 m) [1]; `per_one_plus_half`: 1/(1 +
-    half) [1].
+    `v`: velocity half a step before [m/s]; `gain`: dt F/m, without the damping [m/s]; `half`: dt c/(2 m) [1].
     """
-    return (v * (1.0 - half) + gain) * per_one_plus_half
+    return (gain - 2.0 * half * v) / (1.0 + half)

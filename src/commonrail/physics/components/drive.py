@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from commonrail.physics.components import solenoid
-from commonrail.physics.law import Domain, Q, physics, reciprocals
+from commonrail.physics.law import Domain, Q, physics
 
 TINY_CURRENT = 1e-12  # what counts as no current [A]
 TINY_GAIN = 1e-12  # what counts as no current per volt over a step [A/V]
@@ -130,9 +130,9 @@ def during(share: float, rate: Rate) -> Rate:
 def relaxed(rate: Rate, dt: float) -> float:
     """Mean over the step of dφ/dt [V] while the flux relaxes and the gap keeps closing.
 
-    With y = dt · decay: (r + y/6 r_end)/(1 + 2y/3 + y²/6), `relaxation` for a gap at rest. A rate that changes linearly
-    by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
-    (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
+    With y = dt · decay: (6 r + y r_end)/(6 + 4y + y²), `relaxation` for a gap at rest. A rate that changes linearly by
+    2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
+    (r_end − r) y/(6 + 4y + y²): over the same denominator, and as 1/y for large y.
 
     `rate`: for the flux at the start of the step and the gap of mid-step; its value with the gap of the end; its decay.
     """
@@ -140,16 +140,26 @@ def relaxed(rate: Rate, dt: float) -> float:
 
 
 @physics
+def both_relaxed(first: Rate, second: Rate, dt: float) -> float:
+    """Sum of `relaxed` of two parts of a step [V], over their common denominator.
+
+    `first`, `second`: as the argument of `relaxed`.
+    """
+    one, two = damped(first, dt), damped(second, dt)
+    return (risen(first, dt) * two + risen(second, dt) * one) / (one * two)
+
+
+@physics
 def risen(rate: Rate, dt: float) -> float:
-    """Numerator of `relaxed` [V]."""
-    return rate.flux_rate + dt * rate.decay * (1.0 / 6.0) * rate.at_end
+    """Numerator of `relaxed` [V]: 6 r + y r_end."""
+    return 6.0 * rate.flux_rate + dt * rate.decay * rate.at_end
 
 
 @physics
 def damped(rate: Rate, dt: float) -> float:
-    """Denominator of `relaxed` [1]."""
+    """Denominator of `relaxed` [1]: 6 + 4y + y²."""
     y = dt * rate.decay
-    return 1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0))
+    return 6.0 + y * (4.0 + y)
 
 
 @physics
@@ -206,8 +216,7 @@ def _held(
         plan.peak * peak.decay + held * hold.decay,
     )
     off = during(1.0 - plan.on, _towards(c, 0.0, p.regulator_gain, -backward.off, 0.0, now))
-    per_live, per_off = reciprocals(damped(live, dt), damped(off, dt))
-    return Change(risen(live, dt) * per_live + risen(off, dt) * per_off, 1.0)
+    return Change(both_relaxed(live, off, dt), 1.0)
 
 
 @physics
@@ -264,23 +273,24 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     half_band = 0.5 * (p.peak_band if in_peak else p.hold_band)
     conducting = s.conducting > 0.5
     voltage = pwm_voltage(p, s.conducting)
-    limit = mean + half_band if conducting else mean - half_band
+    upwards = 1.0 if conducting else -1.0
+    limit = mean + upwards * half_band
     trial = during(plan.on, applied(c, voltage, now))
-    per_damped, per_gain = reciprocals(damped(trial, dt), max(dt * plan.on * c.per_turn * now.slope, TINY_GAIN))
-    first = now.current + now.drift
-    change = dt * risen(trial, dt) * per_damped * now.slope - 2.0 * now.drift
-    after = first + change
-    crossed = after > limit if conducting else after < limit
-    # distance to the limit, negative where the step begins beyond it: the band has moved, wherever the current goes
-    left = limit - first if conducting else first - limit
+    # change of the current and its distance to the limit, both times the denominator of `relaxed`; the distance is
+    # negative where the step begins beyond the limit: the band has moved, wherever the current goes
+    per_change = damped(trial, dt)
+    change = upwards * (dt * risen(trial, dt) * now.slope - 2.0 * now.drift * per_change)
+    left = upwards * (limit - now.current - now.drift) * per_change
+    crossed = change > left
     before = clamp(left / max(abs(change), TINY_CURRENT), 0.0, 1.0) if crossed else 1.0
     other = pwm_voltage(p, 0.0 if conducting else 1.0)
-    hold, band = c.resistance * limit, 2.0 * half_band * per_gain  # voltages at the limit, and across the band
+    # voltages at the limit, and across the band
+    hold, band = c.resistance * limit, 2.0 * half_band / max(dt * plan.on * c.per_turn * now.slope, TINY_GAIN)
     swing = clamp((1.0 - before) * (other - hold), -band, band)
     live = during(plan.on, applied(c, before * voltage + (1.0 - before) * hold + swing, now))
     off = during(1.0 - plan.on, switched_off(p, c, now))
     flag = (turned(s.conducting) if crossed else s.conducting) if plan.on > 0.0 else 2.0
-    return Change(risen(live, dt) * per_damped + relaxed(off, dt), flag)
+    return Change(both_relaxed(live, off, dt), flag)
 
 
 @physics

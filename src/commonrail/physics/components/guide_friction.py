@@ -13,7 +13,7 @@ import math
 
 from commonrail.physics.components import plunger_needle, rigid_body
 from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, Nine, SeatContact
-from commonrail.physics.law import physics, reciprocals
+from commonrail.physics.law import physics
 
 ROUNDED = 0.01  # v_0 [m/s]: half of the dry friction acts at this speed; 76 % of that of the bench
 
@@ -34,9 +34,9 @@ def guide_damping(g: Guides, per_speed: float) -> float:
 
 
 @physics
-def speed_at_step(v: float, v_before: float) -> float:
-    """|v| + v_0 at t_n [m/s], extrapolated; `v`, `v_before`: velocities at t_n − dt/2 and t_n − 3dt/2 [m/s]."""
-    return abs(1.5 * v - 0.5 * v_before) + ROUNDED
+def speed_at_step(v: float, gain: float) -> float:
+    """|v| + v_0 at t_n [m/s], extrapolated; `v`, `gain`: velocity at t_n − dt/2, and its gain in a step [m/s]."""
+    return abs(v + 0.5 * gain) + ROUNDED
 
 
 @physics
@@ -49,14 +49,16 @@ def advance_chain(
     of the velocities half a step before and after.
     """
     after, m = plunger_needle.advance(c, seat, s, load, dt), c.impulse
-    per1, per7 = reciprocals(speed_at_step(s.v.i1, s.v_before.i1), speed_at_step(s.v.i7, s.v_before.i7))
-    half1, half7 = 0.5 * m.i1 * guide_damping(c.guides, per1), 0.5 * m.i7 * guide_damping(c.guides, per7)
+    half1 = 0.5 * m.i1 * guide_damping(c.guides, 1.0 / speed_at_step(s.v.i1, s.gain.i1))
+    half7 = 0.5 * m.i7 * guide_damping(c.guides, 1.0 / speed_at_step(s.v.i7, s.gain.i7))
     stopped = 1.0 + 0.5 * m.i1 * plunger_needle.at_stop(c.guides, s.z.i1).damping
-    slow1, slow7 = reciprocals(stopped + half1, 1.0 + half7)
-    v1 = (stopped * after.v.i1 - half1 * s.v.i1) * slow1
-    v7 = (after.v.i7 - half7 * s.v.i7) * slow7
+    gain1 = (stopped * after.gain.i1 - 2.0 * half1 * s.v.i1) / (stopped + half1)
+    gain7 = (after.gain.i7 - 2.0 * half7 * s.v.i7) / (1.0 + half7)
+    v1, v7 = s.v.i1 + gain1, s.v.i7 + gain7
     return plunger_needle.State(
-        with_guided(after.z, s.z.i1 + dt * v1, s.z.i7 + dt * v7), with_guided(after.v, v1, v7), s.v
+        with_guided(after.z, s.z.i1 + dt * v1, s.z.i7 + dt * v7),
+        with_guided(after.v, v1, v7),
+        with_guided(after.gain, gain1, gain7),
     )
 
 

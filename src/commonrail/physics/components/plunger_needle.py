@@ -13,9 +13,9 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
-from commonrail.physics.components.contact import Contact, contact, next_velocity
+from commonrail.physics.components.contact import Contact, contact, damped_gain
 from commonrail.physics.flow import gap_conductance, pipe_area
-from commonrail.physics.law import Domain, Q, physics, reciprocals
+from commonrail.physics.law import Domain, Q, physics
 
 # Chain of nine masses on seven cylinders: a law of one mass or one cylinder, unrolled over all of them.
 #
@@ -193,23 +193,27 @@ class Guides(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Springs, dampers, inverse masses [1/kg] and step over mass [s/kg] of the chain, its mass [kg], and the guides."""
+    """Springs, dampers, inverse masses [1/kg] of the chain, its mass [kg], and the guides.
+
+    `impulse` is dt/m [s/kg], `numerov` dt²/(12 m) [s²/kg].
+    """
 
     k: Seven
     c: Seven
     per_mass: Nine
     impulse: Nine
+    numerov: Nine
     joint_stiffness: float
     total_mass: float
     guides: Guides
 
 
 class State(NamedTuple):
-    """Positions at t_n, velocities at t_n − dt/2 and t_n − 3dt/2."""
+    """Positions at t_n, velocities at t_n − dt/2, and what those have gained since t_n − 3dt/2."""
 
     z: Nine
     v: Nine
-    v_before: Nine
+    gain: Nine
 
 
 class Motion(NamedTuple):
@@ -294,6 +298,7 @@ def coefficients(p: Parameters, dt: float) -> Coefficients:
         c=_dampers(p.damping_ratio, k, m),
         per_mass=per_mass,
         impulse=_scaled(dt, per_mass),
+        numerov=_scaled(dt * dt * (1.0 / 12.0), per_mass),
         joint_stiffness=p.joint_stiffness,
         total_mass=m.i1 + m.i2 + m.i3 + m.i4 + m.i5 + m.i6 + m.i7,
         guides=guides,
@@ -344,7 +349,7 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
 
 @physics
 def with_ends(f: Nine, top: float, tip: float) -> Nine:
-    """Forces [N] with those on the ends, where stop and seat act, replaced.
+    """Forces [N] with those on the ends, where stop and seat act, replaced; gains of velocity alike.
 
     `f`: forces on the masses [N]; `top`: force on mass 1 [N]; `tip`: force on mass 9 [N].
     """
@@ -352,24 +357,26 @@ def with_ends(f: Nine, top: float, tip: float) -> Nine:
 
 
 _springs = each(Seven, lambda k, stretch: k * stretch)
+_product = each(Nine, lambda x, y: x * y)
 
 
 @physics
-def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Nine:
-    """dt²/12 d²F/dt² [N] of k1 to k7, of the joint and of the seat's elastic force; not of needle spring or upper stop.
+def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine) -> Nine:
+    """Gain of velocity [m/s] by dt²/12 d²F/dt² of k1 to k7, of the joint and of the seat's elastic force.
 
-    Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger rings on after an injection;
-    the phase of its waves decides the pressure in the control chamber at which the next one begins.
+    Numerov's correction: with it leapfrog is of fourth order in these springs; not in needle spring and upper stop. The
+    plunger rings on after an injection; the phase of its waves decides the pressure in the control chamber at which the
+    next one begins.
 
     `z`: positions [m]; `gain`: dt times the accelerations at t_n, without contact damping [m/s].
     """
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
     rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
     f = nodal_forces(_springs(c.k, across(gain)), joint)
-    return _scaled(dt * (1.0 / 12.0), with_ends(f, f.i1, f.i9 - rest))
+    return _product(c.numerov, with_ends(f, f.i1, f.i9 - rest))
 
 
-_extrapolated = each(Nine, lambda v, before: 1.5 * v - 0.5 * before)
+_extrapolated = each(Nine, lambda v, gain: v + 0.5 * gain)
 
 
 @physics
@@ -384,7 +391,6 @@ def on_seat(seat: SeatContact, tip: float) -> Contact:
     return contact(-tip, seat.stiffness, seat.damping)
 
 
-_product = each(Nine, lambda x, y: x * y)
 _advanced = each(Nine, lambda x, step, rate: x + step * rate, shared="step")
 _sum = each(Nine, lambda x, y: x + y)
 
@@ -392,19 +398,18 @@ _sum = each(Nine, lambda x, y: x + y)
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
     """State after one leapfrog step; dampers see the velocity extrapolated to t_n; `load`: pressure forces at t_n."""
-    f = forces(c, s.z, _extrapolated(s.v, s.v_before), load)
+    f = forces(c, s.z, _extrapolated(s.v, s.gain), load)
     stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
     m = c.impulse
-    half1, half9 = 0.5 * m.i1 * stop.damping, 0.5 * m.i9 * rest.damping
-    per1, per9 = reciprocals(1.0 + half1, 1.0 + half9)
     first = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
-    gain = _sum(first, _product(m, numerov_correction(c, seat, s.z, first, dt)))
-    u = with_ends(
-        _sum(s.v, gain),
-        next_velocity(s.v.i1, gain.i1, half1, per1),
-        next_velocity(s.v.i9, gain.i9, half9, per9),
+    free = _sum(first, numerov_correction(c, seat, s.z, first))
+    gain = with_ends(
+        free,
+        damped_gain(s.v.i1, free.i1, 0.5 * m.i1 * stop.damping),
+        damped_gain(s.v.i9, free.i9, 0.5 * m.i9 * rest.damping),
     )
-    return State(_advanced(s.z, dt, u), u, s.v)
+    u = _sum(s.v, gain)
+    return State(_advanced(s.z, dt, u), u, gain)
 
 
 @physics

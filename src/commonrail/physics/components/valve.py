@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.components.contact import contact, contact_over_step, next_velocity
+from commonrail.physics.components.contact import contact, contact_over_step, damped_gain
 from commonrail.physics.elementary import sine
 from commonrail.physics.flow import pipe_area
 from commonrail.physics.law import Domain, Q, physics
@@ -111,8 +111,7 @@ def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: flo
     """
     force, damping = forces_over_step(c, s, magnetic_force, seat_pressure, dt)
     per_mass = dt * c.per_mass
-    half = 0.5 * per_mass * damping
-    velocity = next_velocity(s.velocity, per_mass * force, half, 1.0 / (1.0 + half))
+    velocity = s.velocity + damped_gain(s.velocity, per_mass * force, 0.5 * per_mass * damping)
     return State(s.lift + dt * velocity, velocity)
 
 

@@ -24,7 +24,7 @@ from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.profile import Profile, Ripple
 from commonrail.plugins.certainty.verdict import Judged, sensitivity_records
 from commonrail.readers.injector.file import dump_injector
-from commonrail.runs.folder import CALIBRATED, LIKELY, RESULT, TRACES, members_of, read_result, write_record
+from commonrail.runs.folder import CALIBRATED, LIKELY, POSTERIOR, RESULT, TRACES, members_of, read_result, write_record
 
 
 @dataclass(frozen=True, repr=False)
@@ -217,11 +217,10 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
     `folder`: run folder; `certainty`: of `Certainty.record`; with a key "posterior" if posterior.npz was written.
     Raises `InputError` if the folder is not a run folder. Raises `OutputError` if the file cannot be written.
     """
-    from commonrail.plugins.certainty.posterior.file import POSTERIOR
-
     folder = file_path(folder, "folder")
     record = read_result(folder)
-    record[CERTAINTY] = dict(certainty)
+    adopted = {key: value for key, value in record.get(CERTAINTY, {}).items() if key in ("searched", "taken")}
+    record[CERTAINTY] = {**certainty, **adopted}
     known = {one["name"]: one for one in certainty["parameters"]}
     for parameter in record["parameters"]:
         parameter.update({key: known[parameter["name"]][key] for key in ("standard_error", "verdict")})

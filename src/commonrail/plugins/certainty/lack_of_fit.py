@@ -21,7 +21,7 @@ from scipy import special
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
-from commonrail.base.units import to_text
+from commonrail.base.text import quantity
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.study import Study
 from commonrail.data.noise import Correlation
@@ -165,7 +165,7 @@ def beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfFi
     for column, distance in zip(likelihood.priors.columns[which], np.abs(distances).tolist(), strict=True):
         parameter = likelihood.space.parameters[column]
         probability = math.erfc(distance / math.sqrt(2.0))
-        size = to_text(float(estimate.point[column]), parameter.unit, 2)
+        size = quantity(float(estimate.point[column]), parameter.unit, 2)
         words = (
             f"the fit asks for {parameter.name} of about {size}, {distance:.1f} standard deviations from what is stated"
         )

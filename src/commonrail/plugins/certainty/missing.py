@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from commonrail.base.arrays import Floats
-from commonrail.base.units import to_text
+from commonrail.base.text import quantity
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
@@ -164,7 +164,7 @@ def missing_delay(study: Study, estimate: Estimate, threads: int | None = None) 
         return None
     stated = any(nuisance.key == DELAY for nuisance in estimate.likelihood.nuisances)
     why = "which is beyond what the study states" if stated else "which the study lacks"
-    words = f"a delay of the meter of about {to_text(float(found.values[0]), 's', 2)}, {why}"
+    words = f"a delay of the meter of about {quantity(float(found.values[0]), 's', 2)}, {why}"
     return found._replace(point=found.point[: len(estimate.unit)], name=CURVES, quantity=DELAY, words=words)
 
 
@@ -296,7 +296,7 @@ def missing_friction(study: Study, estimate: Estimate, threads: int | None = Non
     if found is None:
         return None
     size = " and ".join(
-        to_text(float(v), unit, 2) for v, (_, unit) in zip(found.values, FRICTION.values(), strict=True)
+        quantity(float(v), unit, 2) for v, (_, unit) in zip(found.values, FRICTION.values(), strict=True)
     )
     words = f"friction in the guides of about {size}, which the model lacks"
     return found._replace(point=found.point[: len(estimate.unit)], name=GUIDES, quantity="friction", words=words)

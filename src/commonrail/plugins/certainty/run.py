@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from commonrail.calibration.study import Study
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW
 from commonrail.plugins.certainty.covariance import student
-from commonrail.plugins.certainty.estimate import Estimate, library, starts_from
+from commonrail.plugins.certainty.estimate import CLOSE, Estimate, library, starts_from
 from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.lack_of_fit import DRIFT, LackOfFit, judged_residuals, of_missing, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
@@ -101,11 +100,15 @@ def certify(
         if done.better is None or adopted == MOST_RESTARTS:
             profiled = {} if done.better is not None else {profile.name: profile for profile in done.found}
             break
-        note("a profile has met a better fit, which is adopted")
-        adopted += 1
-        again = estimate_within(study, likelihood, done.better[None], thread_count(threads))
+        starts_again = np.vstack([done.better[None], *([within.whole.ends] if starts > 1 else [])])
+        again = estimate_within(study, likelihood, starts_again, thread_count(threads))
         simulated += again.whole.simulated
-        within = _adopted(within, again)
+        if within.whole.apart(again.whole.unit) <= CLOSE:  # the ripple of the same top, where a profile means nothing
+            ripple = None if within.fitted else ripple_of(within.whole)
+            simulated += 0 if ripple is None else ripple.simulated
+            break
+        note("a profile has met a better fit, which is adopted")
+        adopted, within = adopted + 1, again
     tests, visible, more = _tests(within, thread_count(threads))
     drifting = [test.name for test in tests if test.found and test.suspect == DRIFT]
     within = within._replace(whole=with_drift(within.whole, drifting), found=with_drift(within.found, drifting))
@@ -208,12 +211,6 @@ def friction_withdraws(
     """
     pinned = any(one.verdict is ParameterVerdict.PINNED for one in verdicts)
     return missing_friction(study, found, threads) if pinned else None
-
-
-def _adopted(first: Within, again: Within) -> Within:
-    """The better estimate; starts that agreed with the first one do not count for it."""
-    whole, found = (replace(one, starts=first.whole.starts, agreeing=1) for one in (again.whole, again.found))
-    return again._replace(whole=whole, found=found)
 
 
 def _column(likelihood: Likelihood, name: str) -> int:

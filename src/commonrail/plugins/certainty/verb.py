@@ -7,19 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.console import print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_folder
 
 if TYPE_CHECKING:
     from commonrail.plugins.certainty.file import Certainty
 
+STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is pinned
+
 
 @verb
 def certainty(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,
-    starts: Annotated[int, Option(min=1, max=1000, help="Starts of the search.")] = 8,
+    starts: Annotated[int, Option(min=1, max=1000, help="Starts of the search.")] = STARTS,
     profile: Annotated[
         tuple[str, ...], Option(metavar="NAME", help="Profile this parameter; repeat it. [default: all]")
     ] = (),
@@ -29,9 +31,12 @@ def certainty(
     ] = (),
     limit: Annotated[
         float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
-    ] = 10.0,
+    ] = LIMIT,
     posterior: Annotated[
         bool, Option("--posterior", help="Draw from the posterior too, into RUN/posterior.npz.")
+    ] = False,
+    adopt: Annotated[
+        bool, Option("--adopt", help="Take the most likely values as the calibrated ones, of an earlier search if any.")
     ] = False,
     most: Annotated[int, Option(min=1000, help="Largest number of draws of the posterior.")] = 100_000,
     seed: Annotated[int, Option(min=0, help="Seed of the draws of the posterior.")] = 0,
@@ -42,11 +47,14 @@ def certainty(
 
     The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. The result
     is written to RUN/result.json under "certainty", and to its report; RUN/most-likely.toml is the injector with the
-    most likely values. No interval is taken from a posterior whose chains do not agree.
+    most likely values. With --adopt they take the place of the calibrated ones, in calibrated.toml and all that is
+    made of the run; without other options the search is not repeated. No interval is taken from a posterior whose
+    chains do not agree.
 
     \b
     Example:
       commonrail certainty runs/first
+      commonrail certainty runs/first --adopt
       commonrail certainty runs/first --posterior
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
@@ -54,34 +62,39 @@ def certainty(
     from commonrail.plugins.certainty.run import certify
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.page import write_report
-    from commonrail.runs.folder import read_fit
+    from commonrail.runs.fit import Listener, adopt_likely
+    from commonrail.runs.folder import CALIBRATED, LIKELY, earlier_certainty, read_fit, read_result
 
+    asked = starts != STARTS or profile or local or combination or limit != LIMIT or posterior
     study, best = read_fit(run)
     check_folder(run)
-    found = certify(
-        study,
-        best,
-        threads=threads,
-        starts=starts,
-        profiles=() if local else profile or None,
-        combinations=combination,
-        limit=0.01 * limit,
-        note=say,
-    )
-    kept = found.record()
-    likely = write_likely(run, study, dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True)))
-    if posterior:
-        kept["posterior"] = _posterior(run, found, seed, most)
-    record = keep_certainty(run, kept)
+    if asked or not adopt or earlier_certainty(run) is None:
+        found = certify(
+            study,
+            best,
+            threads=threads,
+            starts=starts,
+            profiles=() if local else profile or None,
+            combinations=combination,
+            limit=0.01 * limit,
+            note=say,
+        )
+        kept = found.record()
+        write_likely(run, study, dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True)))
+        if posterior:
+            kept["posterior"] = _posterior(run, found, seed, most)
+        keep_certainty(run, kept)
+    if adopt:
+        adopt_likely(run, threads=threads, listener=Listener(note=say))
+    record = read_result(run)
     report = write_report(run)
     if json:
         print_json({"kind": "certainty", "run": str(run), "report": str(report), "certainty": record["certainty"]})
         return
     for table in certainty_tables(record):
         print_table(table)
-    for line in certainty_lines(record):
-        click.echo(line)
-    click.echo(f"most likely values: {likely}")
+    print_lines(certainty_lines(record))
+    click.echo(f"most likely values: {run / (CALIBRATED if adopt else LIKELY)}")
     click.echo(f"report: {report}")
 
 

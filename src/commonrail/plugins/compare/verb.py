@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.console import SIMULATING, print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 
@@ -89,8 +89,7 @@ def _print(record: dict[str, Any]) -> None:
 
     if record["synthetic"]:
         click.echo(f"SYNTHETIC: {record['synthetic']}")
-    for line in comparison_lines(record):
-        click.echo(line)
+    print_lines(comparison_lines(record))
     click.echo("")
     for table in comparison_tables(record):
         print_table(table)

@@ -16,7 +16,7 @@ from commonrail.base.units import parse, to_text
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.optimisers.staged import StagedSettings
-from commonrail.calibration.parameter import Parameter, Prior
+from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space, sample_priors
@@ -31,15 +31,25 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.law import Domain
+from commonrail.plugins.family.drawn import (
+    DRAWS,
+    FACTORS,
+    FLOW,
+    FLOW_SPREAD,
+    Doubts,
+    doubts_of,
+    flow_about_drawing,
+    held_parameters,
+    one_change,
+    scattering,
+)
 from commonrail.plugins.family.type import OF_PART
 from commonrail.readers.columns import Column
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import Place, Reach
 from commonrail.readers.tables import read_columns
 
-FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
 FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
-FACTORS = (0.6, 1.6)  # flow factors that are searched
 FEWEST_FOR_PRIORS = 4  # reference quantities from which the type's parameters move too, held by their spreads
 MEMBERS, MOVES = 64, 24  # candidates that are screened, and iterations after it
 
@@ -60,6 +70,8 @@ class Adapted:
         Reference quantities.
     calibration : Calibration
         The fit that found it.
+    doubts : Doubts
+        What speaks against the part being a sound one of the type.
     """
 
     injector: Injector
@@ -68,6 +80,7 @@ class Adapted:
     after: Floats
     points: QuantityData
     calibration: Calibration
+    doubts: Doubts
 
 
 def adapt(
@@ -119,18 +132,23 @@ def adapt(
     part = part_of(known, injector)
     if not isinstance(points, QuantityData):
         points = read_points(points, part, cylinder_pressure, return_pressure)
-    study = _study(known, part, instance(points, QuantityData, "points"))
-    found = calibrate(study, threads=thread_count(threads), progress=progress)
+    study, threads = _study(known, part, instance(points, QuantityData, "points")), thread_count(threads)
+    found = calibrate(study, threads=threads, progress=progress)
     factor = (found.best[FLOW] / part.values[FLOW]) ** 2
     low, high = FACTORS
     if study.space.parameters[0].is_at_bound(found.best[FLOW]):
         raise InputError(
             f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
-            "check nozzle, units and pressures."
+            f"check nozzle, units and pressures{_or_change(one_change(known, part, points, threads))}."
         )
     _check_met(points, np.asarray(found.scores["best"][0].values))
+    doubts = doubts_of(known, part, points, found, threads)
     start, best = (np.asarray(found.scores[label][0].values) for label in ("start", "best"))
-    return Adapted(_named(known, study, found, factor), factor, start, best, points, found)
+    return Adapted(_named(known, study, found, factor), factor, start, best, points, found, doubts)
+
+
+def _or_change(change: str) -> str:
+    return f"; one change of the type explains them best: {change}" if change else ""
 
 
 def _check_met(points: QuantityData, best: Floats) -> None:
@@ -140,7 +158,7 @@ def _check_met(points: QuantityData, best: Floats) -> None:
             duration = sum(pulse.duration for pulse in point.pulses)
             at = f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} us"
             raise InputError(
-                f"{points.name}: {wanted * 1e9:.3g} mm3 are measured at {at}, and the adapted type injects "
+                f"{points.name}: {wanted * 1e9:.3g} mm³ are measured at {at}, and the adapted type injects "
                 f"{given * 1e9:.3f} mm3; check units and pressures, or take a point with a larger energising time."
             )
 
@@ -209,26 +227,6 @@ def _study(known: InjectorType, part: Injector, points: QuantityData) -> Study:
     )
 
 
-def held_parameters(known: InjectorType, part: Injector) -> list[Parameter]:
-    """Parameters of the type with their priors, without those that were measured on the part."""
-    measured = {p.name for p in known.parameters} - {p.name for p in known.given_to(part)}
-    units = parameter_quantities()
-    return [
-        Parameter(
-            p.name,
-            p.value,
-            p.lower,
-            p.upper,
-            units[p.name].unit,
-            mark=p.mark,
-            source=p.source,
-            prior=p.prior,
-        )
-        for p in known.parameters
-        if p.name != FLOW and p.name not in measured
-    ]
-
-
 def _named(known: InjectorType, study: Study, found: Calibration, factor: float) -> Injector:
     """The adapted injector with name and sources."""
     points = study.data[0]
@@ -241,8 +239,6 @@ def _named(known: InjectorType, study: Study, found: Calibration, factor: float)
 
 # Reference point for the next part of a type: the one whose quantity tells most of the part's other quantities.
 
-DRAWS = 256
-FLOW_SPREAD = 0.03  # standard deviation of the flow of a nozzle about its drawing: an estimate of the tolerance
 SCALES = 41  # flow factors at which the type is simulated; quantities between them are interpolated
 USABLE = 0.95  # share of the drawn parts that a point must serve to be advised
 QUANTILE = 0.9
@@ -310,7 +306,7 @@ def advise(
     if len(at) < 2:
         raise InputError("A reference point is chosen among at least two points; give more candidates.")
     share, count = number(flow_spread, "1", "flow_spread"), whole(draws, "draws", 2, 100_000)
-    space = Space([_flow(part, share), *_scattering(known, part)])
+    space = Space([flow_about_drawing(part, share), *scattering(known, part)])
     own, scaled = _simulated(part, at, space, (count, whole(seed, "seed")), thread_count(threads))
     return _advice(at, own, scaled)
 
@@ -337,28 +333,6 @@ def read_candidates(
 
 def _point(pressure: float, duration: float, cylinder: float | str, returned: float | str) -> OperatingPoint:
     return OperatingPoint(pressure, duration, cylinder, returned, horizon=duration + AFTER_ENERGISING)
-
-
-def _flow(part: Injector, share: float) -> Parameter:
-    """Effective hole diameter of the next part; the area is the square of the diameter."""
-    own = part.values[FLOW]
-    low, high = (own * factor**0.5 for factor in FACTORS)
-    source = "spread of the flow of a nozzle about its drawing"
-    prior = Prior(own, 0.5 * share * own, source)
-    return Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
-
-
-def _scattering(known: InjectorType, part: Injector) -> list[Parameter]:
-    """Parameters of the type that scatter between parts, with that scatter as prior."""
-    held = held_parameters(known, part)
-    between = {p.name: p.between for p in known.parameters if p.between is not None}
-    if not between:
-        return held
-    return [
-        replace(p, prior=Prior(known.by_name[p.name].value, scatter, p.source))
-        for p in held
-        if (scatter := between.get(p.name, 0.0))
-    ]
 
 
 def _simulated(

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from commonrail.base.errors import InputError
-from commonrail.base.text import number
-from commonrail.base.units import to_text
+from commonrail.base.errors import InputError, StudyError
+from commonrail.base.text import number, quantity
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_file
@@ -51,6 +50,9 @@ def adapt(
     return_pressure: Annotated[
         str, Option(help="Pressure at the end of the return line of the points, e.g. 0.5MPa.")
     ] = "0.5MPa",
+    strict: Annotated[
+        bool, Option("--strict", help="Exit with status 2 if the part is doubted; the model is written all the same.")
+    ] = False,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -96,9 +98,19 @@ def adapt(
             click.echo(f"SYNTHETIC: {adapted.injector.synthetic}")
         free = len(adapted.calibration.best)
         pairs = [("flow factor", f"{adapted.flow_factor:.4f}"), ("parameters fitted", f"{free}")]
+        if adapted.doubts.pulls:
+            pulls = [f"{name} {pull:+.1f}" for name, pull in adapted.doubts.pulls.items()]
+            pairs += [("chi-squared, expected", f"{adapted.doubts.chi2:.3g}, {adapted.doubts.freedom}")]
+            pairs += [("pulls [spreads]", ", ".join(pulls))]
         print_pairs(pairs, adapted.calibration.study.title)
-        print_rows(["rail pressure", "energising time", "measured", "type", "adapted"], _rows(adapted), texts=0)
+        head = ["rail pressure", "energising time", "measured", "type", "90 % of its parts", "adapted"]
+        print_rows(head, _rows(adapted), texts=0)
+    doubt = _doubt(adapted)
+    if doubt:
+        say(f"warning: {doubt}")
     say(f"wrote {out}")
+    if strict and doubt:
+        raise StudyError(f"{out} is written, and a warning counts as an error here: {doubt}")
 
 
 def _advise(
@@ -124,7 +136,7 @@ def _advise(
         texts=0,
     )
     click.echo(
-        f"without a reference: {advice.without * 1e9:.2f} mm3 rms. {advice.draws} parts were drawn from the spreads of "
+        f"without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
         "the type, independently for each parameter; nothing measured on the part was used."
     )
 
@@ -132,10 +144,10 @@ def _advise(
 def _advice_row(advice: Advice, i: int) -> list[str]:
     point = advice.points[i]
     return [
-        to_text(point.initial_pressures()[0], "Pa"),
-        to_text(point.pulses[0].duration, "s"),
-        f"{advice.expected[i] * 1e9:.2f} mm3",
-        f"{advice.upper[i] * 1e9:.2f} mm3",
+        quantity(point.initial_pressures()[0], "Pa"),
+        quantity(point.pulses[0].duration, "s"),
+        f"{advice.expected[i] * 1e9:.2f} mm³",
+        f"{advice.upper[i] * 1e9:.2f} mm³",
         f"{100 * advice.usable[i]:.0f} %",
     ]
 
@@ -156,13 +168,26 @@ def _advice_record(advice: Advice) -> dict[str, Any]:
     return {**head, "points": points, "order": order}
 
 
+def _doubt(adapted: Adapted) -> str:
+    """Sentence on what speaks against a sound part of the type; empty if nothing does."""
+    found = adapted.doubts
+    if not found.sentences:
+        return ""
+    change = f" One change of the type explains it best: {found.change}." if found.change else ""
+    return f"{adapted.points.name}: this is hardly a sound part of the type: {'; '.join(found.sentences)}.{change}"
+
+
 def _rows(adapted: Adapted) -> list[list[str]]:
-    columns = zip(adapted.points.points, adapted.points.quantity, adapted.before, adapted.after, strict=True)
-    return [
-        [to_text(point.initial_pressures()[0], "Pa"), to_text(point.pulses[0].duration, "s")]
-        + [f"{value * 1e9:.3f} mm3" for value in values]
-        for point, *values in columns
-    ]
+    def row(i: int) -> list[str]:
+        point, band = adapted.points.points[i], (adapted.doubts.low[i], adapted.doubts.high[i])
+        measured, before, after = (
+            f"{one[i] * 1e9:.3f} mm³" for one in (adapted.points.quantity, adapted.before, adapted.after)
+        )
+        between = " to ".join(f"{end * 1e9:.3f}" for end in band) + " mm³"
+        at = quantity(point.initial_pressures()[0], "Pa"), quantity(point.pulses[0].duration, "s")
+        return [*at, measured, before, between, after]
+
+    return [row(i) for i in range(len(adapted.before))]
 
 
 def _record(adapted: Adapted, out: Path) -> dict[str, Any]:
@@ -176,4 +201,10 @@ def _record(adapted: Adapted, out: Path) -> dict[str, Any]:
         "measured": adapted.points.quantity.tolist(),
         "type": adapted.before.tolist(),
         "adapted": adapted.after.tolist(),
+        "type_low": adapted.doubts.low.tolist(),
+        "type_high": adapted.doubts.high.tolist(),
+        "chi2": adapted.doubts.chi2,
+        "freedom": adapted.doubts.freedom,
+        "pulls": adapted.doubts.pulls,
+        "doubt": _doubt(adapted),
     }

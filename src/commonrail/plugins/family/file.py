@@ -7,7 +7,7 @@ from typing import Any
 from commonrail.base.text import number
 from commonrail.calibration.result import data_records, fit_record
 from commonrail.physics.injector import parameter_quantities
-from commonrail.plugins.family.adapt import FLOW
+from commonrail.plugins.family.drawn import FLOW
 from commonrail.plugins.family.fit import FamilyFit
 from commonrail.plugins.family.study import Shared
 

@@ -19,7 +19,7 @@ from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recor
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
-from commonrail.plugins.family.adapt import FLOW
+from commonrail.plugins.family.drawn import FLOW
 from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
 from commonrail.plugins.family.type import FEWEST, PartValues, fixed_values, over_parts, without_prior
 from commonrail.workers.workers import Workers

@@ -11,12 +11,12 @@ from commonrail.base.text import fixed, listed, quantity, significant
 from commonrail.data.records import Record, Traces
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
-from commonrail.plugins.fleet.page import short_names
-from commonrail.report.draw.figure import drawings
+from commonrail.report.draw.figure import drawings, small_drawings
 from commonrail.report.fit.figures import figures_of
+from commonrail.report.fit.record import short_names
 from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.tables import tables_of
-from commonrail.report.fit.verdict import baseline_lines, data_lines
+from commonrail.report.fit.verdict import baseline_lines, merits
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 from commonrail.runs.folder import TRACES
@@ -46,7 +46,9 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
         lines=family_lines(record),
         tables=family_tables(record),
         errors=tables_of(data, TEXTS),
-        figures=drawings([*family_figures(record), *figures]),
+        tiles=[tile for part in record["parts"] for tile in merits(part["data"], f"{part['name']}: ")],
+        figures=drawings(family_figures(record)),
+        maps=small_drawings(figures, "map"),
         convergence=convergence_section(record),
         data=data,
         commands=_commands(record, run),
@@ -65,7 +67,7 @@ def family_lines(record: Record) -> list[str]:
             "differ more than at them: the mean of what they predict is in the tables, the type is that of the best."
         )
     for part in record["parts"]:
-        for line in (*data_lines(part["data"]), *baseline_lines(part["data"])):
+        for line in baseline_lines(part["data"]):
             lines.append(f"Part {part['name']}: {line[:1].lower()}{line[1:]}")
     far = [
         f"{p['name']} of part {part} ({pull:+.1f} spreads)"
@@ -119,7 +121,7 @@ def family_figures(record: Record) -> list[Figure]:
         "distance from the type, spreads",
         tuple(series),
         zero_line=True,
-        categories=tuple(short_names([p["name"] for p in apart])),
+        categories=tuple(short_names([p["name"] for p in apart]).values()),
     )
     caption = "Values of the parts less that of the type, in spreads of the next part; common parameters are left out."
     return [Figure("What sets the parts apart", caption, "parameter", (panel,))]

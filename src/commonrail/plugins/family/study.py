@@ -32,7 +32,7 @@ from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.data.study_block import Name
 from commonrail.physics.meters import known_quantity
-from commonrail.plugins.family.adapt import FLOW
+from commonrail.plugins.family.drawn import FLOW
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 

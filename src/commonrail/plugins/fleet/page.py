@@ -14,7 +14,8 @@ from commonrail.base.text import duration, fixed, listed, number, percent, quant
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
-from commonrail.report.draw.figure import drawings, figure_html, small_html
+from commonrail.report.draw.figure import drawings, figure_html, small_drawings
+from commonrail.report.fit.record import short_names
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -60,9 +61,7 @@ def fleet_html(record: Record, command: str) -> str:
         tables=fleet_tables(record),
         figures=drawings(fleet_figures(record), 380),
         heat=heat and (heat, figure_html(heat, "correlations")),
-        classes=[
-            (figure, small_html(figure, f"class-{i}")) for i, figure in enumerate(histograms(record, _names(record)))
-        ],
+        classes=small_drawings(histograms(record, _names(record)), "class"),
         each=each_injector(record),
         commands=[("Go on with this fleet, or write its results again", command)],
         facts=_facts(record),
@@ -108,8 +107,7 @@ def fleet_tables(record: Record) -> list[Table]:
 
 
 def _names(record: Record) -> dict[str, str]:
-    names = [p["name"] for p in record["parameters"]]
-    return dict(zip(names, short_names(names), strict=True))
+    return short_names([p["name"] for p in record["parameters"]])
 
 
 def _data_table(record: Record) -> Table:
@@ -212,7 +210,7 @@ def _position_figure(record: Record) -> Figure:
         "place between the bounds, %",
         (),
         boxes=(Boxes("calibrated", "best", boxes),),
-        categories=tuple(short_names([p["name"] for p in parameters])),
+        categories=tuple(short_names([p["name"] for p in parameters]).values()),
     )
     return Figure(
         "Calibrated parameters between their bounds",
@@ -225,12 +223,6 @@ def _position_figure(record: Record) -> Figure:
 def _box(position: Record) -> tuple[float, float, float, float, float]:
     low, q1, median, q3, high = (100.0 * float(position[key]) for key in _QUARTILES)
     return low, q1, median, q3, high
-
-
-def short_names(names: Sequence[str]) -> list[str]:
-    """Names without their component, where that tells them apart."""
-    counts = Counter(name.rpartition(".")[2] for name in names)
-    return [short if counts[short := name.rpartition(".")[2]] == 1 else name for name in names]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, HeatMap, Panel, Series, points
 from commonrail.base.table import Table, tabulated
-from commonrail.base.text import quantity, signed, significant
+from commonrail.base.text import quantity, shown_unit, signed, significant
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.journal import Entry
 
@@ -166,14 +166,18 @@ def each_injector(record: Record) -> dict[str, Any]:
     found = record.get("population")
     if not found or not found["each"]:
         return {}
+    units = [shown_unit(p["upper"] or p["best"]["median"], p["unit"]) for p in record["parameters"]]
     parameters = [
         {
             "name": p["name"],
-            "unit": p["unit"].removesuffix("1"),
-            "median": p["best"]["median"],
-            "lower": p["lower"],
-            "upper": p["upper"],
+            "unit": unit,
+            "median": factor * p["best"]["median"],
+            **{end: None if p[end] is None else factor * p[end] for end in ("lower", "upper")},
         }
-        for p in record["parameters"]
+        for p, (unit, factor) in zip(record["parameters"], units, strict=True)
     ]
-    return {"parameters": parameters, "each": found["each"], "more": found["more"]}
+    each = [
+        {**one, "values": [factor * v for v, (_, factor) in zip(one["values"], units, strict=True)]}
+        for one in found["each"]
+    ]
+    return {"parameters": parameters, "each": each, "more": found["more"]}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.cli.console import Bar, Stage, print_json, print_table, say
+from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import ClusterAddress, Json, check_workers
@@ -80,8 +80,7 @@ def _print(run: FleetRun, report: Path) -> None:
 
     if run.record["synthetic"]:
         click.echo(f"SYNTHETIC: {run.record['synthetic']}")
-    for line in fleet_lines(run.record):
-        click.echo(line)
+    print_lines(fleet_lines(run.record))
     for line in fleet_warnings(run.record):
         click.echo(f"warning: {line}")
     clock: dict[str, Any] = run.record["clock"]

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from commonrail.base.errors import InputError
-from commonrail.cli.console import print_json, print_table
+from commonrail.cli.console import print_json, print_lines, print_table
 from commonrail.cli.fit import end_if_stopped, reported, stage_of
 from commonrail.cli.options import free_run_folder, stem_of
 from commonrail.cli.study_kind import RunOptions, StudyKind
@@ -65,7 +65,6 @@ def _run(title: str, folder: Path, search: Callable[..., object], json: bool) ->
             click.echo(f"SYNTHETIC: {record['synthetic']}")
         for table in fmu_tables(record):
             print_table(table)
-        for line in fmu_lines(record):
-            click.echo(line)
+        print_lines(fmu_lines(record))
         click.echo(f"report: {outcome.report}")
     end_if_stopped(outcome)

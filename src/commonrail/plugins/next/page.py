@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, significant
+from commonrail.base.text import counted, fixed, quantity, significant
+from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, Plan
 from commonrail.plugins.next.study import Criterion, place_of
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
@@ -29,12 +30,12 @@ def plan_tables(plan: Plan) -> list[Table]:
         rows,
         [
             ("kind", lambda row: row[1].candidate.kind),
-            ("p [MPa]", lambda row: fixed(place_of(row[1].candidate.point)[0], 1, 1e-6)),
-            ("dwell [us]", lambda row: _dwell(row[1])),
-            ("ET [us]", lambda row: fixed(place_of(row[1].candidate.point)[1], 0, 1e6)),
+            ("p, MPa", lambda row: fixed(place_of(row[1].candidate.point)[0], 1, 1e-6)),
+            ("dwell, µs", lambda row: _dwell(row[1])),
+            ("ET, µs", lambda row: fixed(place_of(row[1].candidate.point)[1], 0, 1e6)),
             ("cost", lambda row: significant(row[1].candidate.cost, 3)),
-            ("expected [mm3]", lambda row: significant(row[1].value, 3, 1e9)),
-            ("st. dev. before [mm3]", lambda row: significant(row[1].deviation, 2, 1e9)),
+            ("expected, mm³", lambda row: significant(row[1].value, 3, 1e9)),
+            ("st. dev. before, mm³", lambda row: significant(row[1].deviation, 2, 1e9)),
             ("factor", lambda row: fixed(row[1].factor, 3)),
         ],
         note,
@@ -44,11 +45,11 @@ def plan_tables(plan: Plan) -> list[Table]:
         list(plan.before.items()),
         [
             ("parameter", lambda item: item[0]),
-            ("now", lambda item: significant(item[1], 3)),
-            ("with the plan", lambda item: significant(plan.after[item[0]], 3)),
+            ("now", lambda item: quantity(item[1], known_quantity(item[0]).unit, 3)),
+            ("with the plan", lambda item: quantity(plan.after[item[0]], known_quantity(item[0]).unit, 3)),
             ("ratio", lambda item: fixed(plan.after[item[0]] / item[1], 3)),
         ],
-        "In SI units; what is known by bounds alone counts as a uniform distribution.",
+        "What is known by bounds alone counts as a uniform distribution.",
     )
     return [first, second]
 

@@ -31,8 +31,8 @@ from commonrail.engine.time_step import DEFAULT_STEP, longest_step, medium_of, s
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import is_of_meter
 from commonrail.physics.variants import Variant
-from commonrail.plugins.certainty.posterior.file import POSTERIOR, RefusedDrawsError, read_posterior
-from commonrail.runs.folder import RESULT, read_fit
+from commonrail.plugins.certainty.posterior.file import RefusedDrawsError, read_posterior
+from commonrail.runs.folder import POSTERIOR, RESULT, read_fit
 from commonrail.runs.model_name import read_model_name
 
 # Fan of a page: several fits that explain the data almost as well as the best one, or parts that scatter.

@@ -13,7 +13,7 @@ from commonrail.base.arguments import chosen, instance, mapping, number, plain_t
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import SimulationError
-from commonrail.base.units import to_text
+from commonrail.base.text import quantity
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
@@ -184,7 +184,7 @@ class Truth:
         feed = {Boundary.VOLUME: "a rail of finite volume behind a throttle", Boundary.IDEAL: "an ideal rail"}
         yield "injector", f"{self.injector}, fed from {feed[self.boundary]}"
         for path, value in self.values.items():
-            yield path, to_text(value, parameter_quantities()[path].unit) + self._origin(path)
+            yield path, quantity(value, parameter_quantities()[path].unit) + self._origin(path)
         for name, q in FRICTION.items():
             path, forces = f"friction.{name}", getattr(self.friction, name)
             listed = f"{', '.join(f'{force:g}' for force in forces)} {q.unit}" if any(forces) else "none"
@@ -193,7 +193,7 @@ class Truth:
             for name, q in quantities.items():
                 path, value = f"{table}.{name}", getattr(getattr(self, table), name)
                 yield f"{_plain(table)}, {_plain(name)}: {q.meaning}", _amount(value, q) + self._origin(path)
-        cells, step = self.resolution.cells, to_text(self.resolution.step, "s")
+        cells, step = self.resolution.cells, quantity(self.resolution.step, "s")
         yield "finite volumes", f"{cells[0]} in the feed pipe, {cells[1]} in the return line (numerical setting)"
         yield "time step", f"{step}, Runge–Kutta of order 4 (numerical setting)"
 
@@ -205,7 +205,7 @@ class Truth:
 def _amount(value: float, q: Q) -> str:
     if math.isinf(value):
         return "unlimited"
-    return to_text(value, q.unit) if value else "none"
+    return quantity(value, q.unit) if value else "none"
 
 
 def _plain(name: str) -> str:
@@ -332,5 +332,5 @@ def _shoot(
     hidden = replace(hidden, values={**hidden.values, "drive.boost_voltage": boosted})
     shot = simulate_reference(hidden, point, INTERVAL, truth.resolution, friction)
     if shot.status.failed:
-        raise SimulationError(f"{truth.name} at {to_text(rail_pressure, 'Pa')}: {shot.sentence}")
+        raise SimulationError(f"{truth.name} at {quantity(rail_pressure, 'Pa')}: {shot.sentence}")
     return shot

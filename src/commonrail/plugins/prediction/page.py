@@ -50,7 +50,7 @@ def points_table(record: Record) -> Table:
     """
     (data,) = record["data"]
     heads = ["rail pressure, MPa", "energising time, us", "quantity, mm3"]
-    heads += [f"{fixed(level, 0, 100.0)} % band, mm3" for level in record["levels"]]
+    heads += [f"{fixed(level, 0, 100.0)} % band, mm³" for level in record["levels"]]
 
     def cells(i: int) -> tuple[str, ...]:
         point = data["points"][i]

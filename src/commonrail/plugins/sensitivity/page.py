@@ -7,7 +7,7 @@ from pathlib import Path
 
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import field_unit, percent, quantity, significant
+from commonrail.base.text import counted, field_unit, percent, quantity, significant
 from commonrail.data.records import Record
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.draw.figure import figure_html
@@ -46,9 +46,9 @@ def sensitivity_lines(record: Record) -> list[str]:
     kind = "Sobol' indices" if record["design"] == "sobol" else "Elementary effects (Morris)"
     base = "base points" if record["design"] == "sobol" else "trajectories"
     lines = [
-        f"{kind} of {len(record['ranges'])} parameters on {len(record['outputs'])} outputs, from {record['samples']:,} "
-        f"{base}: {record['injections']:,} simulations. Each parameter varies evenly over its range, independently of "
-        "the others.",
+        f"{kind} of {counted(len(record['ranges']), 'parameter')} on {counted(len(record['outputs']), 'output')}, from "
+        f"{record['samples']:,} {base}: {record['injections']:,} simulations. Each parameter varies evenly over its "
+        "range, independently of the others.",
         *record["notes"],
     ]
     failed = [o for o in record["outputs"] if o["failed"]["number"]]

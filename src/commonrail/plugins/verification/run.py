@@ -190,7 +190,7 @@ def _volume_check(group: str, limit: VolumeLimit, members: Sequence[tuple[Task, 
     pressure, drive = task.point.at_start(task.point.rail_pressure), task.injector.variant.drive.value
     detail = (
         f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations, of which {some} inject; "
-        f"here {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3 at {1e-6 * pressure:.0f} MPa, {drive} drive, "
+        f"here {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm³ at {1e-6 * pressure:.0f} MPa, {drive} drive, "
         f"where 1 % of a hole's diameter moves {worst.sensitivity:.0f} %"
     )
     of = "volume" if limit.share == 1.0 else f"volume of {100.0 * limit.share:g} % of them"

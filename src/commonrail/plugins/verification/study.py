@@ -68,7 +68,7 @@ class VolumeLimit(NamedTuple):
     @property
     def text(self) -> str:
         """As a person writes it."""
-        larger = f"the larger of {100.0 * self.relative:g} % and {1e9 * self.absolute:g} mm3"
+        larger = f"the larger of {100.0 * self.relative:g} % and {1e9 * self.absolute:g} mm³"
         return larger if self.share == 1.0 else f"{larger}, kept by {100.0 * self.share:g} %"
 
 

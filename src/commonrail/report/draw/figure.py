@@ -30,6 +30,23 @@ LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
     "paper": ("#00795c", 1.6, "dashdot"),
     "level": ("#6b7785", 1.2, "dot"),
 }
+# Colours on a dark page; those of the cells of heat maps stay.
+_DARK = {
+    "#fff": "#12181f",
+    INK: "#e4e9ee",
+    "#e3e7eb": "#2b3642",
+    "#6b7785": "#9cabb9",
+    "#b07d00": "#dca53a",
+    "#8f4a7d": "#d392c4",
+    "#0072b2": "#56b4e9",
+    "#c1272d": "#ff7d70",
+    "#00795c": "#35b98f",
+    "#d55e00": "#ff9350",
+    "#7a6a00": "#cdb945",
+    "#3a3a3a": "#c5ccd3",
+    "#5b8fb9": "#97c6ee",
+    "#a6312b": "#ffa8a0",
+}
 _FAMILY_LINES: dict[str, tuple[float, str]] = {
     "start": (1.2, "dot"),
     "best": (1.8, "solid"),
@@ -41,6 +58,16 @@ DASHES = {"dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3", "longdashdot": "11 
 _MARKERS = (("round", False), ("square", False), ("round", True), ("square", True))
 SIZES = {"markers": 7.5, "lines+markers": 5.0}
 _KEEPS_ITS_WIDTH = 'vector-effect="non-scaling-stroke"'
+
+
+def dark_rules() -> str:
+    """Rules of CSS by which a page draws its figures in the colours of a dark page."""
+    rules = [
+        f'svg.figure[{what}="{light}"], .figure [{what}="{light}"] {{ {what}: {dark}; }}'
+        for light, dark in _DARK.items()
+        for what in ("fill", "stroke")
+    ]
+    return "\n  ".join([*rules, f".figure .cell text {{ fill: {INK}; }}"])
 
 
 def colour_of(look: str, family: int | None) -> str:
@@ -241,9 +268,14 @@ def figure_html(figure: Chart, key: str, height: int = 0) -> Markup:
     return Markup('<div class="drawing{}" id="{}">{}</div>').format(kind, key, pictures)
 
 
-def small_html(figure: Figure, key: str) -> Markup:
+def small_html(figure: Chart, key: str) -> Markup:
     """Element that shows a figure among others beside it, with the identifier `key`."""
     return Markup('<div class="drawing" id="{}">{}</div>').format(key, svg(figure, NARROW))
+
+
+def small_drawings(figures: Iterable[Chart], name: str) -> list[tuple[Chart, Markup]]:
+    """Charts that stand beside one another, with their elements, whose identifiers are the name and a number."""
+    return [(figure, small_html(figure, f"{name}-{i}")) for i, figure in enumerate(figures, start=1)]
 
 
 def drawings(figures: Iterable[Chart], height: int = 0, name: str = "figure") -> Sequence[tuple[Chart, Markup]]:
@@ -323,7 +355,8 @@ def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
 def _horizontals(panels: Sequence[Panel]) -> list[Axis]:
     """Axis of each panel: that of all panels, or its own categories."""
     values = [v for panel in panels for v in _x_values(panel)]
-    marks = any("markers" in series.mode for panel in panels for series in panel.series)
+    # markers, and upright lines such as limits, would lie on the frame
+    marks = any("markers" in one.mode or len(set(one.x)) == 1 for panel in panels for one in panel.series)
     shared = Axis(*span(values, padded=marks or any(panel.rows for panel in panels)), 0.0, 1.0)
     return [Axis(-0.6, len(p.categories) - 0.4, 0.0, 1.0) if p.categories else shared for p in panels]
 

@@ -145,7 +145,7 @@ def _cell(
         else ""
     )
     return (
-        f'<g>{title}<rect x="{x + 0.5:.1f}" y="{y + 0.5:.1f}" width="{width - 1:.1f}" '
+        f'<g class="cell">{title}<rect x="{x + 0.5:.1f}" y="{y + 0.5:.1f}" width="{width - 1:.1f}" '
         f'height="{height - 1:.1f}" fill="{colour}"/>{number}</g>'
     )
 

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import MISSING, fixed, listed, number, quantity, significant
-from commonrail.base.units import to_text
+from commonrail.base.text import (
+    MISSING,
+    counted,
+    fixed,
+    in_print,
+    listed,
+    number,
+    quantity,
+    quantity_range,
+    significant,
+)
 from commonrail.data.records import Record
 
 DIGITS = 5
@@ -18,13 +29,19 @@ FRICTION = "friction"  # suspect of the test that fits it
 
 
 def certainty_tables(record: Record) -> list[Table]:
-    """Tables of a record with the key "certainty": parameters, combinations and noise; none for one without."""
+    """Tables of a record with the key "certainty": most likely values, and `likelihood_tables`; none without it."""
+    found = record.get("certainty")
+    known = {p["name"]: p for p in record["parameters"]}
+    return [_parameters(found, known), *likelihood_tables(record)] if found else []
+
+
+def likelihood_tables(record: Record) -> list[Table]:
+    """Tables of stated combinations, of the posterior and of the noise; none of a record without certainty."""
     found = record.get("certainty")
     if not found:
         return []
-    known = {p["name"]: p for p in record["parameters"]}
-    units = {name: p["unit"] for name, p in known.items()}
-    tables = [_parameters(found, known)]
+    units = {p["name"]: p["unit"] for p in record["parameters"]}
+    tables = []
     if found["combinations"]:
         tables.append(_combinations(found))
     if found.get("posterior"):
@@ -53,6 +70,8 @@ def difference(record: Record) -> Difference | None:
         return None
     from scipy.special import chdtri  # slow to import
 
+    if "taken" in found and found["gain"] == 0.0:
+        return Difference("The calibrated values are the most likely ones, which were adopted.", False)
     best = {p["name"]: number(p.get("best")) for p in record["parameters"]}
     excluded = [p["name"] for p in found["parameters"] if _excludes(p, best[p["name"]])]
     gain = number(found["gain"])
@@ -93,8 +112,15 @@ def interval_text(p: Record, known: Record, digits: int = DIGITS) -> str:
     below, above = known.get("lower", low) > low, known.get("upper", high) < high
     if (below and above) or (number(p.get("percent")) or 0.0) > MOST_PERCENT:
         return OPEN
-    texts = [quantity(end, known["unit"], digits) for end in (low, high)]
-    return f"below {texts[1]}" if below else f"above {texts[0]}" if above else " to ".join(texts)
+    if below or above:
+        return f"{'below' if below else 'above'} {quantity(high if below else low, known['unit'], digits)}"
+    return quantity_range(low, high, known["unit"], max(digits, _digits(low, high)))
+
+
+def _digits(low: float, high: float) -> int:
+    """Significant digits that show the width of an interval with two."""
+    size, width = max(abs(low), abs(high)), high - low
+    return min(2 + math.floor(math.log10(size / width)), 12) if 0.0 < width < size else 1
 
 
 def certainty_lines(record: Record) -> list[str]:
@@ -192,7 +218,7 @@ def _deviation(n: Record) -> str:
     """Standard deviation of a value, with the share of the rate that it grows by."""
     relative = n["relative"]
     grown = f" + {significant(100.0 * relative, 3)} % of the rate" if relative else ""
-    return f"{significant(n['sigma'], 3)} {n['unit']}{grown}"
+    return f"{significant(n['sigma'], 3)} {in_print(n['unit'])}{grown}"
 
 
 def _grown(noise: Sequence[Record]) -> list[str]:
@@ -213,11 +239,14 @@ def _search(found: Record) -> list[str]:
     lines = []
     if starts == 1:
         lines.append(
-            "The intervals are local: one start, from the best values. `commonrail certainty RUN` searches from "
+            "The intervals are local: one start, from the best values. commonrail certainty RUN searches from "
             "several and profiles the likelihood."
         )
     else:
-        lines.append(f"{found['agreeing']} of {starts} starts end within 0.5 of the largest 2 ln L.")
+        lines.append(
+            f"{found['agreeing']} of {starts} starts end within 0.5 of the largest 2 ln L, or beyond its ripple within "
+            "0.7 standard errors of every parameter."
+        )
     if found["adopted"]:
         lines.append("A profile met a better fit than the search had found; all figures here are those of that fit.")
     return lines
@@ -228,14 +257,14 @@ def _stated(parameters: Sequence[Record]) -> list[str]:
     lines = []
     for k, one in enumerate(parameters[0]["moved_by"]):
         moves = [(p["name"], number(p["moved_by"][k]["percent"])) for p in parameters]
-        text = to_text(one["deviation"], one["unit"], 3)
+        text = quantity(one["deviation"], one["unit"], 3)
         lines.append(f"One standard deviation of the {one['name']} ({text}) moves {_moves(moves)}.")
     return lines
 
 
-def _is_stated(found: Record, quantity: str) -> bool:
+def _is_stated(found: Record, name: str) -> bool:
     """True if the study states a quantity of a meter as uncertain."""
-    return any(one["name"].startswith(f"{quantity} of ") for one in found["parameters"][0]["moved_by"])
+    return any(one["name"].startswith(f"{name} of ") for one in found["parameters"][0]["moved_by"])
 
 
 def _sensitivity(found: Record) -> list[str]:
@@ -252,7 +281,7 @@ def _sensitivity(found: Record) -> list[str]:
 
 def _fitted(found: Record) -> list[str]:
     """Sentence on the quantities that were fitted within what the study states."""
-    values = [f"{one['name']} {to_text(one['value'], one['unit'], 2)}" for one in found["fitted_as_stated"]]
+    values = [f"{one['name']} {quantity(one['value'], one['unit'], 2)}" for one in found["fitted_as_stated"]]
     return [f"Fitted within what the study states, and integrated out: {listed(values)}."] if values else []
 
 
@@ -263,7 +292,7 @@ def _visible(found: Record) -> list[str]:
         return []
     words = "beyond what the study states" if _is_stated(found, "delay") else "which the study lacks"
     return [
-        f"A delay of the meter of {to_text(delay, 's', 2)}, {words}, would be found in 9 of 10 benches "
+        f"A delay of the meter of {quantity(delay, 's', 2)}, {words}, would be found in 9 of 10 benches "
         "with this noise; a smaller one mostly stays hidden in the parameters."
     ]
 
@@ -293,9 +322,7 @@ def _share(percent: float) -> str:
 
 
 def _cures(parameters: Sequence[Record]) -> list[str]:
-    """One sentence for each cure, with the parameters that it would help."""
-    cures: dict[str, list[str]] = {}
-    for p in parameters:
-        if p["cure"]:
-            cures.setdefault(p["cure"], []).append(p["name"])
-    return [f"To know {listed(names)} better: {cure}." for cure, names in cures.items()]
+    """Sentence on what would make the parameters better known, and of how many."""
+    counts = Counter(p["cure"] for p in parameters if p["cure"])
+    cures = [f"{cure} ({counted(count, 'parameter')})" for cure, count in counts.most_common()]
+    return [f"To know more: {'; '.join(cures)}."] if cures else []

@@ -34,7 +34,6 @@ def convergence_figure(generations: Sequence[Record]) -> Figure:
 
 # Heat maps of the errors of measured quantity maps: all of it in percent, and the small quantities in mm³.
 
-SMALL = 5e-9  # largest quantity of the second map [m³]
 COLUMNS = 22  # of energising times; more share a column
 LARGEST_PERCENT, LARGEST_MM3 = 20.0, 1.0  # beyond them the colour stays the same
 
@@ -69,7 +68,7 @@ def _maps(data: Record) -> list[HeatMap]:
         return []
     limit = float(data["figures"].get(JUDGED, {}).get("limit_quantity", 3e-9))
     large = [point for point in points if point.measured > limit]
-    small = [point for point in points if point.measured <= SMALL]
+    small = [point for point in points if point.measured <= limit]
     what = f"{data['name']} ({data['role']})"
     found = []
     if large:
@@ -78,7 +77,7 @@ def _maps(data: Record) -> list[HeatMap]:
             _heat(large, [100.0 * p.error / p.measured for p in large], title, ("%", 1, LARGEST_PERCENT), data)
         )
     if small:
-        title = f"Error of {what}, mm³, quantities up to {SMALL * MM3:.3g} mm³"
+        title = f"Error of {what}, mm³, quantities up to {limit * MM3:.3g} mm³"
         found.append(_heat(small, [p.error * MM3 for p in small], title, ("mm³", 2, LARGEST_MM3), data))
     return found
 

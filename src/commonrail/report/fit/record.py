@@ -6,7 +6,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
-from commonrail.base.text import listed
+from commonrail.base.text import listed, quantity
 from commonrail.base.units import to_text
 from commonrail.data.base import View
 from commonrail.data.records import LABELS, Record, Shown
@@ -21,8 +21,8 @@ def meter_lines(record: Record) -> list[str]:
     """One sentence for each meter through which the simulated curves and quantities are seen; often none."""
     lines = []
     for meter in record.get("meters", []):
-        parts = [_quantity(quantity) for quantity in meter["quantities"]]
-        if any(quantity["name"].endswith("cutoff") for quantity in meter["quantities"]):
+        parts = [_quantity(found) for found in meter["quantities"]]
+        if any(found["name"].endswith("cutoff") for found in meter["quantities"]):
             parts.append(f"low-pass {meter['law']} of order {meter['order']}")
         sets = [d["name"] for d in record["data"] if d.get("meter") == meter["name"]]
         of = f" ({listed(sets)})" if sets else ""
@@ -32,12 +32,12 @@ def meter_lines(record: Record) -> list[str]:
     return lines
 
 
-def _quantity(quantity: Record) -> str:
-    value = to_text(quantity["value"], quantity["unit"], 4)
-    return f"{quantity['name'].replace('_', ' ')} {value} [{_MARKS.get(quantity['mark'], quantity['mark'])}]"
+def _quantity(found: Record) -> str:
+    value = quantity(found["value"], found["unit"])
+    return f"{found['name'].replace('_', ' ')} {value} [{_MARKS.get(found['mark'], found['mark'])}]"
 
 
-_DASHES = ("solid", "dash", "dot", "dashdot")
+DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 def shown_of(record: Record) -> dict[str, Shown]:
@@ -45,7 +45,13 @@ def shown_of(record: Record) -> dict[str, Shown]:
     texts: Mapping[str, str] = record["labels"]
     if set(texts) <= set(LABELS) and record.get("kind") != "comparison":
         return {label: Shown(text, label) for label, text in texts.items()}
-    return {label: Shown(text, _DASHES[i % len(_DASHES)], i) for i, (label, text) in enumerate(texts.items())}
+    return {label: Shown(text, DASHES[i % len(DASHES)], i) for i, (label, text) in enumerate(texts.items())}
+
+
+def short_names(names: Sequence[str]) -> dict[str, str]:
+    """Names without their component, where that tells them apart, by full name."""
+    last = Counter(name.rpartition(".")[2] for name in names)
+    return {name: short if last[short := name.rpartition(".")[2]] == 1 else name for name in names}
 
 
 def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure
 from commonrail.base.text import duration, significant
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.data.records import Record
 from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.diagnostics import COURSE_CAPTION, course_panel
 from commonrail.report.fit.figures import convergence_figure
 
 Fact = tuple[str, str]
@@ -21,11 +24,17 @@ _FIRST = {
 }
 
 
-def convergence_section(record: Record) -> tuple[Figure, str] | None:
-    """Figure of the objective over the generations, and its HTML; None of fewer than two."""
+def convergence_section(record: Record, course: Floats | None = None) -> tuple[Figure, str] | None:
+    """Figure of the objective and of the best parameters over the generations, and its HTML; None of fewer than two.
+
+    `course` are the best candidates after each generation (generations, d) [SI].
+    """
     if len(record["generations"]) < 2:
         return None
     figure = convergence_figure(record["generations"])
+    if course is not None:
+        panels = (*figure.panels, *course_panel(record, course))
+        figure = replace(figure, caption=f"{figure.caption} {COURSE_CAPTION}", panels=panels)
     return figure, figure_html(figure, "convergence")
 
 

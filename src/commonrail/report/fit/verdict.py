@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from commonrail.base.table import Column, Part, Table, table_of, tabulated
-from commonrail.base.text import MISSING, counted, fixed, listed, number, signed, significant
+from commonrail.base.table import Part, Table, table_of
+from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, significant
+from commonrail.calibration.optimisers.base import ALIKE
 from commonrail.data.bands import band_sentence, too_few_inside
-from commonrail.data.base import DataSet
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
 from commonrail.report.fit.certainty import difference
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
-from commonrail.runs.folder import LIKELY
 
 # Result of a calibration in sentences.
 
@@ -24,28 +23,16 @@ _ENDINGS = {
     False: "the search ran to its end and has not converged",
 }
 NAMED = 6  # data sets that a sentence names
-_ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
 
 
 def headline(record: Record) -> list[str]:
-    """Sentences on what was calibrated, how far the objective fell, and how well each role is met."""
+    """Sentences on what was calibrated, how far the objective fell, the search, trivial models and meters."""
     return [
         _task(record),
         _objective(record),
         *convergence_lines(record),
-        *data_lines(record["data"]),
         *baseline_lines(record["data"]),
         *meter_lines(record),
-    ]
-
-
-def data_lines(data: Sequence[Record]) -> list[str]:
-    """One sentence or more for each kind and role of data."""
-    return [
-        f"{opening}{end}."
-        for role, opening in _ROLES.items()
-        for view, own in by_kind(of_role(data, role))
-        for end in view.sentences(own)
     ]
 
 
@@ -60,20 +47,15 @@ def convergence_lines(record: Record) -> list[str]:
     return [f"Search {found['sentence']}."] if found else []
 
 
-def parameter_lines(parameters: Sequence[Record]) -> list[str]:
-    """Sentences on what the data say of the parameters, and on those that ended at a bound."""
-    lines = []
-    for verdict in dict.fromkeys(p["verdict"] for p in parameters if p.get("verdict")):
-        names = [p["name"] for p in parameters if p.get("verdict") == verdict]
-        if names:
-            lines.append(f"{verdict.capitalize()}: {listed(names)}.")
-    bounded = [p["name"] for p in parameters if p.get("at_bound")]
-    if bounded:
-        lines.append(
-            f"At a bound: {listed(bounded)}. The best value may lie outside; widen the bound if the "
-            "part allows it, otherwise read it as something the model lacks."
-        )
-    return lines
+def search_words(found: Record) -> str:
+    """State of a search in a few words, from its record of convergence; figures and rule are in its sentence."""
+    if "spread" in found:
+        if found["converged"]:
+            return "the population has contracted and gains no more"
+        return "the population is still spread" if found["spread"] > ALIKE else "the best still falls"
+    if "agreeing" in found:
+        return f"{found['agreeing']} of {found['starts']} ends agree"
+    return str(found["sentence"]).removeprefix("not converged: ").partition(";")[0]
 
 
 def synthetic_notes(record: Record) -> list[str]:
@@ -131,7 +113,7 @@ def judgement_lines(record: Record) -> list[str]:
         lines.append(
             f"{found['residuals']} residuals determine {fixed(found['effective_parameters'], 1)} effective parameters "
             f"of {len(record['parameters'])}; their scatter about the fit is {significant(found['scatter'], 3)} "
-            f"{_unit(record)}."
+            f"{in_print(scatter_unit(record))}."
         )
     refits = record.get("refits", {})
     lines += _seed_lines(refits.get("seeds", ()))
@@ -148,34 +130,7 @@ def judgement_tables(record: Record) -> list[Table]:
     return tables + ([_left_out_table(refits["left_out"])] if refits.get("left_out") else [])
 
 
-def combination_table(record: Record) -> Table | None:
-    """Combinations of parameters that the data hold, by falling singular value; None in a record without them."""
-    found = record.get("identifiability")
-    if not found:
-        return None
-    least = 1.0 if _unit(record) == DataSet.residual_unit else 0.0  # a tolerance is no smaller than it is stated
-    scatter = max(float(found["scatter"]), least)
-    held = [c for c in found["combinations"] if c["singular_value"] > scatter]
-    rest = len(record["parameters"]) - len(held)
-
-    def weights(c: Record) -> str:
-        texts = [f"{signed(weight, 2)} {name}" for name, weight in c["weights"].items()]
-        return ", ".join(texts) or "many parameters, none with 0.2"
-
-    columns: list[Column] = [
-        ("combination", weights),
-        ("singular value", lambda c: significant(c["singular_value"], 3)),
-        ("standard error, % of the bounds", lambda c: significant(100.0 * scatter / c["singular_value"], 2)),
-    ]
-    note = (
-        "Moves of parameters, each in widths of its bounds, that change the fitted data, and their standard error by "
-        f"the data alone; parameters with a weight below 0.2 are not named. {rest} further combinations are not known "
-        "to within the width of the bounds: priors and bounds alone hold them."
-    )
-    return tabulated("Combinations that the data hold", held, columns, note)
-
-
-def _unit(record: Record) -> str:
+def scatter_unit(record: Record) -> str:
     """Unit of the scatter of the fitted residuals, which are weighted where data of several units are fitted."""
     units = {kind_of(d["kind"]).residual_unit for d in of_role(record["data"], "fit")}
     return units.pop() if len(units) == 1 else "of their weighted units"
@@ -270,6 +225,7 @@ def _left_out_table(found: Sequence[Record]) -> Table:
 
 GOOD, CARE, BAD = "good", "care", "bad"
 SHOWN = 4  # parameters that a sentence names
+WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 
 
 class Step(NamedTuple):
@@ -282,13 +238,15 @@ class Step(NamedTuple):
 class ReportVerdict(NamedTuple):
     """Verdict on a calibration: "good", "care" or "bad", what speaks against it, what to do next, most urgent on top.
 
-    `reasons` are what speaks for the result where there is nothing against it.
+    `reasons` are what speaks for the result where there is nothing against it; `levels` are those of each subject:
+    "fit", "search", "data", "unseen", "parameters".
     """
 
     level: str
     title: str
     reasons: list[str]
     steps: list[Step]
+    levels: dict[str, str]
 
 
 class _Point(NamedTuple):
@@ -309,23 +267,80 @@ _TITLES = {
 def verdict(record: Record, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     folder = shlex.quote(run)
-    found = [
-        *_better(record, folder),
-        *_ending(record, folder),
-        *_plausibility(record, folder),
-        *_prediction(record),
-        *_parameters(record, folder),
-    ]
-    levels = {point.level for point in found}
-    level = BAD if BAD in levels else CARE if CARE in levels else GOOD
+    subjects = {
+        "fit": list(_better(record, folder)),
+        "search": list(_ending(record, folder)),
+        "data": list(_plausibility(record, folder)),
+        "unseen": list(_prediction(record)),
+        "parameters": list(_parameters(record, folder)),
+    }
+    found = [point for points in subjects.values() for point in points]
+    level = _worst(found)
     found.sort(key=lambda point: point.level != BAD)
     steps = list(dict.fromkeys(point.step for point in found))
+    if level != BAD:
+        steps = sorted([*steps, Step(*map_line(record, run))], key=lambda step: not step.command)
     return ReportVerdict(
         level,
         _TITLES[level],
         [point.reason for point in found] or _praise(record),
-        steps if level == BAD else [*steps, Step(*map_line(record, run))],
+        steps,
+        {subject: _worst(points) for subject, points in subjects.items()},
     )
+
+
+def _worst(points: Sequence[_Point]) -> str:
+    levels = {point.level for point in points}
+    return BAD if BAD in levels else CARE if CARE in levels else GOOD
+
+
+class Tile(NamedTuple):
+    """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none."""
+
+    head: str
+    figure: str
+    words: str
+    level: str = ""
+
+    @property
+    def sign(self) -> str:
+        """Sign that says the level without colour."""
+        return {GOOD: "✓", CARE: "!", BAD: "✗"}.get(self.level, "")
+
+
+def merits(data: Sequence[Record], before: str = "", levels: Mapping[str, str] = {}) -> list[Tile]:
+    """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
+    return [
+        Tile(f"{before}{head}", *view.merit(own), levels.get(head, ""))
+        for role, head in (("fit", "fit"), ("validation", "unseen"))
+        for view, own in by_kind(of_role(data, role))
+    ]
+
+
+def tiles(record: Record, levels: Mapping[str, str]) -> list[Tile]:
+    """Answers of the first page: fit, unseen data, quantity, parameters, search; `levels` are those of the verdict."""
+    found = merits(record["data"], levels=levels)
+    if not of_role(record["data"], "validation"):
+        found.append(Tile("unseen", "not known", "no data were held back", levels["unseen"]))
+    for view, own in by_kind(record["data"]):
+        if merit := view.quantity_merit(own):
+            found.append(Tile("quantity", *merit))
+    parameters = record["parameters"]
+    if known := [p["verdict"] for p in parameters if p.get("verdict")]:
+        pinned = f"{known.count('pinned')} of {len(parameters)}"
+        found.append(Tile("parameters", pinned, "pinned by the data", levels["parameters"]))
+    return [*found, *_search_tile(record, levels["search"])]
+
+
+def _search_tile(record: Record, level: str) -> list[Tile]:
+    generations = counted(record["generations"][-1]["generation"], "step") if record["generations"] else "no step"
+    if record["status"] == "interrupted":
+        return [Tile("search", "stopped", f"after {generations}", level)]
+    found = record.get("convergence")
+    if not found:
+        return []
+    figure = "converged" if found["converged"] else "not converged"
+    return [Tile("search", figure, f"{search_words(found)} after {generations}", level)]
 
 
 def _better(record: Record, folder: str) -> Iterator[_Point]:
@@ -333,15 +348,24 @@ def _better(record: Record, folder: str) -> Iterator[_Point]:
     found = difference(record)
     if found is None or not found.matters:
         return
-    if record["certainty"]["starts"] > 1:
-        text = "Compare both fits on all data, and take most-likely.toml as the injector if it is the better one."
-        command = f"commonrail compare {folder} likely={folder}/{LIKELY} --data {folder}/study.toml"
-    else:
-        text, command = _full(folder)
-    yield _Point(CARE, found.sentence, Step(text, command))
+    step = Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt")
+    yield _Point(CARE, found.sentence, step if record["certainty"]["starts"] > 1 else _full(folder, record))
 
 
-def _full(folder: str) -> Step:
+def _confirmed(record: Record) -> bool:
+    """True if a search for the most likely values from several starts has settled, and the calibrated values are they.
+
+    They may differ by no more than noise explains.
+    """
+    known, differs = record.get("certainty") or {}, difference(record)
+    return known.get("starts", 1) > 1 and bool(known.get("settled")) and not (differs and differs.matters)
+
+
+def _full(folder: str, record: Record) -> Step:
+    starts = (record.get("certainty") or {}).get("starts", 1)
+    if starts > 1:
+        text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
+        return Step(text, f"commonrail certainty {folder} --starts {4 * starts}")
     text = "Compute full intervals of the parameters, and search for their most likely values from several starts."
     return Step(text, f"commonrail certainty {folder}")
 
@@ -356,10 +380,12 @@ def _ending(record: Record, folder: str) -> Iterator[_Point]:
     if record["status"] == "interrupted":
         step = Step("Run the search to its end.", f"commonrail resume {folder}")
         yield _Point(BAD, "The search was stopped before its end.", step)
-    elif record.get("convergence", {}).get("converged") is False:
-        sentence = str(record["convergence"]["sentence"]).removeprefix("not converged: ")
+    elif record.get("convergence", {}).get("converged") is False and not _confirmed(record):
+        found = record["convergence"]
         step = Step("Continue the search.", f"commonrail resume {folder} --generations 50")
-        yield _Point(CARE, f"The search has not converged: {sentence}.", step)
+        if not found.get("cut_short", True):
+            step = _full(folder, record)
+        yield _Point(CARE, f"The search has not converged: {search_words(found)}.", step)
     if start is not None and not best < start:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
         yield _Point(BAD, "The objective did not fall below that of the start values.", step)
@@ -371,7 +397,8 @@ def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
         step = Step(
             "Check the findings at the top of this page against the test bench, correct the study, calibrate again."
         )
-        yield _Point(BAD, reason, step._replace(command=f"commonrail calibrate {folder}/study.toml"))
+        level = CARE if all(warning["code"] == WEIGHTS for warning in record["warnings"]) else BAD
+        yield _Point(level, reason, step._replace(command=f"commonrail calibrate {folder}/study.toml"))
     if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
         reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
         yield _Point(
@@ -422,7 +449,7 @@ def _parameters(record: Record, folder: str) -> Iterator[_Point]:
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         profiled = record.get("certainty", {}).get("starts", 1) > 1
-        yield _Point(CARE, reason, _plan(record, folder) if profiled else _full(folder))
+        yield _Point(CARE, reason, _plan(record, folder) if profiled else _full(folder, record))
 
 
 def _plan(record: Record, folder: str) -> Step:

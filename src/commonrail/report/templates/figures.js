@@ -106,6 +106,16 @@
     readout.style.top = Math.max(4, event.clientY - readout.offsetHeight - 10) + "px";
   }
   function hide() { if (readout) readout.style.display = "none"; }
+  all(document, ".copy").forEach(function (button) {
+    if (!navigator.clipboard) return;
+    button.hidden = false;
+    button.addEventListener("click", function () {
+      navigator.clipboard.writeText(button.previousElementSibling.textContent).then(function () {
+        button.textContent = "copied";
+        setTimeout(function () { button.textContent = "copy"; }, 1500);
+      });
+    });
+  });
   all(document, "svg.figure").forEach(function (figure) {
     var panels = all(figure, ".panel").map(function (group) { return new Panel(group); });
     panels.forEach(function (panel) {

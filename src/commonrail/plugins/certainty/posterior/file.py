@@ -17,6 +17,7 @@ from commonrail.base.input import opened, read_plain, sha256
 from commonrail.base.output import check_sum, replacing
 from commonrail.base.text import listed, number
 from commonrail.plugins.certainty.posterior.sample import Posterior
+from commonrail.runs.folder import POSTERIOR
 
 # Posterior as the JSON-able record that result.json keeps under "certainty", "posterior".
 
@@ -53,9 +54,6 @@ def posterior_record(found: Posterior, level: float = 0.95) -> dict[str, Any]:
             for i, name in enumerate(found.names)
         ],
     }
-
-
-POSTERIOR = "posterior.npz"
 
 
 class RefusedDrawsError(InputError):

@@ -1,0 +1,190 @@
+"""Parts drawn from a type, and doubts whether a part with measured reference quantities is one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import SimulationError
+from commonrail.base.text import listed
+from commonrail.base.units import to_text
+from commonrail.calibration.injector_type import InjectorType
+from commonrail.calibration.parameter import Parameter, Prior
+from commonrail.calibration.run import Calibration
+from commonrail.calibration.space import Space, sample_priors
+from commonrail.calibration.stable_time_step import step_for_all
+from commonrail.data.quantities.data import QuantityData
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.status import OK
+from commonrail.physics.injector import Injector, parameter_quantities
+
+FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
+DISCHARGE = "nozzle.discharge_maximum"
+FACTORS = (0.6, 1.6)  # flow factors that are searched
+DRAWS = 256
+FLOW_SPREAD = 0.03  # standard deviation of the flow of a nozzle about its drawing: an estimate of the tolerance
+
+
+def held_parameters(known: InjectorType, part: Injector) -> list[Parameter]:
+    """Parameters of the type with their priors, without those that were measured on the part."""
+    measured = {p.name for p in known.parameters} - {p.name for p in known.given_to(part)}
+    units = parameter_quantities()
+    return [
+        Parameter(
+            p.name,
+            p.value,
+            p.lower,
+            p.upper,
+            units[p.name].unit,
+            mark=p.mark,
+            source=p.source,
+            prior=p.prior,
+        )
+        for p in known.parameters
+        if p.name != FLOW and p.name not in measured
+    ]
+
+
+def flow_about_drawing(part: Injector, share: float) -> Parameter:
+    """Effective hole diameter of the next part; the area is the square of the diameter."""
+    own = part.values[FLOW]
+    low, high = (own * factor**0.5 for factor in FACTORS)
+    source = "spread of the flow of a nozzle about its drawing"
+    prior = Prior(own, 0.5 * share * own, source)
+    return Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
+
+
+def scattering(known: InjectorType, part: Injector) -> list[Parameter]:
+    """Parameters of the type that scatter between parts, with that scatter as prior."""
+    held = held_parameters(known, part)
+    between = {p.name: p.between for p in known.parameters if p.between is not None}
+    if not between:
+        return held
+    return [
+        replace(p, prior=Prior(known.by_name[p.name].value, scatter, p.source))
+        for p in held
+        if (scatter := between.get(p.name, 0.0))
+    ]
+
+
+def drawn_quantities(
+    known: InjectorType, part: Injector, points: Sequence[OperatingPoint], threads: int | None = None
+) -> Floats:
+    """Quantities (n, points) [m³] of parts drawn from a type, with a flow of 3 % about the drawing, that all inject.
+
+    Parameters are drawn independently: a type file holds no correlations.
+    """
+    space = Space([flow_about_drawing(part, FLOW_SPREAD), *scattering(known, part)])
+    values = sample_priors(space, DRAWS, np.random.default_rng(1))
+    batch = simulate_batch(part, points, space.names, values, time_step=step_for_all(part, space), threads=threads)
+    sound = np.all(batch.status == OK, axis=1)
+    if np.count_nonzero(sound) < 2:
+        raise SimulationError("no part drawn from the type could be simulated at all points; check its spreads.")
+    return np.asarray(batch.injected_volume[sound])
+
+
+# Each of the tests is wrong for one in a hundred sound parts, as far as the type's scatter is that of its parts.
+RARE = 0.01  # probability
+FAR = 2.58  # standard deviations beyond which a normal variable lies with that probability
+BAND = (0.05, 0.95)
+CHANGES = np.linspace(0.5, 1.5, 41)  # times a value of the type, tried as the one change that explains a part
+SPARE = 4.0  # of chi-squared by which another change must fit worse: two standard errors
+
+
+class Doubts(NamedTuple):
+    """What speaks against a part being a sound one of its type.
+
+    `low`, `high` (points,): 90 % band of what parts of the type inject, measured with the tolerance of the data [m³];
+    `chi2`: squared residuals and pulls of the adapted model, that of the flow among them from four quantities on, with
+    `freedom` degrees of freedom; `pulls`: distances of
+    its parameters, and of the flow factor from four quantities on, from the type in their spreads; `sentences`: empty
+    where nothing speaks against it; `change`: the one change of the type that explains the quantities best.
+    """
+
+    low: Floats
+    high: Floats
+    chi2: float
+    freedom: int
+    pulls: dict[str, float]
+    sentences: tuple[str, ...]
+    change: str
+
+
+def doubts_of(
+    known: InjectorType, part: Injector, points: QuantityData, found: Calibration, threads: int | None
+) -> Doubts:
+    """Doubts of a part adapted from a type.
+
+    `part`: before it was fitted; `found`: the fit of the flow factor, and from four quantities on of the type's
+    parameters.
+    """
+    judged, factor = points.judged, (found.best[FLOW] / part.values[FLOW]) ** 2
+    drawn = drawn_quantities(known, part, points.points, threads)
+    random = np.random.default_rng(2)
+    drawn = drawn + random.normal(size=drawn.shape) * np.nan_to_num(points.discrepancy(drawn))
+    low, high = np.quantile(drawn, BAND, axis=0)
+    pulls = {p.name: p.prior.pull(found.best[p.name]) for p in found.study.space.parameters if p.prior is not None}
+    chi2, freedom, sentences = found.cost, int(np.count_nonzero(judged)) - 1, []
+    share = _share_as_far(drawn[:, judged], points.quantity[judged])
+    if share <= RARE:
+        sentences.append(
+            f"of {len(drawn)} parts drawn from the type {share:.1%} lie as far from the others as these quantities"
+        )
+    if pulls:
+        pulls = {FLOW: (factor - 1.0) / float(np.hypot(FLOW_SPREAD, _discharge_spread(known))), **pulls}
+        chi2, freedom = chi2 + pulls[FLOW] ** 2, freedom + 1
+        if chdtrc(freedom, chi2) < RARE:
+            sentences.append(f"chi-squared is {chi2:.3g}, and {freedom} is expected")
+        far = [f"{name} by {pull:+.1f}" for name, pull in pulls.items() if abs(pull) > FAR]
+        if far:
+            sentences.append(f"standard deviations away from the type: {listed(far)}")
+    change = one_change(known, part, points, threads) if sentences else ""
+    return Doubts(low, high, chi2, freedom, pulls, tuple(sentences), change)
+
+
+def _discharge_spread(known: InjectorType) -> float:
+    """Spread of the type's c_d as a share of it: the flow factor, which has no prior in the fit, takes that too."""
+    discharge = known.by_name.get(DISCHARGE)
+    return 0.0 if discharge is None else discharge.spread / discharge.value
+
+
+def _share_as_far(drawn: Floats, measured: Floats) -> float:
+    """Share of drawn parts (n, points) as far from their mean as measured quantities (points,), these among them."""
+    middle = drawn.mean(axis=0)
+    inverse = np.linalg.pinv(np.atleast_2d(np.cov(drawn, rowvar=False)))
+    off = np.vstack([drawn, measured]) - middle
+    distance = np.einsum("ki,ij,kj->k", off, inverse, off)
+    return float(np.mean(distance >= distance[-1]))
+
+
+def one_change(known: InjectorType, part: Injector, points: QuantityData, threads: int | None = None) -> str:
+    """The change of one value of the type, or of the flow, that explains reference quantities best, in words.
+
+    Empty where none does within the tolerance of the data. Changes that do so nearly as well are named with it.
+    """
+    units = parameter_quantities()
+    names = [FLOW, *(p.name for p in held_parameters(known, part)), *(v.name for v in known.fixed if v.name != FLOW)]
+    explained = []
+    for name in names:
+        own, unit = part.values[name], units[name].unit
+        factors = CHANGES ** (0.5 if name == FLOW else 1.0)
+        values = np.array([own * factor for factor in factors if units[name].domain.admits(own * factor)])
+        if not own or len(values) < 2:
+            continue
+        space = Space([Parameter(name, own, float(values.min()), float(values.max()), unit, mark="E", source="tried")])
+        step = step_for_all(part, space)
+        batch = simulate_batch(part, points.points, [name], values[:, None], time_step=step, threads=threads)
+        errors = (batch.injected_volume - points.quantity) / points.discrepancy(points.quantity)
+        chi2 = np.where((batch.status == OK).all(axis=1), np.nansum(errors**2, axis=1), np.inf)
+        best = float(values[np.argmin(chi2)])
+        words = f"a flow factor of {(best / own) ** 2:.3g}" if name == FLOW else f"{name} {to_text(best, unit, 3)}"
+        explained.append((float(chi2.min()), words))
+    explained.sort()
+    least, many = explained[0][0], int(np.count_nonzero(points.judged))
+    return listed([text for chi2, text in explained if chi2 < least + SPARE]) if chdtrc(many, least) > RARE else ""

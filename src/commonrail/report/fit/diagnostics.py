@@ -1,0 +1,208 @@
+"""Charts that say how far a calibration can be trusted: parity, residuals, combinations, profiles, draws, search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import MARKERS, Band, Figure, HeatMap, Panel, Series, points
+from commonrail.base.text import shown_unit, signed, significant
+from commonrail.data.base import DataSet
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Traces, origin_of
+from commonrail.report.fit.record import DASHES, by_kind, short_names
+from commonrail.report.fit.verdict import scatter_unit
+
+LAGS = 60  # samples over which residuals are compared with themselves
+WITHIN = 0.05  # error that the lines of the parity plot mark
+ROWS = 12  # combinations in the matrix, the best known first
+DRAWS = 300  # points of a pair plot
+PAIRED = 4  # parameters of the pair plots: six pairs
+FALL = 8.0  # of 2 ln L, up to which profiles are drawn: twice the 95 % limit
+COURSES = 8  # parameters whose course is drawn
+
+
+def names_of(record: Record) -> dict[str, str]:
+    """Short names of the parameters of a calibration."""
+    return short_names([p["name"] for p in record["parameters"]])
+
+
+def parity_figure(record: Record) -> Figure | None:
+    """Calibrated quantities over those of the data, of all data sets, with lines at ± 5 %; None of fewer than three."""
+    sets = [(d, view.quantities(d)) for view, own in by_kind(record["data"]) for d in own]
+    series: list[Series] = []
+    ends: list[float] = []
+    for family, (d, pairs) in enumerate(pair for pair in sets if pair[1]):
+        known = [(MM3 * measured, MM3 * q) for measured, q in pairs if q is not None]
+        x, y = (tuple(values) for values in zip(*known, strict=True)) if known else ((), ())
+        series.append(Series(f"{d['name']} ({d['role']})", MEASURED, x, y, MARKERS, family))
+        ends += x
+    if len(ends) < 3:
+        return None
+    line = (0.0, 1.04 * max(ends))
+    series += [Series("", "level", line, tuple(f * v for v in line)) for f in (1.0 - WITHIN, 1.0, 1.0 + WITHIN)]
+    title = f"Quantities, lines at ± {100.0 * WITHIN:.0f} %"
+    caption = "Quantities per stroke; of a curve its volume within the samples."
+    origins = dict.fromkeys(map(origin_of, record["data"]))
+    return Figure(title, caption, f"{' and '.join(origins)}, mm³", (Panel("calibrated, mm³", tuple(series)),))
+
+
+def autocorrelation_figure(record: Record, traces: Traces) -> Figure | None:
+    """Autocorrelation of the residuals of each curve over the lag [µs]; None without curves."""
+    series: list[Series] = []
+    fewest, longest = math.inf, 0.0
+    for d in record["data"]:
+        trace = traces.get(d["name"], {})
+        found = _autocorrelation(trace[JUDGED] - trace[MEASURED]) if JUDGED in trace else None
+        if found is None:
+            continue
+        lags = MICROSECOND * float(np.median(np.diff(trace["time_s"]))) * np.arange(LAGS + 1)
+        family = len(series)
+        series.append(Series(d["name"], DASHES[family % 4], points(lags), points(found), family=family))
+        fewest, longest = min(fewest, len(trace["time_s"])), max(longest, float(lags[-1]))
+    if not series:
+        return None
+    limit = 1.96 / math.sqrt(fewest)
+    band = Band("level", (0.0, longest), (-limit, -limit), (limit, limit))
+    caption = "Of calibrated − data. Shaded: 95 % of white noise; a course beyond it is an error that persists."
+    panel = Panel("correlation", tuple(series), zero_line=True, bands=(band,))
+    return Figure("Autocorrelation of the residuals", caption, "lag, µs", (panel,))
+
+
+def _autocorrelation(residuals: Floats) -> Floats | None:
+    """Correlation of residuals with those so many samples later, (LAGS + 1,); None of too few, or of none but zero."""
+    known = residuals[np.isfinite(residuals)]
+    known = known - known.mean() if len(known) else known
+    power = float(known @ known)
+    if len(known) < 2 * LAGS or not power > 0.0:
+        return None
+    return np.array([known[: len(known) - k] @ known[k:] / power for k in range(LAGS + 1)])
+
+
+def loading_matrix(record: Record) -> HeatMap | None:
+    """Combinations of parameters that the data determine, best known first; None of a record without them."""
+    found = record.get("identifiability")
+    if not found:
+        return None
+    least = 1.0 if scatter_unit(record) == DataSet.residual_unit else 0.0  # a tolerance is as it is stated, or larger
+    scatter = max(float(found["scatter"]), least)
+    held = [c for c in found["combinations"] if c["singular_value"] > scatter]
+    if not held:
+        return None
+    shown, names = held[:ROWS], names_of(record)
+    used = [name for name in names if any(name in c["weights"] for c in shown)] or list(names)
+    rows = [[c["weights"].get(name) for name in used] for c in reversed(shown)]
+    more, rest = len(held) - len(shown), len(names) - len(held)
+    caption = (
+        "Each row is a move of parameters, in widths of their bounds, with its standard error by the data alone; "
+        f"weights below 0.2 are left out.{f' {more} more are known worse than these.' if more else ''}"
+    )
+    if rest:
+        caption += f" {rest} further combinations are known by priors and bounds alone."
+    return HeatMap(
+        "Combinations that the data determine",
+        caption,
+        "parameter",
+        "± % of bounds",
+        tuple(names[name] for name in used),
+        tuple(significant(100.0 * scatter / c["singular_value"], 2) for c in reversed(shown)),
+        tuple(tuple(row) for row in rows),
+        tuple(tuple("" if v is None else signed(v, 1) for v in row) for row in rows),
+        "1",
+        True,
+        1.0,
+    )
+
+
+def profile_figures(record: Record) -> list[Figure]:
+    """Profiles of the likelihood, one of each parameter that has one with a finished end."""
+    found = record.get("certainty") or {}
+    known, names = {p["name"]: p for p in record["parameters"]}, names_of(record)
+    likely = {p["name"]: p["value"] for p in found.get("parameters", ())}
+    return [
+        _profile([*one["points"], (likely[one["name"]], 0.0)], known[one["name"]], names[one["name"]], found["level"])
+        for one in found.get("profiles", ())
+        if one["low"]["finished"] or one["high"]["finished"]
+    ]
+
+
+def _profile(seen: Sequence[Sequence[float]], p: Record, name: str, level: float) -> Figure:
+    """Falls of 2 ln L at values [SI] of a parameter, the most likely one last; `level` is that of its interval."""
+    unit, factor = _unit(p)
+    x, y = zip(*sorted((factor * value, fall) for value, fall in seen if fall <= FALL), strict=True)
+    best, limit, optimum = factor * p["best"], _limit(level), factor * seen[-1][0]
+    between = np.linspace(x[0], x[-1], 61)  # the root of the fall is all but straight
+    root = np.interp(between, x, np.sign(np.array(x) - optimum) * np.sqrt(np.maximum(y, 0.0)))
+    series = [
+        Series("", "solid", points(between), points(root**2), family=0),
+        Series("", "solid", x, y, MARKERS, 0),
+        Series("", "level", (x[0], x[-1]), (limit, limit)),
+    ]
+    if x[0] <= best <= x[-1]:
+        series.append(Series("", "best", (best, best), (0.0, limit)))
+    return Figure(name, PROFILE_CAPTION, _axis(p["name"], unit), (Panel("fall of 2 ln L", tuple(series)),))
+
+
+def _axis(name: str, unit: str) -> str:
+    """Title of an axis."""
+    return f"{name}, {unit}" if unit else name
+
+
+PROFILE_CAPTION = (
+    "Largest likelihood at each value of the parameter, the others fitted; between the computed points a guide. "
+    "Dotted: limit of the interval; red: calibrated value."
+)
+
+
+def _limit(level: float) -> float:
+    """Quantile of chi-squared with one degree of freedom."""
+    from statistics import NormalDist
+
+    return NormalDist().inv_cdf(0.5 + 0.5 * level) ** 2
+
+
+def _unit(p: Record) -> tuple[str, float]:
+    """Unit of a parameter's axis and its factor from SI: that in which its upper bound is written."""
+    return shown_unit(p["upper"], p["unit"])
+
+
+def pair_figures(record: Record, draws: Mapping[str, Floats]) -> list[Figure]:
+    """Draws of a posterior, a figure for each pair of the parameters that the data see most."""
+    known = {p["name"]: p for p in by_effect(record) if p["name"] in draws}
+    names = names_of(record)
+    return [_pair((known[a], known[b]), draws, names) for a, b in combinations(list(known)[:PAIRED], 2)]
+
+
+def _pair(pair: tuple[Record, Record], draws: Mapping[str, Floats], names: Mapping[str, str]) -> Figure:
+    every = max(len(draws[pair[0]["name"]]) // DRAWS, 1)
+    axes = [_unit(p) for p in pair]
+    x, y = (points(factor * draws[p["name"]][::every]) for p, (_, factor) in zip(pair, axes, strict=True))
+    across, up = ((factor * p["best"],) for p, (_, factor) in zip(pair, axes, strict=True))
+    first, second = (_axis(names[p["name"]], unit) for p, (unit, _) in zip(pair, axes, strict=True))
+    series = Series("draws", "start", x, y, MARKERS), Series("calibrated", "best", across, up, MARKERS)
+    return Figure(f"{names[pair[0]['name']]} and {names[pair[1]['name']]}", "", first, (Panel(second, series),))
+
+
+def by_effect(record: Record) -> list[Record]:
+    """Parameters, those that move the fitted data most first."""
+    return sorted(record["parameters"], key=lambda p: p.get("effect") or 0.0, reverse=True)
+
+
+COURSE_CAPTION = f"Below, the best values of the {COURSES} parameters at most that the data see most."
+
+
+def course_panel(record: Record, course: Floats) -> Iterator[Panel]:
+    """Place of the best values between their bounds after each generation (generations, d), of a few parameters."""
+    parameters = record["parameters"]
+    if len(course) < 2 or course.shape[1] != len(parameters):
+        return
+    names, x = names_of(record), tuple(float(i) for i in range(len(course)))
+    series = []
+    for family, p in enumerate(by_effect(record)[:COURSES]):
+        values = course[:, [one["name"] for one in parameters].index(p["name"])]
+        places = points(100.0 * (values - p["lower"]) / (p["upper"] - p["lower"]))
+        series.append(Series(names[p["name"]], DASHES[family % 4], x, places, family=family))
+    yield Panel("best, % of its bounds", tuple(series))

@@ -1,0 +1,44 @@
+"""The child process that lowers laws: it may end, fail or be killed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.base.errors import ConfigurationError
+from commonrail.compiler import lower
+from tests.compiler import doubled
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lower, "kept_or_made", lambda name, make: make())
+
+
+def test_a_child_that_has_gone_idle_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may end between the look at it and the question."""
+    child = lower._Child("f64")
+    child.process.stdin.close()  # type: ignore[union-attr]
+    assert child.process.wait() == 0
+    started = iter([child, lower._Child("f64")])
+    monkeypatch.setattr(lower, "_child", lambda kind: next(started))
+    child.process.stdin = Path("/dev/null").open("wb")  # noqa: SIM115
+    assert set(lower.texts(doubled.source())) == {"double"}
+
+
+def test_a_child_that_was_killed_is_replaced() -> None:
+    child = lower._child("f64")
+    child.process.kill()
+    child.process.wait()
+    assert set(lower.texts(doubled.source())) == {"double"}  # another one is started
+
+
+def test_a_function_that_allocates_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="allocates memory, for which there is no owner"):
+        lower.texts(doubled.source("allocating"))
+
+
+def test_the_fault_of_a_law_is_told() -> None:
+    with pytest.raises(ConfigurationError, match="KeyError"):
+        lower.texts(doubled.source("no such function"))
