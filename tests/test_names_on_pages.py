@@ -28,7 +28,8 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 # Programs, packages and their words, environment variables, notation of JSON and SQLite.
 FOREIGN = """
     pip jq nohup pytest ruff mypy njit ptxas python venv pre-commit lint-imports sqlite3 backup null nan inf
-    numba.core.caching math.pi math pi NUMBA_DISABLE_JIT NUMBA_CPU_NAME generic synchronous -m from import
+    numba.extending numba.core.types cfunc carray cgutils jit
+    math.pi math pi NUMBA_DISABLE_JIT NUMBA_CPU_NAME generic synchronous -m from import
     NPY_DISABLE_CPU_FEATURES OPENBLAS_CORETYPE COMMONRAIL_BUILD_KERNELS
     NORMAL -force-vector-width -wal -shm .venv .venv-lowest .venv/bin/commonrail .venv/bin/python
     .venv/bin/pytest

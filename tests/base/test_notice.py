@@ -12,8 +12,7 @@ import pytest
 
 from commonrail.base import hooks
 from commonrail.base.hooks import compiled_words, compiling, naming, note, quiet, tell_notes, tell_of_compiling
-from commonrail.compiler.cache import cache_folder
-from tests.compiler.doubled import value
+from tests.compiler.doubled import fresh_cache, value
 
 
 def test_the_first_use_alone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -26,14 +25,14 @@ def test_the_first_use_alone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
         said.append("end")
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    cache_folder.cache_clear()
+    fresh_cache()
     before = tell_of_compiling(told)
     try:
         for _ in range(2):  # as two processes: kernels of their own, and one folder
             said += [value(1.0), value(2.0)]
     finally:
         tell_of_compiling(before)
-        cache_folder.cache_clear()
+        fresh_cache()
     assert said == ["begin", "begin", "end", "end", 2.0, 4.0, 2.0, 4.0]
 
 

@@ -13,6 +13,7 @@ import pytest
 from commonrail.cli import doctor_facts
 from commonrail.cli.doctor_facts import OK, Fact, cache_facts, extra_facts, kernel_facts, run_child, self_check, usable
 from commonrail.compiler import cache
+from tests.compiler.doubled import fresh_cache
 
 SOUND: dict[str, Any] = {
     "seconds": 0.5,
@@ -49,11 +50,11 @@ def test_a_cache_that_cannot_be_written_is_told() -> None:
 def test_the_cache_falls_back_where_its_usual_place_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "commonrail").touch()  # even root cannot make a folder below a file
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    cache.cache_folder.cache_clear()
+    fresh_cache()
     try:
         first = next(iter(cache_facts()))
     finally:
-        cache.cache_folder.cache_clear()
+        fresh_cache()
     assert f"{tmp_path / 'commonrail'} cannot be used" in first.verdict
 
 

@@ -7,12 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.compiler import cache
 from commonrail.compiler.load import Kernel
 from commonrail.compiler.lower import Source
 from commonrail.compiler.table import REAL, Array, floats
 from commonrail.physics.law import physics
 
 GIVEN = (REAL, floats(1))  # x, array for the result
+
+
+def fresh_cache() -> None:
+    """Forget which folder is used, as another process would not know it."""
+    for known in (cache.cache_folder, cache._home):
+        known.cache_clear()
 
 
 @physics

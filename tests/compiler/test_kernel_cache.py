@@ -29,12 +29,6 @@ POSIX = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes o
 Answer = tuple[float, int, str]
 
 
-def fresh() -> None:
-    """Forget which folder is used, as another process would not know it."""
-    for known in (kernel_cache.cache_folder, kernel_cache._home):
-        known.cache_clear()
-
-
 @pytest.fixture
 def answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Answer]]:
     """Use a kernel as a process of its own would: its result, how often it came from the cache, and the notes."""
@@ -44,7 +38,7 @@ def answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     before = hooks._note
 
     def use() -> Answer:
-        fresh()
+        doubled.fresh_cache()
         notes: list[str] = []
         tell_notes(notes.append)
         content, made = object_of(doubled.source(), {"double": "double"}, own_processor())
@@ -58,7 +52,7 @@ def answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
 
     yield use
     tell_notes(before)
-    fresh()
+    doubled.fresh_cache()
 
 
 def kept(cache: Path) -> Path:
