@@ -27,7 +27,7 @@ FIGURES = (
 )
 WAVE = Trace.of(np.linspace(-50e-6, 2e-3, 300), 120e6 + 4e6 * np.sin(np.linspace(0.0, 20.0, 300)))
 GAS = Trace.of([0.0, 1e-3], [4e6, 7e6])
-# more than a block: lengths, pressures, energisings and starts differ, pressures change, one injects nothing
+# more than a block: lengths, pressures, energisings and starts differ, pressures change, two inject nothing
 POINTS = [
     OperatingPoint(160e6, 300e-6),
     OperatingPoint(60e6, 500e-6, horizon=1.2e-3),
@@ -58,7 +58,7 @@ def test_a_point_among_others_has_the_bits_that_it_has_alone(regulated: Injector
     for i, point in enumerate(POINTS):
         alone = simulate_batch(regulated, [point], stop_when_closed=ends_early, threads=1)
         same(columns(together, slice(i, i + 1)), columns(alone, slice(None)), f"point {i}")
-    assert len(np.unique(together.injected_mass)) == len(POINTS)
+    assert len(np.unique(together.injected_mass)) == len(POINTS) - 1  # two inject nothing
     assert together.status[0, 8] == Status.STILL_INJECTING
 
 

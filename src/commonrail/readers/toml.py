@@ -229,9 +229,11 @@ class OneOf:
 
     def _known(self, item: Any) -> Any:
         """The table itself; a key that only other forms have is refused with those forms."""
-        for key in item if isinstance(item, Mapping) else ():
+        if not isinstance(item, Mapping):
+            return item
+        for key in set(item).difference(getattr(self._form(item[self.key]), "model_fields", ())):
             having = [name for name in self.forms if key in getattr(self._form(name), "model_fields", ())]
-            if having and item[self.key] not in having:
+            if having:
                 others = " or ".join(f'"{name}"' for name in having)
                 raise fault(f'{self.key} = "{item[self.key]}" has no key "{key}", but {self.key} = {others} has it')
         return item

@@ -137,7 +137,7 @@ def test_features_of_a_run_that_was_fitted_to_features(command: Command, tmp_pat
     keys = f"features = [{', '.join(items)}]\n"
     study.write_text(text.replace("source = ", keys + "source = ", 1), encoding="utf-8")
     run = tmp_path / "run"
-    done = command("calibrate", study, "--out", run, "--threads", "1")
+    done = command("calibrate", study, "--out", run, "--threads", "1", "--full")
     assert done.status == 0, done.err
     assert "Features of 160 MPa (fit), 160 MPa" in done.out
     assert "opening_delay 1" in (run / "report.html").read_text(encoding="utf-8")
