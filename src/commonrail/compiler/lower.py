@@ -38,7 +38,7 @@ _NUMBA = {
 }
 # Counts of an array's owners: those of a kernel are views, which have none.
 _COUNTS = re.compile(r"^ *(?:tail )?call void @NRT_(?:in|de)cref\(.*\n", re.MULTILINE)
-_IDLE = 60.0  # after which a child ends [s]
+_IDLE = 300.0  # after which a child, of some 300 MB, ends [s]: another would have to type all laws anew
 
 
 class Source(NamedTuple):
