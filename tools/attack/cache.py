@@ -37,13 +37,19 @@ EXPECTED = "58.0"
 def _use(folder: Path) -> Answer:
     script = folder / "use.py"
     script.write_text(USE, encoding="utf-8")
-    return python(script, XDG_CACHE_HOME=str(folder / "cache"), TMPDIR=str(folder / "tmp"))
+    return python(script, **_places(folder))
+
+
+def _places(folder: Path) -> dict[str, str]:
+    """Environment of a program that finds this project's tests, and has caches of its own."""
+    root = str(Path(__file__).parents[2])
+    return {"XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder / "tmp"), "PYTHONPATH": root}
 
 
 @contextmanager
 def _starts(folder: Path) -> Iterator[Callable[[], list[str]]]:
     """Starts of the same program one after the other, each with its answer and the status of its end."""
-    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder / "tmp")}
+    environment = os.environ | _places(folder)
     program = subprocess.Popen(
         [sys.executable, folder / "use.py", "starts"],
         env=environment,
