@@ -36,12 +36,15 @@ def tell_of_compiling(listener: Listener) -> Listener:
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """The context to compile in: the listener's, and its time counts as `compiling_seconds`."""
+    """The context to compile in: the listener's, and its time counts as `compiling_seconds`.
+
+    A compilation that another one needs is part of that one.
+    """
     global _under_way, _spent
     start = time.perf_counter()
     _under_way += 1
     try:
-        with _listener():
+        with _listener() if _under_way == 1 else nullcontext():
             yield
     finally:
         _under_way -= 1
