@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -42,3 +43,9 @@ def test_a_function_that_allocates_is_refused() -> None:
 def test_the_fault_of_a_law_is_told() -> None:
     with pytest.raises(ConfigurationError, match="KeyError"):
         lower.texts(doubled.source("no such function"))
+
+
+@pytest.mark.skipif(not hasattr(os, "getpgid"), reason="groups of processes are POSIX's")
+def test_a_ctrl_c_in_a_terminal_does_not_reach_the_child() -> None:
+    """A search that is asked to stop goes on to its report, for which it may have to compile."""
+    assert os.getpgid(lower._child("f64").process.pid) != os.getpgid(0)

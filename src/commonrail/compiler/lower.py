@@ -117,6 +117,7 @@ class _Child:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
+            start_new_session=True,  # a Ctrl-C is for this process, which may have to finish what it does
             env=os.environ | _NUMBA | {"PYTHONPATH": path},
         )
 
