@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,22 +58,27 @@ def neighbour(name: str, own: float) -> float:
     return 0.99 * own if own else 0.01
 
 
-READ = [name for name in parameter_quantities(Actuation.SERVO) if name not in unread_parameters(Variant())]
+# Each parameter is read by one of them, but for the diode's voltage: with a free-wheeling coil the needle outlasts
+# these horizons.
+VARIANTS = (Variant(), Variant(boundary="volume", drive="pwm"))
+READ = [name for name in parameter_quantities(Actuation.SERVO) if name != "drive.diode_voltage"]
 
 
 @pytest.mark.parametrize("name", READ)
 def test_the_objective_is_the_sum_of_the_reported_scores(regulated: Injector, name: str) -> None:
     """At a candidate whose parameter differs from the injector's, by volume and by mass."""
-    value = neighbour(name, regulated.values[name])
+    variant = next(variant for variant in VARIANTS if name not in unread_parameters(variant))
+    injector = replace(regulated, variant=variant)
+    value = neighbour(name, injector.values[name])
     data = [
         curve(np.linspace(0.0, 1e-5, 40), 1.5),
         curve(np.linspace(1e-5, 0.0, 40), 0.5, mass_density=830.0),
         quantities(np.array([2e-9, 3e-9]), 0.7),
         quantities(np.array([2e-9, 3e-9]), 0.3, np.array([830.0, math.nan])),
     ]
-    found = Objective(regulated, (name,), data, STEP, 1).costs(np.array([[value]]))
+    found = Objective(injector, (name,), data, STEP, 1).costs(np.array([[value]]))
     assert found.statuses[0] == Status.OK
-    assert found.costs[0] == pytest.approx(j_of_scores(regulated.with_values({name: value}), data), rel=ROUNDING)
+    assert found.costs[0] == pytest.approx(j_of_scores(injector.with_values({name: value}), data), rel=ROUNDING)
 
 
 @pytest.mark.parametrize("by_mass", [False, True])

@@ -1,4 +1,4 @@
-"""What laws need to be compiled by Numba: overloads by precision, memory behind addresses, rows that are one vector.
+"""Laws for Numba: overloads by precision, memory behind addresses, rows that are one vector.
 
 Only the child process that lowers laws (`lower`), CUDA kernels and tests import it: loading Numba takes longer than a
 simulation.

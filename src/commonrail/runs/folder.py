@@ -269,7 +269,7 @@ def _refuse_changed_data(folder: Path, record: Mapping[str, Any]) -> None:
 
 
 def earlier_certainty(folder: Path) -> tuple[dict[str, Any], dict[str, float]] | None:
-    """What `commonrail certainty` has left in a result, and the best values of the search that it is about.
+    """Result of `commonrail certainty` in a record, and the best values of the search that it is about.
 
     None without a whole result, or where the calibration alone has looked at its certainty.
     """

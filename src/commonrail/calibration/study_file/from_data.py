@@ -110,7 +110,7 @@ _SUBSTITUTES = {"cylinder_pressure": "5 MPa", "return_pressure": "0.5 MPa", "tim
 
 
 class StatedByUser(NamedTuple):
-    """What the user states of all files, as texts with their units; empty where it is to be stated later.
+    """Values that the user states for all files, as texts with their units; empty where they are to be stated later.
 
     `pressures` of the bench and `points` of rates are texts by the keys of a study; `form` and `units` are those of
     files that do not tell them; `free` are the parameters to fit, screened if none is named.

@@ -98,7 +98,7 @@ SPARE = 4.0  # of chi-squared by which another change must fit worse: two standa
 
 
 class Doubts(NamedTuple):
-    """What speaks against a part being a sound one of its type.
+    """Reasons to doubt that a part is a sound one of its type.
 
     `low`, `high` (points,): 90 % band of what parts of the type inject, measured with the tolerance of the data [m³];
     `chi2`: squared residuals and pulls of the adapted model, that of the flow among them from four quantities on, with
