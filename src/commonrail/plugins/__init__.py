@@ -60,7 +60,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "export": "commonrail.plugins.export.verb:export",
         "page": "commonrail.plugins.page.verb:page",
         "verify": "commonrail.plugins.verification.verb:verify",
-        "catalogue": "commonrail.cli.verbs.catalogue:catalogue",
+        "catalogue": "commonrail.plugins.catalogue.verb:catalogue",
         "new": "commonrail.cli.verbs.new:new",
         "virtual-bench": "commonrail.plugins.paper.bench_verb:virtual_bench",
         "reproduce": "commonrail.plugins.paper.verb:reproduce",

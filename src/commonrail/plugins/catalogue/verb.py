@@ -97,8 +97,8 @@ def _write_gallery(path: Path, search: str, json: bool) -> None:
 
     from commonrail.base.output import write_text, writing
     from commonrail.cli.options import check_file
+    from commonrail.plugins.catalogue.page import exhibit, gallery_html
     from commonrail.readers.injector.file import load_injector
-    from commonrail.report.catalogue_page import exhibit, gallery_html
 
     names = [entry["name"] for entry in _injectors() if _matches(entry, search)]
     if not names:

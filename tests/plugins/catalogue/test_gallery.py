@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
-from commonrail.report.catalogue_page import SERVO, Exhibit, exhibit, gallery_html
+from commonrail.plugins.catalogue.page import SERVO, Exhibit, exhibit, gallery_html
 from tests.cli.conftest import run_command
 from tests.report.test_build import Page
 

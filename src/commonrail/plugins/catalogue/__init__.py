@@ -1,0 +1,1 @@
+"""Lists and gallery of fuels, injectors, meters, features and parameters."""
