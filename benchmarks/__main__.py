@@ -37,9 +37,9 @@ from commonrail.base.errors import CommonrailError, ConfigurationError
 from commonrail.base.output import write_text
 from commonrail.cli.console import Bar, print_json, print_rows, say
 from commonrail.cli.console import Stage as Shown
-from commonrail.cli.doctor_facts import version
 from commonrail.cli.options import check_file
 from commonrail.engine.simulate import usable_threads
+from commonrail.plugins.doctor.run import version
 
 INTERRUPTED = 130  # exit status
 EXTRA = "pip install 'commonrail[bench]'"

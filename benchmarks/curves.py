@@ -7,9 +7,9 @@ from typing import Any
 
 from benchmarks.case import POINT, candidates, injector
 from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
-from commonrail.cli.doctor_facts import Runner, ask_child, run_child
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.plugins.doctor.run import Runner, ask_child, run_child
 from commonrail.plugins.paper import study
 
 __all__ = ["CANDIDATES", "HORIZONS", "POINTS", "horizon_curve", "point_curve", "population_curve", "thread_curve"]

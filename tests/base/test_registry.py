@@ -10,7 +10,7 @@ import pytest
 from commonrail import plugins
 from commonrail.base import registry
 from commonrail.base.errors import InputError, PluginError
-from commonrail.cli.doctor_facts import installed_plugins
+from commonrail.plugins.doctor.run import installed_plugins
 from commonrail.readers.tables import open_sheet
 from tests.cli.conftest import run_command
 from tests.distribution import distribution

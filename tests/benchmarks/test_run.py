@@ -12,7 +12,7 @@ import pytest
 from benchmarks import run as bench_run
 from benchmarks.run import Stage, grids, run_bench, sentences, stages
 from commonrail.base.output import write_text
-from commonrail.cli.doctor_facts import busy
+from commonrail.plugins.doctor.run import busy
 from commonrail.runs.folder import read_record
 
 OPTIONS = {"quick": False}

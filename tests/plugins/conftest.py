@@ -1,4 +1,4 @@
-"""Truths of the virtual bench for the tests; the fitted injector is the catalogue's."""
+"""Truths of the virtual bench for the tests, whose fitted injector is the catalogue's, and the command."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pytest
 
 from commonrail.plugins.paper.bench import Truth
 from commonrail.plugins.paper.bench_file import load_truth
+from tests.cli.conftest import command  # noqa: F401
 
 
 @pytest.fixture(scope="session")

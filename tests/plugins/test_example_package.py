@@ -18,10 +18,10 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.optimisers.base import Optimiser
 from commonrail.calibration.optimisers.registry import named, size_in_words
 from commonrail.calibration.study_file.file import load_study
-from commonrail.cli.doctor_facts import installed_plugins
 from commonrail.data.registry import kind_of
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector
+from commonrail.plugins.doctor.run import installed_plugins
 from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into, resume
 from commonrail.runs.listing import list_runs

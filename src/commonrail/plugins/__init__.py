@@ -64,6 +64,6 @@ SHIPPED: dict[str, dict[str, str]] = {
         "new": "commonrail.cli.verbs.new:new",
         "virtual-bench": "commonrail.plugins.paper.bench_verb:virtual_bench",
         "reproduce": "commonrail.plugins.paper.verb:reproduce",
-        "doctor": "commonrail.cli.verbs.doctor:doctor",
+        "doctor": "commonrail.plugins.doctor.verb:doctor",
     },
 }

@@ -66,7 +66,7 @@ def _reason(done: subprocess.CompletedProcess[str]) -> str:
     return f"the process ended with status {done.returncode}: {last[0]}"
 
 
-# The first simulation of a fresh process: ``python -m commonrail.cli.doctor_facts`` prints JSON.
+# The first simulation of a fresh process: ``python -m commonrail.plugins.doctor.run`` prints JSON.
 #
 # It tells whether the machine code came from the cache, how long that took, and what the simulation gave.
 
@@ -254,7 +254,7 @@ def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fac
 
 def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fact]:
     """First simulation of the paper's injector in a fresh process: from the cache or not, and plausible or not."""
-    probe = run or (lambda: ask_child("commonrail.cli.doctor_facts", [], PATIENCE))
+    probe = run or (lambda: ask_child("commonrail.plugins.doctor.run", [], PATIENCE))
     first = probe()
     if "failed" in first:
         yield Fact("first simulation", "failed", f"Nothing can be simulated: {first['failed']}.", True)

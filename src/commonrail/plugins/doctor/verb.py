@@ -20,7 +20,7 @@ def doctor(*, json: Json = False) -> None:
     Example:
       commonrail doctor
     """
-    from commonrail.cli.doctor_facts import examine, installed_plugins, usable
+    from commonrail.plugins.doctor.run import examine, installed_plugins, usable
 
     say(f"looking; a simulation that is not compiled yet takes {duration()} ...")
     facts = list(examine())

@@ -10,9 +10,18 @@ from typing import Any
 
 import pytest
 
-from commonrail.cli import doctor_facts
-from commonrail.cli.doctor_facts import OK, Fact, cache_facts, extra_facts, kernel_facts, run_child, self_check, usable
 from commonrail.compiler import cache
+from commonrail.plugins.doctor import run
+from commonrail.plugins.doctor.run import (
+    OK,
+    Fact,
+    cache_facts,
+    extra_facts,
+    kernel_facts,
+    run_child,
+    self_check,
+    usable,
+)
 from tests.compiler.doubled import fresh_cache
 
 SOUND: dict[str, Any] = {
@@ -31,10 +40,10 @@ def facts_of(*answers: dict[str, Any]) -> list[Fact]:
     return list(kernel_facts(lambda: next(given)))
 
 
-@pytest.mark.slow  # tests/cli/test_doctor.py reads the same of the command
+@pytest.mark.slow  # tests/plugins/doctor/test_verb.py reads the same of the command
 @pytest.mark.skipif(cache.cache_folder() is None, reason="no place for compiled simulations can be used here")
 def test_a_second_process_loads_what_the_first_has_compiled() -> None:
-    first, second = (json.loads(run_child("commonrail.cli.doctor_facts", [], 300.0).stdout) for _ in range(2))
+    first, second = (json.loads(run_child("commonrail.plugins.doctor.run", [], 300.0).stdout) for _ in range(2))
     assert first["origin"] in ("compiled", "cache", "library")
     assert second["origin"] in ("cache", "library")
 
@@ -111,17 +120,17 @@ def test_what_is_optional_is_named_with_its_cure() -> None:
 def test_without_the_compiler_the_machine_is_looked_at_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """A library may simulate without it; what it would tell of the processor is not made up."""
     monkeypatch.setitem(sys.modules, "llvmlite", None)
-    monkeypatch.setattr(doctor_facts, "version", lambda package: "" if package == "llvmlite" else "1.0")
-    facts = {fact.name: fact for fact in doctor_facts.machine_facts()}
+    monkeypatch.setattr(run, "version", lambda package: "" if package == "llvmlite" else "1.0")
+    facts = {fact.name: fact for fact in run.machine_facts()}
     assert facts["llvmlite"].verdict.endswith("Install it: pip install 'commonrail[jit]'.")
     assert facts["instruction sets"] == Fact("instruction sets", "none known")
 
 
 @pytest.mark.parametrize("package", ["scipy", "numba", "llvmlite", "numpy"])
 def test_a_package_is_essential_unless_libraries_do_without(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
-    monkeypatch.setattr(doctor_facts, "version", lambda name: "" if name == package else "1.0")
+    monkeypatch.setattr(run, "version", lambda name: "" if name == package else "1.0")
     lacking, with_libraries = (
-        next(fact for fact in doctor_facts.package_facts(found) if fact.verdict != OK) for found in (False, True)
+        next(fact for fact in run.package_facts(found) if fact.verdict != OK) for found in (False, True)
     )
     wanted = "'commonrail[jit]'" if package in ("numba", "llvmlite") else package
     assert lacking == Fact(package, "not installed", f"Install it: pip install {wanted}.", True)

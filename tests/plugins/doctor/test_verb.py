@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.cli import doctor_facts
-from commonrail.cli.doctor_facts import Fact
 from commonrail.compiler import cache
+from commonrail.plugins.doctor import run
+from commonrail.plugins.doctor.run import Fact
 from tests.cli.conftest import Command
 from tests.distribution import distribution
 
@@ -26,7 +26,7 @@ def test_this_machine_is_usable_and_said_in_json(command: Command) -> None:
 
 
 def test_a_machine_that_cannot_be_used_ends_with_2(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor_facts, "examine", lambda: iter([Fact("self-check", "0 mm3", "Report it.", True)]))
+    monkeypatch.setattr(run, "examine", lambda: iter([Fact("self-check", "0 mm3", "Report it.", True)]))
     done = command("doctor")
     assert done.status == 2
     assert "Report it." in done.out
@@ -34,7 +34,7 @@ def test_a_machine_that_cannot_be_used_ends_with_2(command: Command, monkeypatch
 
 
 def test_what_is_only_slow_ends_with_0(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor_facts, "examine", lambda: iter([Fact("kernel cache", "none", "Make it writable.")]))
+    monkeypatch.setattr(run, "examine", lambda: iter([Fact("kernel cache", "none", "Make it writable.")]))
     assert command("doctor").status == 0
 
 
@@ -50,7 +50,7 @@ def test_a_broken_package_is_named_in_a_sentence_and_the_others_are_listed(comma
         "[commonrail.data]\nsix = example_lost:SIX\n"
     )
     with distribution(tmp_path, modules, parts):
-        (fact,) = doctor_facts.plugin_facts()
+        (fact,) = run.plugin_facts()
         listed = command("catalogue", "injectors")
     assert fact.name == "plug-in example-plugin"
     for reason in ('"tdms" of commonrail.readers cannot be loaded', '"lost" of commonrail.injectors gives no file'):

@@ -1,0 +1,1 @@
+"""Facts about this machine, and whether commonrail works on it."""
