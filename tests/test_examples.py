@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from commonrail.calibration.study_file.from_data import write_new
+from commonrail.plugins.new.study import write_new
 from tests.test_pages import ROOT
 
 SRC = ROOT / "src"

@@ -22,8 +22,8 @@ from commonrail.base import arguments
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.study import Method
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.data.base import Role
+from commonrail.plugins.new.study import write_new
 
 POINT = cr.OperatingPoint("160 MPa", "700 us")
 INJECTOR = cr.load_injector("virtual-lino-2016")

@@ -25,7 +25,7 @@ from commonrail.calibration.objective import Objective
 
 Floats = NDArray[np.float64]
 
-TEMPLATES = Path(__file__).resolve().parents[1] / "src" / "commonrail" / "calibration" / "study_file" / "template"
+TEMPLATES = Path(__file__).resolve().parents[1] / "src" / "commonrail" / "plugins" / "new" / "template"
 
 TRUTH = {
     "control_chamber.z_hole_diameter": 0.211e-3,

@@ -18,7 +18,7 @@ import pytest
 from commonrail.calibration.run import calibrate, check_study
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.from_data import write_new
+from commonrail.plugins.new.study import write_new
 from commonrail.readers.injector.file import dump_injector, load_injector
 from tests.cli.conftest import run_command
 from tests.report.test_build import Page

@@ -9,7 +9,7 @@ import pytest
 
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.from_data import write_new
+from commonrail.plugins.new.study import write_new
 from commonrail.readers.injector.file import load_injector
 from commonrail.report.page import write_report
 

@@ -9,7 +9,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.from_data import write_new
+from commonrail.plugins.new.study import write_new
 from tools import make_example
 
 SAMPLES = 320

@@ -9,7 +9,7 @@ import pytest
 
 import commonrail as cr
 
-TEMPLATE = Path(cr.__file__).parent / "calibration" / "study_file" / "template" / "study.toml"
+TEMPLATE = Path(cr.__file__).parent / "plugins" / "new" / "template" / "study.toml"
 NAME = "valve.spring_preload"
 
 

@@ -12,8 +12,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.cli.grammar import cli
+from commonrail.plugins.new.study import write_new
 
 
 class Done(NamedTuple):

@@ -218,11 +218,7 @@ gain = 1.5
 
 def metered_study(tmp_path: Path) -> Path:
     """The scaffold's study with a meter; its data are not there, and need not be."""
-    text = (
-        resources.files("commonrail.calibration.study_file")
-        .joinpath("template", "study.toml")
-        .read_text(encoding="utf-8")
-    )
+    text = resources.files("commonrail.plugins.new").joinpath("template", "study.toml").read_text(encoding="utf-8")
     file = tmp_path / "study.toml"
     file.write_text(text + METERS, encoding="utf-8")
     return file

@@ -33,7 +33,7 @@ def _run(module: str, handler: str = "signal.default_int_handler") -> subprocess
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("module", ["click", "commonrail.cli.verbs.new"])
+@pytest.mark.parametrize("module", ["click", "commonrail.plugins.new.verb"])
 def test_an_interrupt_before_a_verb_runs_is_a_sentence(module):
     done = _run(module)
     assert (done.returncode, done.stdout) == (guard.INTERRUPTED, "")

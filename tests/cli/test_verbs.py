@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from commonrail.calibration.study_file.from_data import TEMPLATES
 from commonrail.physics.injector import parameter_quantities
+from commonrail.plugins.new.study import TEMPLATES
 from commonrail.plugins.verification.closed_forms import check
 from commonrail.readers.injector.file import load_injector
 from tests.cli.conftest import Command

@@ -8,8 +8,8 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import ConfigurationError, InputError
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.data.noise import Correlation, Law, Noise
+from commonrail.plugins.new.study import write_new
 from tests.map_study import map_study
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-TEMPLATES = resources.files("commonrail.calibration.study_file") / "template"
+TEMPLATES = resources.files("commonrail.plugins.new") / "template"
 
 Edit = Callable[..., Path]
 

@@ -15,7 +15,7 @@ from commonrail.plugins.maps.sweep import Base, Sweep, Variable
 from commonrail.report.notebook import MOST_ROWS, Picture
 from tests.report.test_simulation import solution
 
-TEMPLATE = Path(cr.__file__).parent / "calibration" / "study_file" / "template" / "study.toml"
+TEMPLATE = Path(cr.__file__).parent / "plugins" / "new" / "template" / "study.toml"
 
 
 def made_sweep() -> Sweep:

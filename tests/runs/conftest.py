@@ -16,7 +16,7 @@ from commonrail.calibration.run import Calibration
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.from_data import write_new
+from commonrail.plugins.new.study import write_new
 from commonrail.runs.fingerprint import content_of
 from commonrail.runs.fit import Listener, calibrate_into
 from tests.readers.conftest import injector_file  # noqa: F401

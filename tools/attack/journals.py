@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 from commonrail.base.errors import CommonrailError, StudyError
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.plugins.fleet import journal as fleet_journal
+from commonrail.plugins.new.study import write_new
 from commonrail.readers.injector.file import injector_text, load_injector
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.folder import read_run

@@ -61,7 +61,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "page": "commonrail.plugins.page.verb:page",
         "verify": "commonrail.plugins.verification.verb:verify",
         "catalogue": "commonrail.plugins.catalogue.verb:catalogue",
-        "new": "commonrail.cli.verbs.new:new",
+        "new": "commonrail.plugins.new.verb:new",
         "virtual-bench": "commonrail.plugins.paper.bench_verb:virtual_bench",
         "reproduce": "commonrail.plugins.paper.verb:reproduce",
         "doctor": "commonrail.plugins.doctor.verb:doctor",

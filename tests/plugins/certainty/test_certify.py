@@ -11,12 +11,12 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.data.noise import Correlation, Noise
 from commonrail.data.simulator import Simulator
 from commonrail.physics.meters import Meter
 from commonrail.plugins.certainty.estimate import estimate
 from commonrail.plugins.certainty.verdict import moves_of
+from commonrail.plugins.new.study import write_new
 
 # Declared truth of the example's curve; its noise is white with 0.3 mm³/ms.
 TRUTH = {

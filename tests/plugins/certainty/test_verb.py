@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.plugins.certainty.posterior.file import RefusedDrawsError, read_posterior
+from commonrail.plugins.new.study import write_new
 from tests.cli.conftest import run_command
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.plugins.family.drawn import FLOW
 from commonrail.plugins.family.study import Share, Shared, load_family
+from commonrail.plugins.new.study import write_new
 
 Z, A, C_D = "control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum"
 TEXT = """format = "commonrail-family/1"

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
-from commonrail.calibration.study_file.from_data import write_new
 from commonrail.plugins.family.run import fit_into, resume_family
 from commonrail.plugins.family.study import load_family
+from commonrail.plugins.new.study import write_new
 from tests.cli.conftest import Command
 from tests.plugins.fleet.conftest import edited
 from tests.runs.conftest import Stopped, stop_after, timeless

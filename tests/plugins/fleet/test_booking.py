@@ -82,7 +82,7 @@ def test_a_lost_attempt_keeps_the_fingerprints_of_the_beginning(tmp_path: Path) 
 
 
 def test_files_that_the_injectors_file_names_are_shared_too(tmp_path: Path) -> None:
-    from commonrail.calibration.study_file.from_data import write_new
+    from commonrail.plugins.new.study import write_new
 
     fleet = load_fleet(small_fleet(tmp_path / "fleet"))
     write_new(tmp_path / "new")

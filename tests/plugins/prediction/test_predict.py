@@ -129,7 +129,7 @@ def test_the_verb_predicts_points_and_counts_what_the_bands_hold(file: Path, tmp
 
 
 def test_quantities_of_a_study_without_a_map_are_refused(tmp_path: Path) -> None:
-    from commonrail.calibration.study_file.from_data import write_new
+    from commonrail.plugins.new.study import write_new
 
     write_new(tmp_path / "own")
     study = cr.load_study(tmp_path / "own" / "study.toml")

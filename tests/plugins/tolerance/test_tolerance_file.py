@@ -86,7 +86,7 @@ tolerance = "2 %"
 
 
 def test_an_injector_beside_the_file_is_read_and_one_elsewhere_is_not(tmp_path: Path) -> None:
-    from commonrail.calibration.study_file.from_data import write_new
+    from commonrail.plugins.new.study import write_new
 
     write_new(tmp_path / "own")
     text = HEAD.replace("virtual-lino-2016", "own/injector.toml") + HOLE

@@ -13,12 +13,12 @@ from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
 from commonrail.base.units import to_text
 from commonrail.calibration.parameter import Parameter
-from commonrail.calibration.screening import screen, usual_space
 from commonrail.calibration.stable_time_step import step_for_all
 from commonrail.data.base import DataSet
 from commonrail.data.registry import kind_of
 from commonrail.data.study_block import Context, drive_unit
 from commonrail.physics.injector import Injector
+from commonrail.plugins.new.screening import screen, usual_space
 from commonrail.readers.columns import PLAIN, FileForm
 from commonrail.readers.injector.file import dump_injector, load_injector
 from commonrail.readers.location import Place, Reach
@@ -52,7 +52,7 @@ def write_new(folder: Path) -> list[Path]:
     OutputError
         If the folder cannot be written.
     """
-    templates = resources.files("commonrail.calibration.study_file") / "template"
+    templates = resources.files(__package__) / "template"
     return write_into(folder, {name: (templates / name).read_bytes() for name in TEMPLATES})
 
 

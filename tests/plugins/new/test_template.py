@@ -8,7 +8,7 @@ import pytest
 
 from commonrail.base.errors import InputError, OutputError
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.from_data import write_new
+from commonrail.plugins.new.study import write_new
 
 
 def test_files_are_written_and_load(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, check_folder
 
 if TYPE_CHECKING:
-    from commonrail.calibration.study_file.from_data import Started, StatedByUser
+    from commonrail.plugins.new.study import Started, StatedByUser
 
 
 @verb
@@ -80,7 +80,7 @@ def new(
     if from_ or injector is not None:
         if injector is None or not from_:
             raise InputError("Give --injector and one or more files with --from, or neither.")
-        from commonrail.calibration.study_file.from_data import StatedByUser
+        from commonrail.plugins.new.study import StatedByUser
         from commonrail.readers.columns import FileForm, check_encoding
         from commonrail.readers.quantity_matrix import GivenUnits
 
@@ -89,7 +89,7 @@ def new(
         return
     if of_data:
         raise InputError("Pressures, times, units, sheet, encoding and --free belong to --from; omit them.")
-    from commonrail.calibration.study_file.from_data import write_new
+    from commonrail.plugins.new.study import write_new
 
     _say_written(write_new(folder), f"commonrail calibrate {folder / 'study.toml'}", json)
 
@@ -121,7 +121,7 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
 
     Raises `InputError` if the name is no name of a package or that of a verb, or something is in the folder.
     """
-    from commonrail.calibration.study_file.from_data import write_into
+    from commonrail.plugins.new.study import write_into
 
     if not _NAME.fullmatch(name):
         raise InputError(f"--plugin {name}: give a name of small letters, digits and single hyphens, as my-plugin.")
@@ -130,7 +130,7 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
     module = name.replace("-", "_")
     if iskeyword(module) or find_spec(module) is not None:
         raise InputError(f"--plugin {name}: there is a module {module} in this Python; choose another name.")
-    templates = resources.files("commonrail.cli.verbs") / "plugin_template"
+    templates = resources.files(__package__) / "plugin_template"
     texts = {
         path.format(module): Template((templates / file).read_text(encoding="utf-8")).substitute(
             name=name, module=module
@@ -142,7 +142,7 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
 
 def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser, json: bool) -> None:
     from commonrail.base.units import parse
-    from commonrail.calibration.study_file.from_data import write_study_from
+    from commonrail.plugins.new.study import write_study_from
 
     for key, text in {**stated.pressures, **stated.points}.items():
         if text:

@@ -11,12 +11,12 @@ import pytest
 from scipy.io import savemat
 
 import commonrail as cr
-from commonrail.calibration.screening import _best_seen
+from commonrail.plugins.new.screening import _best_seen
 from commonrail.readers.overview import zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "from-files.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "from-files.md"
 
 pytest.importorskip("asammdf", reason="the extra mdf is not installed")
 pytest.importorskip("openpyxl", reason="the extra excel is not installed")

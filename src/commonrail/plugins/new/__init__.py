@@ -1,0 +1,1 @@
+"""Files to start from: a study, a study of data files, or a package with parts."""
