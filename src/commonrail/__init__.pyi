@@ -33,18 +33,6 @@ from .calibration.identifiability import (
 from .calibration.identifiability import (
     identify_at as identify_at,
 )
-from .calibration.injector_type import (
-    FixedValue as FixedValue,
-)
-from .calibration.injector_type import (
-    InjectorType as InjectorType,
-)
-from .calibration.injector_type import (
-    TypeParameter as TypeParameter,
-)
-from .calibration.injector_type import (
-    TypePart as TypePart,
-)
 from .calibration.objective import (
     Objective as Objective,
 )
@@ -134,12 +122,6 @@ from .calibration.study_file.file import (
 )
 from .calibration.study_file.meter import (
     load_meter as load_meter,
-)
-from .calibration.study_file.type import (
-    dump_type as dump_type,
-)
-from .calibration.study_file.type import (
-    load_type as load_type,
 )
 from .data.base import (
     Role as Role,
@@ -267,11 +249,29 @@ from .plugins.family.adapt import (
 from .plugins.family.adapt import (
     adapt as adapt,
 )
+from .plugins.family.injector_type import (
+    FixedValue as FixedValue,
+)
+from .plugins.family.injector_type import (
+    InjectorType as InjectorType,
+)
+from .plugins.family.injector_type import (
+    TypeParameter as TypeParameter,
+)
+from .plugins.family.injector_type import (
+    TypePart as TypePart,
+)
 from .plugins.family.type import (
     type_from_fleet as type_from_fleet,
 )
 from .plugins.family.type import (
     type_from_runs as type_from_runs,
+)
+from .plugins.family.type_file import (
+    dump_type as dump_type,
+)
+from .plugins.family.type_file import (
+    load_type as load_type,
 )
 from .plugins.foreign_fmu.data import (
     FmuData as FmuData,

@@ -19,12 +19,12 @@ from scipy.io import savemat
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.type import load_type
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.plan import candidate_matrix, make_job, prepare
 from commonrail.engine.time_step import longest_step, medium_of
 from commonrail.physics.injector import Injector, parameter_paths
+from commonrail.plugins.family.type_file import load_type
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.tolerance.file import load_tolerances
 from commonrail.readers.injector.file import injector_text, load_injector
@@ -229,9 +229,7 @@ def _data_of(case: Path) -> list[str]:
 
 @cache
 def _studies() -> list[Files]:
-    templates = _folder(
-        PACKAGE / "calibration" / "study_file" / "template", "study.toml", "injector.toml", "data/evi.csv"
-    )
+    templates = _folder(PACKAGE / "plugins" / "new" / "template", "study.toml", "injector.toml", "data/evi.csv")
     cases = (ROOT / "cases" / name for name in ("cri2-16", "paper"))
     case, paper = (_folder(at, "study.toml", *_data_of(at)) for at in cases)
     return [templates, templates, templates, case, case, paper]
@@ -242,7 +240,7 @@ def _injectors() -> list[Files]:
     fuel = (PACKAGE / "physics" / "catalogue" / "fuels" / "iso4113.toml").read_bytes()
     folder = PACKAGE / "physics" / "catalogue" / "injectors"
     own = [(folder / f"{name}.toml").read_bytes() for name in ("virtual-lino-2016", "cri2-16")]
-    own.append((PACKAGE / "calibration" / "study_file" / "template" / "injector.toml").read_bytes())
+    own.append((PACKAGE / "plugins" / "new" / "template" / "injector.toml").read_bytes())
     with_fuel = own[-1].replace(b'name = "iso4113"', b'file = "fuel.toml"')
     written = injector_text(load_injector("cri2-16"), {}, "calibrated").encode()
     files = [{"injector.toml": text} for text in (*own, written)]

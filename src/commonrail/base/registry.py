@@ -40,6 +40,7 @@ GROUPS = (
     "nozzle_laws",
     "results",
     "studies",
+    "study_keys",
     "after_fit",
     "pages",
     "inspectors",
@@ -63,8 +64,9 @@ class Entry(NamedTuple):
         Of the verb, method, kind of data, injector, fuel, meter, feature or law; of "readers" and "inspectors" the
         ending of a file without its point; of "results" the record file by which a folder tells its kind, such as
         "comparison.json"; of "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it
-        as "NAME.toml"; of "pages" the file in a run folder that `report --page` writes; of "after_fit" any, and they
-        are called in alphabetical order of it after those that ship.
+        as "NAME.toml"; of "study_keys" the key of a study file that names a file of the part; of "pages" the file in a
+        run folder that `report --page` writes; of "after_fit" any, and they are called in alphabetical order of it
+        after those that ship.
     target : str
         ``module:object``.
     distribution : str

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from commonrail.base import registry
 from commonrail.base.arguments import file_path, not_whole
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.input import noting_files, read_plain
@@ -78,10 +79,7 @@ def _study(file: Path) -> Study:
     model, at, reach, text = read_model_file(StudyModel, file)
     injector = _injector(model.injector, reach, at / "injector")
     if model.type is not None:
-        from commonrail.calibration.study_file.type import load_type, with_type
-
-        known = load_type(reach.path(reach.file.parent, model.type, at / "type"), reach)
-        model = with_type(model, injector, known, at)
+        model = registry.shipped("study_keys")["type"].load()(model, injector, reach, at)
     elif not model.parameter:
         raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
     injector = _started(injector, model, at)

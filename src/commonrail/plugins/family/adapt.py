@@ -14,7 +14,6 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.goal import Loss
-from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.run import Calibration, calibrate
@@ -22,7 +21,6 @@ from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space, sample_priors
 from commonrail.calibration.stable_time_step import step_for_all
 from commonrail.calibration.study import Method, Study
-from commonrail.calibration.study_file.type import load_type
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.reading import AFTER_ENERGISING, QuantitiesModel
 from commonrail.data.study_block import Context
@@ -43,7 +41,9 @@ from commonrail.plugins.family.drawn import (
     one_change,
     scattering,
 )
+from commonrail.plugins.family.injector_type import InjectorType
 from commonrail.plugins.family.type import OF_PART
+from commonrail.plugins.family.type_file import load_type
 from commonrail.readers.columns import Column
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import Place, Reach

@@ -13,7 +13,6 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.base.text import listed
 from commonrail.base.units import to_text
-from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space, sample_priors
@@ -23,6 +22,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_quantities
+from commonrail.plugins.family.injector_type import InjectorType
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
 DISCHARGE = "nozzle.discharge_maximum"

@@ -13,13 +13,13 @@ from commonrail.base.arrays import Floats
 from commonrail.base.hooks import held_interrupts
 from commonrail.calibration.ensemble import mean_of, members_of
 from commonrail.calibration.identifiability import identify_at
-from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
 from commonrail.calibration.scoring import score_all
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
 from commonrail.plugins.family.drawn import FLOW
+from commonrail.plugins.family.injector_type import InjectorType, TypeParameter, TypePart
 from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
 from commonrail.plugins.family.type import FEWEST, PartValues, fixed_values, over_parts, without_prior
 from commonrail.workers.workers import Workers

@@ -19,7 +19,6 @@ from commonrail.base.input import noting_files
 from commonrail.base.units import parse
 from commonrail.calibration.constraints import Products
 from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.parameter import Parameter, Prior, Priors
 from commonrail.calibration.search import goal_of
@@ -27,12 +26,13 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.study_file.file import load_study, method_of
 from commonrail.calibration.study_file.keys import Optimisers, read_optimisers
-from commonrail.calibration.study_file.type import load_type
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.data.study_block import Name
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.family.drawn import FLOW
+from commonrail.plugins.family.injector_type import InjectorType
+from commonrail.plugins.family.type_file import load_type
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 

@@ -17,10 +17,10 @@ from commonrail.base.hooks import note
 from commonrail.base.input import fingerprint
 from commonrail.base.output import check_sum
 from commonrail.base.units import to_text
-from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.calibration.study_file.file import load_study
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.meters import is_of_meter
+from commonrail.plugins.family.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.readers.columns import name_and_unit
 from commonrail.readers.csv import CsvFile
 from commonrail.readers.toml import UNSTATED

@@ -19,10 +19,10 @@ from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.scoring import scores_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
-from commonrail.calibration.study_file.type import load_type
 from commonrail.data.base import DataSet, Score
 from commonrail.physics.injector import Injector
 from commonrail.plugins.certainty.linear import Near, certify_near
+from commonrail.plugins.family.type_file import load_type
 from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import ALLOW, Place, Reach, located

@@ -10,7 +10,6 @@ from pydantic import AfterValidator, Field
 from commonrail.base.arguments import file_path, instance
 from commonrail.base.output import write_text
 from commonrail.base.units import to_text
-from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.calibration.study_file.keys import (
     MOST_PARAMETERS,
     FixedModel,
@@ -23,6 +22,7 @@ from commonrail.calibration.study_file.keys import (
 from commonrail.data.study_block import Name
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import unread_parameters
+from commonrail.plugins.family.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.readers.injector.file import in_catalogue, load_injector
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Text, read_model, read_toml
@@ -202,8 +202,8 @@ def _parameter(parameter: TypeParameter) -> dict[str, Any]:
 # A study that names a type: start, prior and bounds of its free parameters, values of the others.
 
 
-def with_type(model: StudyModel, injector: Injector, known: InjectorType, at: Place) -> StudyModel:
-    """The study with what it takes from its type.
+def with_type(model: StudyModel, injector: Injector, reach: Reach, at: Place) -> StudyModel:
+    """The study with what it takes from the type that it names.
 
     A free parameter of the type has the type's value as start and prior, unless the study states a start, a prior or a
     reference, and the type's bounds, unless the study states its own. A study without free parameters frees all those
@@ -213,12 +213,14 @@ def with_type(model: StudyModel, injector: Injector, known: InjectorType, at: Pl
     Parameters
     ----------
     model : StudyModel
+        Its `type` is the path of the type's file.
     injector : Injector
         Of the study, before any value is changed.
-    known : InjectorType
+    reach : Reach
     at : Place
         Of the study.
     """
+    known = load_type(reach.path(reach.file.parent, str(model.type), at / "type"), reach)
     fixed = {item.name for item in model.fixed}
     offered = {p.name: p for p in known.given_to(injector, fixed)}
     free = model.parameter or [ParameterModel(name=name) for name in offered]
