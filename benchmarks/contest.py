@@ -15,7 +15,6 @@ from benchmarks.timing import CLOCKS
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.base import Settings
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
-from commonrail.calibration.optimisers.multistart import MultiStartSettings
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.search import goal_of, steps
@@ -25,6 +24,7 @@ from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import Role
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import of_role
+from commonrail.plugins.multistart.run import MultiStartSettings
 from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.bench_file import load_truth

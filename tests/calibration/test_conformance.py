@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.base import Best, Optimiser, Registered, Trials
 from commonrail.calibration.optimisers.evolution import DifferentialEvolution, EvolutionSettings, Treatment
 from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
@@ -36,11 +37,12 @@ def refinement(space: Space) -> Case:
     return Case("refinement", space, lambda seed, steps: Refinement(space, seed, RefinementSettings(steps, 3), before))
 
 
+SHIPPED = [entry for name in registry.shipped_methods() if (entry := registry.named(name))]
 CASES = [
     case
     for space in SPACES.values()
     for case in (
-        *(named(entry, space) for entry in (*REGISTERED, GUESSING)),
+        *(named(entry, space) for entry in (*SHIPPED, GUESSING)),
         named(STAGED, space, evolution=2, starts=3, trial_iterations=1, finalists=2),
         *(named(REGISTERED[0], space, treatment=treatment) for treatment in (Treatment.REJECT, Treatment.RESAMPLE)),
         refinement(space),

@@ -17,6 +17,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "return quantities": "commonrail.data.quantities.returned:ReturnData",
         "features": "commonrail.data.feature_targets.data:FeatureData",
     },
+    "optimisers": {"multi-start least squares": "commonrail.plugins.multistart.run:REGISTERED"},
     "results": {
         "comparison.json": "commonrail.plugins.compare.page:RESULT",
         "sensitivity.json": "commonrail.plugins.sensitivity.page:RESULT",

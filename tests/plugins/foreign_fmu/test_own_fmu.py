@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.calibration.optimisers.multistart import MultiStartSettings
 from commonrail.plugins.export.fmu import write_fmu
 from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.multistart.run import MultiStartSettings
 from tests.conftest import DRAWN
 from tests.exporting import usable_platform
 

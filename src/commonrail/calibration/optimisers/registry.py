@@ -1,4 +1,4 @@
-"""The optimisers that a study can name: those of this folder, and the group "optimisers" of installed packages."""
+"""The optimisers that a study can name: those of this folder, and the group "optimisers" of plug-ins."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def named(method: str) -> Registered | None:
     Raises
     ------
     PluginError
-        If that of an installed package cannot be loaded, is no `Registered`, or has another name.
+        If that of a plug-in cannot be loaded, is no `Registered`, or has another name.
     """
     own = next((entry for entry in REGISTERED if entry.name == method), None)
     part = None if own else registry.find("optimisers", method)
@@ -48,7 +48,7 @@ def _of(part: registry.Entry) -> Registered:
 
 def shipped_methods() -> list[str]:
     """Names of the optimisers that ship."""
-    return [entry.name for entry in REGISTERED]
+    return [*(entry.name for entry in REGISTERED), *registry.shipped("optimisers")]
 
 
 def methods() -> list[str]:
@@ -72,9 +72,10 @@ def blamed(optimiser: type[Optimiser]) -> AbstractContextManager[None]:
 def _all() -> Iterator[Registered]:
     """All that can be loaded, those that ship first."""
     yield from REGISTERED
-    for part in registry.installed("optimisers").values():
-        with suppress(PluginError):  # another's settings do not depend on it
-            yield _of(part)
+    for parts in (registry.shipped, registry.installed):
+        for part in parts("optimisers").values():
+            with suppress(PluginError):  # another's settings do not depend on it
+                yield _of(part)
 
 
 def size_in_words(record: Mapping[str, Any]) -> str:

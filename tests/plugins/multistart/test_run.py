@@ -10,9 +10,9 @@ import pytest
 from commonrail.calibration.optimisers import least_squares
 from commonrail.calibration.optimisers.base import AGREEING, Wanted, noise_of
 from commonrail.calibration.optimisers.least_squares import DescentLoss, recognised
-from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
+from commonrail.plugins.multistart.run import MultiStartLeastSquares, MultiStartSettings
 
 Floats = np.ndarray
 Residuals = Callable[[Floats], Floats]

@@ -1,0 +1,1 @@
+"""Optimiser: damped least squares from many starts."""
