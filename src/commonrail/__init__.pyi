@@ -90,12 +90,6 @@ from .calibration.search import (
 from .calibration.search import (
     steps as steps,
 )
-from .calibration.several_seeds import (
-    SeedProgress as SeedProgress,
-)
-from .calibration.several_seeds import (
-    for_seeds as for_seeds,
-)
 from .calibration.space import (
     Space as Space,
 )
@@ -368,6 +362,12 @@ from .plugins.paper.run import (
 )
 from .plugins.paper.run import (
     reproduce as reproduce,
+)
+from .plugins.paper.seeds import (
+    SeedProgress as SeedProgress,
+)
+from .plugins.paper.seeds import (
+    for_seeds as for_seeds,
 )
 from .plugins.prediction.run import (
     Prediction as Prediction,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError, SimulationError
-from commonrail.calibration import ensemble, several_seeds
+from commonrail.calibration import ensemble, refits
+from commonrail.calibration.refits import refits_of
 from commonrail.calibration.run import Calibration, calibrate
-from commonrail.calibration.several_seeds import refits_of
 from commonrail.calibration.study import Judgement, LeaveOut, Study
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import Role
@@ -135,8 +135,8 @@ def test_a_search_is_given_no_row_that_it_predicts(
     judged: tuple[Calibration, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[Study] = []
-    monkeypatch.setattr(several_seeds, "calibrate", lambda study, **_: asked.append(study) or judged[0])
-    monkeypatch.setattr(several_seeds, "_add", lambda *_: None)
+    monkeypatch.setattr(refits, "calibrate", lambda study, **_: asked.append(study) or judged[0])
+    monkeypatch.setattr(refits, "_add", lambda *_: None)
     refits_of(judged[0])
     searches = asked[1:]  # after the other seed
     for study, rail in zip(searches, (60e6, 80e6, 120e6), strict=True):
@@ -157,7 +157,7 @@ def test_energising_times_are_left_out_in_turn(tmp_path: Path) -> None:
 def test_a_search_that_the_user_stops_ends_them(
     judged: tuple[Calibration, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(several_seeds, "calibrate", _raising(KeyboardInterrupt()))
+    monkeypatch.setattr(refits, "calibrate", _raising(KeyboardInterrupt()))
     record = refits_of(judged[0])
     assert record["interrupted"] is True
     assert (len(record["seeds"]), record["left_out"]) == (1, [])
@@ -166,7 +166,7 @@ def test_a_search_that_the_user_stops_ends_them(
 def test_a_search_without_a_result_is_said(
     judged: tuple[Calibration, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(several_seeds, "calibrate", _raising(SimulationError("nothing could be simulated")))
+    monkeypatch.setattr(refits, "calibrate", _raising(SimulationError("nothing could be simulated")))
     record = refits_of(judged[0])
     assert record["seeds"][1] == {"seed": 2, "failed": True}
     assert record["left_out"] == []

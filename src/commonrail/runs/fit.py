@@ -21,10 +21,10 @@ from commonrail.calibration.identifiability import Identified, identify
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Convergence
 from commonrail.calibration.plausibility.finding import Finding
+from commonrail.calibration.refits import refits_of
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched, objective_of
-from commonrail.calibration.several_seeds import refits_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
 from commonrail.runs.copies import check_files, copy_files, places_of, set_in_text

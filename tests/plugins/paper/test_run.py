@@ -15,12 +15,12 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.hooks import _ask
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
-from commonrail.calibration.several_seeds import SeedProgress
 from commonrail.calibration.study import Method, Study
 from commonrail.plugins.paper import run, study
 from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.file import read_reproduction, reproduction_record, write_reproduction
 from commonrail.plugins.paper.run import LABELS, Reproduction, measure, reproduce, search
+from commonrail.plugins.paper.seeds import SeedProgress
 from tests.plugins.paper.conftest import bench
 
 

@@ -17,7 +17,7 @@ from commonrail.cli.options import Json, Threads, free_run_folder
 from commonrail.plugins.paper import TRUTH
 
 if TYPE_CHECKING:
-    from commonrail.calibration.several_seeds import SeedProgress
+    from commonrail.plugins.paper.seeds import SeedProgress
 
 # Nine is the smallest number of seeds that tells a claim from chance though one of them deviates: the 95 % interval of
 # 8 of 9 begins at 52 %, that of 7 of 8 at 47 %, and 6 of 6 (54 %) allows none.

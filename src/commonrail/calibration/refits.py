@@ -1,18 +1,12 @@
-"""The same search for many seeds, on threads side by side, until all are done or the user stops."""
+"""Further searches of a study: with other seeds, and without the rows that they then predict."""
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from commonrail.base.arguments import function, sequence, shown, thread_count, whole
-from commonrail.base.errors import ConfigurationError, SimulationError
-from commonrail.base.hooks import StopRequest, held_interrupts
+from commonrail.base.errors import SimulationError
 from commonrail.base.text import number
 from commonrail.base.units import to_text
 from commonrail.calibration.run import Calibration, calibrate
@@ -23,12 +17,9 @@ from commonrail.data.quantities.cross_validation import Fold, folded_record, lev
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.data.registry import of_role
-from commonrail.engine.simulate import usable_threads
 
 if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
-
-# Further searches of a study: with other seeds, and without the rows that they then predict.
 
 Note = Callable[[str], None]
 Search = Callable[[Study], "Calibration | None"]
@@ -121,108 +112,3 @@ def _add(folds: dict[str, list[Fold]], parts: dict[str, Any], found: Calibration
         scores: dict[str, Any] = {label: own[names.index(held.name)] for label, own in found.scores.items()}
         baseline = interpolated(held, [one for one in maps if one.kind == held.kind])
         folds[name].append(Fold(rows, scores[JUDGED], baseline, scores.get(MEAN)))
-
-
-_Found = TypeVar("_Found")
-
-
-class SeedProgress(NamedTuple):
-    """Generations done and in all, seeds done and in all, seconds since the start."""
-
-    generation: int
-    generations: int
-    done: int
-    seeds: int
-    seconds: float
-
-
-def for_seeds(
-    search: Callable[[int, Callable[[], None]], _Found],
-    seeds: Sequence[int],
-    *,
-    generations: int = 0,
-    threads: int | None = None,
-    progress: Callable[[SeedProgress], None] | None = None,
-) -> tuple[_Found, ...]:
-    """Run a search once for each seed, and return what was found in the order of the seeds.
-
-    Ctrl-C ends in order: searches that are complete are kept, those that are missing were stopped.
-
-    Parameters
-    ----------
-    search : function of (seed, after)
-        Runs on one thread and calls ``after()`` after every generation, which ends it by KeyboardInterrupt when the
-        user stops or another search has failed.
-    seeds : sequence of int
-        Distinct.
-    generations : int
-        Of one search, for `progress`.
-    threads : int, optional
-        Searches side by side; all usable processors by default.
-    progress : function of SeedProgress, optional
-        Called now and then, from the calling thread.
-
-    Raises
-    ------
-    ConfigurationError
-        If seeds are missing, repeated, negative or not whole, or an argument is of another kind.
-    KeyboardInterrupt
-        If the user stops before one search is complete.
-    """
-    threads = thread_count(threads)
-    if not callable(search):
-        raise ConfigurationError(f"The search must be a function of (seed, after), not {shown(search)}.")
-    function(progress, "progress")
-    seeds = [whole(seed, "seed") for seed in sequence(seeds, "seeds", "[1, 2, 3]")]
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise ConfigurationError("The seeds must be at least one, each once.")
-    start = time.perf_counter()
-
-    def tell(futures: Sequence[Future[_Found]], pending: set[Future[_Found]]) -> None:
-        if progress is not None:
-            done = sum(future not in pending and future.exception() is None for future in futures)
-            seconds = time.perf_counter() - start
-            with suppress(OSError, ValueError):  # a terminal that went away must not end the work
-                progress(SeedProgress(counter.generations, len(futures) * generations, done, len(futures), seconds))
-
-    with held_interrupts() as stop, ThreadPoolExecutor(threads or usable_threads()) as pool:
-        counter = _Counter(stop)
-        futures = [pool.submit(search, seed, counter.count) for seed in seeds]
-        try:
-            _watch(futures, lambda pending: tell(futures, pending))
-        finally:
-            counter.ended = True
-            for future in futures:
-                future.cancel()
-    found = tuple(f.result() for f in futures if not f.cancelled() and f.exception() is None)
-    if not found:
-        raise KeyboardInterrupt
-    return found
-
-
-class _Counter:
-    """Count of the generations of all threads; ends them if the user wishes or a search has failed."""
-
-    def __init__(self, stop: StopRequest) -> None:
-        self.stop, self.ended, self.generations = stop, False, 0
-        self._lock = threading.Lock()
-
-    def count(self) -> None:
-        """One more generation; raises KeyboardInterrupt to end the search."""
-        with self._lock:
-            self.generations += 1
-        if self.ended:
-            raise KeyboardInterrupt
-        self.stop.check()
-
-
-def _watch(futures: Sequence[Future[_Found]], tell: Callable[[set[Future[_Found]]], None]) -> None:
-    """Tell which are pending until all searches have ended; raise what ended one of them."""
-    pending = set(futures)
-    while pending:
-        done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-        for future in done:
-            error = future.exception()
-            if error is not None and not isinstance(error, KeyboardInterrupt):
-                raise error
-        tell(pending)
