@@ -214,12 +214,8 @@ def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
 def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     """Study of a run folder, and the best values [SI] of its result.
 
-    Raises
-    ------
-    InputError
-        If the folder is not a run folder, its result is of another study, or a file of it is broken.
-    ConfigurationError
-        If it is no path.
+    Raises `InputError` if the folder is not a run folder, its result is of another study, or a file of it is broken.
+    Raises `ConfigurationError` if it is no path.
     """
     folder = file_path(folder, "folder")
     record = read_result(folder)

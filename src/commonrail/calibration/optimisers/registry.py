@@ -29,10 +29,7 @@ REGISTERED = _registered()
 def named(method: str) -> Registered | None:
     """The optimiser that a study names; None if there is none.
 
-    Raises
-    ------
-    PluginError
-        If that of a plug-in cannot be loaded, is no `Registered`, or has another name.
+    Raises `PluginError` if that of a plug-in cannot be loaded, is no `Registered`, or has another name.
     """
     own = next((entry for entry in REGISTERED if entry.name == method), None)
     part = None if own else registry.find("optimisers", method)
@@ -81,10 +78,7 @@ def _all() -> Iterator[Registered]:
 def size_in_words(record: Mapping[str, Any]) -> str:
     """Size of a search in the words of its optimiser, such as "70 generations of 50 members".
 
-    Parameters
-    ----------
-    record : mapping
-        Key "method", and the settings by their names.
+    `record`: key "method", and the settings by their names.
     """
     entry = None
     with suppress(PluginError):  # a report is made without it

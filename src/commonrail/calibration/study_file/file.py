@@ -227,18 +227,8 @@ def _refuse_unused(meters: Mapping[str, Meter], data: Sequence[DataSet], at: Pla
 def method_of(stated: Optimisers, space: Space, at: Place) -> Method:
     """Method that a table of optimisers states.
 
-    Parameters
-    ----------
-    stated : Optimisers
-    space : Space
-        Of the search.
-    at : Place
-        Of the table.
-
-    Raises
-    ------
-    ConfigurationError
-        If settings contradict one another, or do not suit the space.
+    `space`: of the search; `at`: of the table. Raises `ConfigurationError` if settings contradict one another, or do
+    not suit the space.
     """
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
     with located(at):

@@ -52,15 +52,8 @@ def load_meter(path: str | Path, name: str) -> Meter:
 def free_parameters(tables: Mapping[str, MeterHead], at: Place) -> list[Parameter]:
     """Parameters of a search for the quantities of meters that have bounds.
 
-    Parameters
-    ----------
-    tables, at
-        As for `meters_of_tables`.
-
-    Raises
-    ------
-    ConfigurationError
-        If bounds are crossed or do not hold the start value.
+    `tables`, `at`: as for `meters_of_tables`. Raises `ConfigurationError` if bounds are crossed or do not hold the
+    start value.
     """
     return [
         _parameter(parameter_name(name, key), amount, QUANTITIES[key], table.origin(), at / name / key)

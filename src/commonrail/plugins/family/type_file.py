@@ -210,15 +210,8 @@ def with_type(model: StudyModel, injector: Injector, reach: Reach, at: Place) ->
     of the type. What is not free takes the type's value, fixed values included, unless the study fixes it or it was
     measured on the injector.
 
-    Parameters
-    ----------
-    model : StudyModel
-        Its `type` is the path of the type's file.
-    injector : Injector
-        Of the study, before any value is changed.
-    reach : Reach
-    at : Place
-        Of the study.
+    `model`: its `type` is the path of the type's file; `injector`: of the study, before any value is changed; `at`: of
+    the study.
     """
     known = load_type(reach.path(reach.file.parent, str(model.type), at / "type"), reach)
     fixed = {item.name for item in model.fixed}

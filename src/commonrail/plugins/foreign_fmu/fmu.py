@@ -90,14 +90,7 @@ class Fmu:
     def outside(self, name: str, value: float, what: str) -> str:
         """Sentence on a value that lies outside the limits that the FMU states; empty where it does not.
 
-        Parameters
-        ----------
-        name : str
-            Of the variable.
-        value : float
-            In the unit of the FMU.
-        what : str
-            Words for the value.
+        `name`: of the variable; `value`: in the unit of the FMU; `what`: words for the value.
         """
         found = self.variable(name)
         if found.lower <= value <= found.upper:

@@ -36,21 +36,8 @@ TEMPLATES = ("README.md", "injector.toml", "study.toml", "data/evi.csv")
 def write_new(folder: Path) -> list[Path]:
     """Write an injector, a study, an example curve and a README into a new or empty folder.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    list of Path
-        The files written.
-
-    Raises
-    ------
-    InputError
-        If something is there already; nothing is overwritten.
-    OutputError
-        If the folder cannot be written.
+    Returns the files written. Raises `InputError` if something is there already; nothing is overwritten. Raises
+    `OutputError` if the folder cannot be written.
     """
     templates = resources.files(__package__) / "template"
     return write_into(folder, {name: (templates / name).read_bytes() for name in TEMPLATES})
@@ -59,16 +46,7 @@ def write_new(folder: Path) -> list[Path]:
 def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Write files into a new or empty folder.
 
-    Parameters
-    ----------
-    folder : Path
-    files : mapping of str to bytes
-        Content by the path below the folder.
-
-    Raises
-    ------
-    InputError, OutputError
-        As `write_new`.
+    `files`: content by the path below the folder. Raises `InputError`, `OutputError` as `write_new`.
     """
     with writing(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -126,19 +104,9 @@ class StatedByUser(NamedTuple):
 class Started(NamedTuple):
     """A study that was written.
 
-    Attributes
-    ----------
-    study : Path
-    files : tuple of Path
-        All that were written.
-    surveys : tuple of Survey
-        What each data file was taken for.
-    open : tuple of str
-        Keys that are to be stated.
-    assumed : tuple of str
-        Keys that no file tells and that have a value nevertheless, to be checked.
-    free : tuple of str
-        Parameters that a screening at the points of the data proposes, best seen first; empty if there was none.
+    `files`: all that were written; `surveys`: what each data file was taken for; `open`: keys that are to be stated;
+    `assumed`: keys that no file tells and that have a value nevertheless, to be checked; `free`: parameters that a
+    screening at the points of the data proposes, best seen first; empty if there was none.
     """
 
     study: Path
@@ -152,21 +120,9 @@ class Started(NamedTuple):
 def write_study_from(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser) -> Started:
     """Write a study into a new or empty folder, with copies of the data files.
 
-    Parameters
-    ----------
-    folder : Path
-    injector : str
-        Name of the catalogue, or a TOML file, which is copied; completed if it names other files.
-    sources : sequence of Path
-        Data files, see `survey`.
-    stated : StatedByUser
-
-    Raises
-    ------
-    InputError
-        If something is in the folder already, a file cannot be read, is no data of a study, or two have one name.
-    OutputError
-        If the folder cannot be written.
+    `injector`: name of the catalogue, or a TOML file, which is copied; completed if it names other files; `sources`:
+    data files, see `survey`. Raises `InputError` if something is in the folder already, a file cannot be read, is no
+    data of a study, or two have one name. Raises `OutputError` if the folder cannot be written.
     """
     model = load_injector(injector)
     surveys = tuple(_surveyed(path, stated) for path in sources)
