@@ -66,7 +66,7 @@ from .calibration.parameter import (
 from .calibration.parameter import (
     percent_bounds as percent_bounds,
 )
-from .calibration.plausibility.finding import (
+from .calibration.plausibility import (
     Finding as Finding,
 )
 from .calibration.result import (

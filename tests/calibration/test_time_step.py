@@ -11,7 +11,7 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.plausibility.check import of_settings
+from commonrail.calibration.plausibility import of_settings
 from commonrail.calibration.stable_time_step import longest_for_all, step_for_all
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import Role

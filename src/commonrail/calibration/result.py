@@ -11,7 +11,7 @@ from commonrail.base.text import number
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.parameter import Parameter
-from commonrail.calibration.plausibility.finding import Finding
+from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import score_all
 from commonrail.calibration.search import Searched, SearchResult

@@ -14,9 +14,7 @@ from commonrail.base.errors import StudyError
 from commonrail.base.hooks import held_interrupts
 from commonrail.calibration.ensemble import injector_of, mean_scores
 from commonrail.calibration.optimisers.base import Best
-from commonrail.calibration.plausibility.check import after_fit, of_settings, of_values
-from commonrail.calibration.plausibility.finding import Finding
-from commonrail.calibration.plausibility.fit import Fit
+from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_values
 from commonrail.calibration.scoring import Scores, score_all, scores_of
 from commonrail.calibration.search import (
     Checkpoint,

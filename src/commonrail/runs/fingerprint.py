@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.input import sha256
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.plausibility.finding import Finding, found
+from commonrail.calibration.plausibility import Finding, found
 from commonrail.calibration.search import Searched
 from commonrail.calibration.study import Study
 from commonrail.compiler.target import differences, package_versions

@@ -20,7 +20,7 @@ from commonrail.base.output import PART, write_text, writing
 from commonrail.calibration.identifiability import Identified, identify
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Convergence
-from commonrail.calibration.plausibility.finding import Finding
+from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.refits import refits_of
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.run import Calibration, at_values, calibrate

@@ -29,7 +29,7 @@ def validate(
       commonrail validate cases/paper/study.toml --run runs/paper-1
       commonrail validate cases/cri2-16/study.toml --injector cri2-16
     """
-    from commonrail.calibration.plausibility.check import of_model
+    from commonrail.calibration.plausibility import of_model
     from commonrail.calibration.result import data_records, warning_records
     from commonrail.calibration.scoring import check_drive, score_all
     from commonrail.calibration.study_file.file import load_study

@@ -1,0 +1,540 @@
+"""Plausibility: what about a study, its data and its result is too odd to be believed without a look.
+
+Two moments: before the fit, of settings and of the start values, and after it. The limits stand first, and the usual
+range of a parameter at the parameter; docs/howto/plausibility.md tells what each finding means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.choices import Drive
+from commonrail.base.errors import one_line
+from commonrail.base.text import quantity
+from commonrail.calibration.space import Space
+from commonrail.calibration.stable_time_step import longest_for_all
+from commonrail.calibration.study import Study
+from commonrail.data.base import DataSet, Role, Score, widths_of
+from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.engine.plan import reference_density
+from commonrail.engine.time_step import step_advice
+from commonrail.physics.elementary import exp, log
+from commonrail.physics.injector import Injector, parameter_quantities
+from commonrail.physics.meters import known_quantity
+
+
+class Finding(NamedTuple):
+    """A warning: the calibration runs, and its result should not be believed before this is looked at.
+
+    Attributes
+    ----------
+    code : str
+        Kind of the finding, an anchor of docs/howto/plausibility.md.
+    subject : str
+        Data set or parameter, or the study's title.
+    sentence : str
+        Where, what was found, what is expected and the cure; one line.
+    """
+
+    code: str
+    subject: str
+    sentence: str
+
+
+def found(code: str, subject: str, text: str) -> Finding:
+    """Finding whose sentence begins with its subject.
+
+    `code`, `subject`: as in `Finding`; `text`: the sentence without its subject.
+    """
+    return Finding(code, subject, one_line(f"{subject}: {text}"))
+
+
+# Every limit of the plausibility pass, with its reason; a usual range of a parameter stands at the parameter itself.
+#
+# All are set so that a sound study of a servo-hydraulic injector stays well inside: a warning must mean something.
+
+# Before the fit: settings.
+ENERGISING = (50e-6, 10e-3)  # [s] a coil needs some 100 us to open a valve; 10 ms are over 60° of crank at 1000 1/min
+SAMPLING = (50e-9, 1e-3)  # [s] between samples of a curve, from 20 MHz down to one in 1 ms, which shows no flank
+RAIL = (5e6, 400e6)  # [Pa] below, no servo valve opens a needle; no series injector is built for more than 300 MPa
+CYLINDER = (0.05e6, 30e6)  # [Pa] from a bench at ambient pressure to peak combustion pressure
+RETURN = (0.05e6, 5e6)  # [Pa] from ambient to the back pressure of piezo injectors with a hydraulic coupler, 1 MPa
+BOUND_SLACK = 10.0  # a bound may lie outside the usual range of its parameter by this factor: a box may be generous
+
+# Before the fit: data against the injector with its start values.
+QUANTITY_TIMES = 3.0  # a drawing's injector is within a factor of 2 of its bench; units slip by 16.7, 60, 1000
+QUANTITY_APART = 1e-9  # [m³] a smaller difference is a matter of the opening delay, whatever its factor
+ONSET_SHARE = 0.05  # of the injected quantity marks the onset: an integral, so that noise does not trigger it
+EARLIEST = 50e-6  # [s] onset after energising begins: coil, valve and control chamber take 150 us or more
+LATEST = 3e-3  # [s] onset after the last energising begins: ten times the opening delay of a slow injector
+ONSET_APART = 300e-6  # [s] onset, measured against simulated: drawings miss the delay by up to 150 us
+HEAVY, LIGHT = 0.95, 0.01  # shares of J; of many sets, light is below a tenth of an equal share
+
+# After the fit.
+BARELY = 0.01  # fall of J, as a share of J of the start values: less than that, nothing was found
+GOOD_FIT = 0.05  # relative error of every fitted set below which start values are good, and need not improve
+LARGE_MISFIT = 0.30  # relative error beyond noise; start values taken from a drawing are as good as that
+HALF = 0.5  # a shift or gain must bring J below this share
+LONGEST_SHIFT, SHIFT_STEP = 0.5e-3, 5e-6  # [s] search for a shift; triggers and meter delays slip by less than 0.5 ms
+LEAST_SHIFT = 20e-6  # [s] triggers and the delays of meters are known to some us; shots scatter as much
+GAINS, GAIN_STEP = (0.2, 5.0), 0.01  # search for a gain; beyond, the quantity has told before the fit
+LEAST_GAIN = 0.05  # distance of the gain from 1: rate meters are calibrated to 1 to 3 %
+DENSITY_MATCH = 0.03  # between the gain and the density in g/cm³ or its inverse: the latter are 20 % from 1
+AT_BOUNDS = 0.5  # share of the free parameters; single ones are told with the parameters in the report
+
+
+# Checks of what a study says: data, energising, pressures, parameters. Nothing is simulated.
+
+_PRESSURES = (
+    ("rail_pressure", "rail pressure", RAIL),
+    ("cylinder_pressure", "cylinder pressure", CYLINDER),
+    ("return_pressure", "return pressure", RETURN),
+)
+
+
+_DRIVES = {Drive.CURRENT: "drive.peak_current", Drive.VOLTAGE: "drive.boost_voltage"}  # whose ranges a trace keeps
+
+
+def data_findings(data: DataSet, injector: Injector) -> Iterator[Finding]:
+    """Findings about one data set by itself: values, times, pressures, measured drive."""
+    yield from signal_findings(data)
+    if data.bounds is not None:
+        yield from _sampling(data.name, data.bounds)
+    yield from _drive(data, injector)
+    yield from _energising(data.name, data.points)
+    for key, words, usual in _PRESSURES:
+        yield from _pressure(data.name, words, [getattr(point, key) for point in data.points], usual)
+
+
+def injector_findings(injector: Injector) -> Iterator[Finding]:
+    """Parameters outside the range that their part declares as usual."""
+    for name, q in injector.quantities.items():
+        value = injector.values[name]
+        if q.usual is not None and not q.is_usual(value):
+            yield found(
+                "parameter",
+                name,
+                f"the {q.meaning} is {quantity(value, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
+                f"unit in the file of {injector.name}.",
+            )
+
+
+def bounds_findings(space: Space) -> Iterator[Finding]:
+    """Bounds far outside the usual range of their parameter."""
+    for p in space.parameters:
+        q = known_quantity(p.name)
+        odd = [value for value in (p.lower, p.upper) if not q.is_usual(value, BOUND_SLACK)]
+        if q.usual is not None and odd:
+            yield found(
+                "parameter_bound",
+                p.name,
+                f"a bound is {quantity(odd[0], q.unit, 4)}, more than {BOUND_SLACK:g} times outside the usual "
+                f"{_range(q.usual, q.unit)}; check its unit in the study.",
+            )
+
+
+def step_findings(study: Study) -> Iterator[Finding]:
+    """A time step that part of the candidates does not bear."""
+    limit = longest_for_all(study.injector, study.space)
+    if study.time_step > limit:
+        yield found(
+            "time_step",
+            "time_step",
+            f"the step of {quantity(study.time_step, 's')} is too long for the stiffest parameters within the bounds, "
+            f'which bear {quantity(limit, "s", 3)}: such candidates fail. {step_advice(limit)} The time step "auto" '
+            "chooses it.",
+        )
+
+
+def signal_findings(data: DataSet) -> Iterator[Finding]:
+    """No signal at all, or a signal upside down: nothing that is compared with such data says anything."""
+    values, what, unit = data.measured, data.what, data.unit
+    first = quantity(float(values[0]), unit, 4)
+    if not np.any(values):
+        yield found("constant", data.name, f"all {len(values)} values of the {what} are zero; check the column.")
+    elif len(values) > 1 and np.ptp(values) == 0.0:
+        yield found("constant", data.name, f"all {len(values)} values of the {what} are {first}; check the column.")
+    elif np.sum(values * widths_of(data)) < 0.0 or -values.min() > values.max():
+        yield found(
+            "sign",
+            data.name,
+            f"the {what} is mostly negative: from {quantity(float(values.min()), unit, 4)} to "
+            f"{quantity(float(values.max()), unit, 4)}; fuel that is injected counts positive, so reverse the sign or "
+            "remove the offset.",
+        )
+
+
+def _sampling(name: str, bounds: Floats) -> Iterator[Finding]:
+    interval = float(np.median(np.diff(bounds)))
+    if not SAMPLING[0] <= interval <= SAMPLING[1]:
+        yield found(
+            "sampling",
+            name,
+            f"its samples are {quantity(interval, 's', 4)} apart, and {_range(SAMPLING, 's')} is usual; check "
+            "the unit of its times.",
+        )
+
+
+def _drive(data: DataSet, injector: Injector) -> Iterator[Finding]:
+    name = _DRIVES.get(injector.variant.drive)
+    drives = [point.drive.value for point in data.points if point.drive is not None]
+    if name is None or not drives:
+        return
+    q = parameter_quantities()[name]
+    peak = float(np.max(np.abs(np.concatenate(drives))))
+    if q.usual is not None and not q.is_usual(peak):
+        yield found(
+            "drive",
+            data.name,
+            f"the measured drive reaches {quantity(peak, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check "
+            "its unit.",
+        )
+
+
+def _energising(name: str, points: Sequence[OperatingPoint]) -> Iterator[Finding]:
+    low, high = ENERGISING
+    odd = [pulse.duration for point in points for pulse in point.pulses if not low <= pulse.duration <= high]
+    if odd:
+        yield found(
+            "energising",
+            name,
+            f"the injector is energised for {quantity(odd[0], 's', 4)}{_others(odd)}, and "
+            f"{_range(ENERGISING, 's')} is usual; check the unit of the energising time.",
+        )
+
+
+def _pressure(name: str, words: str, courses: Sequence[Course], usual: tuple[float, float]) -> Iterator[Finding]:
+    levels = [float(np.mean(course.value)) if isinstance(course, Trace) else float(course) for course in courses]
+    odd = [level for level in levels if not usual[0] <= level <= usual[1]]
+    if odd:
+        yield found(
+            "pressure",
+            name,
+            f"the {words} is {quantity(odd[0], 'Pa', 4)}{_others(odd)}, and {_range(usual, 'Pa')} is usual; check its "
+            "unit.",
+        )
+
+
+def _others(odd: Sequence[float]) -> str:
+    return f" (and {len(odd) - 1} more such values)" if len(odd) > 1 else ""
+
+
+def _range(limits_: tuple[float, float], unit: str) -> str:
+    return f"{quantity(limits_[0], unit, 4)} to {quantity(limits_[1], unit, 4)}"
+
+
+# Checks of the data against a simulation, as a rule of the start values: quantity, onset, shares of J.
+
+MM3 = 1e9  # of 1 m³
+
+_SLIPS = (  # factor between the number and what it should be, by the units that are mistaken
+    (1e-3 / 60.0 / 1e-6, "mm3/ms read as L/min"),
+    (1e-6 / (1e-3 / 60.0), "L/min read as mm3/ms"),
+    (1e3, "a factor of 1000 between units"),
+    (1e-3, "a factor of 1000 between units"),
+)
+_SLIP_MATCH = 1.5  # start values know the quantity no better
+
+
+def start_findings(data: DataSet, score: Score) -> Iterator[Finding]:
+    """Findings about one data set beside its simulation."""
+    if not np.any(np.isfinite(score.values)):
+        yield found(
+            "start",
+            data.name,
+            "the simulation fails, so that quantity and onset cannot be compared; check the injector with "
+            "`commonrail simulate`.",
+        )
+        return
+    yield from _quantities(data.name, *score.quantities())
+    if data.bounds is not None:
+        yield from _onset(data, onset(data.measured, data.bounds), onset(score.values, data.bounds))
+
+
+def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) -> Iterator[Finding]:
+    """Fitted sets that make nearly all of J, or nearly nothing of it.
+
+    `scores`: one for each data set; `of`: what the scored model is called.
+    """
+    fitted = [(d, s) for d, s in zip(data, scores, strict=True) if d.role is Role.FIT]
+    costs = np.array([set_cost(d, s) for d, s in fitted])
+    total = float(np.sum(costs))
+    if len(fitted) < 2 or not np.isfinite(total) or total <= 0.0:
+        return
+    shares = costs / total
+    light = min(LIGHT, 0.1 / len(fitted))
+    alone = bool(shares.max() > HEAVY)
+    for (d, _), share in zip(fitted, shares, strict=True):
+        if share > HEAVY or (share < light and not alone):
+            yield found(
+                "share",
+                d.name,
+                f"it makes {100.0 * share:.3g} % of J with the {of}: the fit will follow "
+                f"{'it alone' if alone else 'the other sets'}; set the weights of the data so that each counts.",
+            )
+
+
+def set_cost(data: DataSet, score: Score) -> float:
+    """Weight · J of one data set; NaN for a failed simulation."""
+    return data.weight * float(data.misfit(score.values))
+
+
+def onset(rate: Floats, bounds: Floats) -> float | None:
+    """Time after which all but a small share of the quantity is injected [s]; None if nothing is injected in sum."""
+    cumulated = np.cumsum(rate * np.diff(bounds))
+    if not cumulated[-1] > 0.0:
+        return None
+    before = np.flatnonzero(cumulated < ONSET_SHARE * cumulated[-1])
+    return float(bounds[before[-1] + 1]) if len(before) else float(bounds[0])
+
+
+def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Finding]:
+    """Quantities beyond a factor of the simulated ones [m³]; nothing is said if they are negative in sum."""
+    total, expected = float(np.sum(measured)), float(np.sum(simulated))
+    apart = np.abs(measured - simulated) > QUANTITY_APART
+    odd = apart & ~_is_near(measured, simulated)
+    if not odd.any() or total <= 0.0:
+        return
+    all_of_it = not _is_near(np.array(total), np.array(expected))
+    first = int(np.argmax(odd))
+    m, s = (total, expected) if all_of_it else (float(measured[first]), float(simulated[first]))
+    where = "" if all_of_it else f" at {np.count_nonzero(odd)} of {len(measured)} points, first at number {first + 1}"
+    yield found(
+        "quantity",
+        name,
+        f"the measured quantity is {m * MM3:.4g} mm³, and the simulated one {s * MM3:.4g} mm³{where}: "
+        f"more than a factor of {QUANTITY_TIMES:g} apart{_slip(m, s)}; check the unit of the data, the "
+        "pressures and the holes of the nozzle.",
+    )
+
+
+def _is_near(measured: Floats, simulated: Floats) -> Bools:
+    times = QUANTITY_TIMES
+    return np.asarray((measured <= times * simulated) & (simulated <= times * measured))
+
+
+def _slip(measured: float, simulated: float) -> str:
+    if simulated <= 0.0:
+        return ""
+    times = measured / simulated
+    likely = [words for factor, words in _SLIPS if 1.0 / _SLIP_MATCH < times / factor < _SLIP_MATCH]
+    return f" ({times:.3g} times; {likely[0]} would do that)" if likely else f" ({times:.3g} times)"
+
+
+def _onset(data: DataSet, measured: float | None, simulated: float | None) -> Iterator[Finding]:
+    pulses = data.points[0].pulses
+    if measured is None or not pulses:
+        return
+    at = f"the measured injection begins at {quantity(measured, 's', 4)}"
+    cure = "check the energising time and the trigger's zero"
+    first, last = pulses[0].start, pulses[-1].start
+    if measured < first + EARLIEST:
+        begins = f"energising begins at {quantity(first, 's', 4)}"
+        yield found("onset", data.name, f"{at}, and {begins}: no injector opens that soon; {cure}.")
+    elif measured > last + LATEST:
+        ago = quantity(measured - last, "s", 4)
+        yield found("onset", data.name, f"{at}, {ago} after the last energising begins: that is too late; {cure}.")
+    elif simulated is not None and abs(measured - simulated) > ONSET_APART:
+        begins = f"the simulated one at {quantity(simulated, 's', 4)}"
+        most = quantity(ONSET_APART, "s", 4)
+        yield found("onset", data.name, f"{at}, and {begins}, more than {most} apart; {cure}.")
+
+
+# Checks of a fitted model: fall of J, values at bounds, size of the error, and shifts or gains that explain it.
+
+
+class Fit(NamedTuple):
+    """Result of a search: best values [SI], objective of start and best, scores of the best on every data set."""
+
+    study: Study
+    best: Mapping[str, float]
+    start_cost: float
+    cost: float
+    scores: Sequence[Score]
+
+
+class Change(NamedTuple):
+    """A shift [s] or gain of the simulation, J as it is and J with the change."""
+
+    amount: float
+    before: float
+    after: float
+
+    @property
+    def halves(self) -> bool:
+        """True if it brings J below half."""
+        return self.after < HALF * self.before
+
+
+def fit_findings(fit: Fit) -> Iterator[Finding]:
+    """Findings about the search as a whole."""
+    yield from _moved(fit)
+    yield from _at_bounds(fit)
+
+
+def model_findings(data: DataSet, score: Score, injector: Injector) -> Iterator[Finding]:
+    """Findings about one model on one data set: a large error, and a shift or a gain that would explain it.
+
+    `score`: of the model on these data; `injector`: the model.
+    """
+    error = score.relative_error()
+    if error > LARGE_MISFIT:
+        yield found(
+            "misfit",
+            data.name,
+            f"the error of the model is {100.0 * error:.0f} % of the data beyond their noise, and less than "
+            f"{100.0 * LARGE_MISFIT:.0f} % is expected of a fit; check operating point and units, then which "
+            "parameters are free.",
+        )
+    shift, gain = best_shift(data, score), best_gain(data, score)
+    if shift is not None and shift.halves and not (gain.halves and gain.after < shift.after):
+        yield from _shift(data.name, shift)
+    elif gain.halves:
+        yield from _gain(data, gain, injector)
+
+
+def best_shift(data: DataSet, score: Score) -> Change | None:
+    """Shift of a simulated course in time that makes J least; positive: the data come later. None of other data."""
+    if data.bounds is None:
+        return None
+    time = 0.5 * (data.bounds[1:] + data.bounds[:-1])
+
+    def j(shift: float) -> float:
+        return float(data.misfit(np.interp(time - shift, time, score.values)))
+
+    steps = round(LONGEST_SHIFT / SHIFT_STEP)
+    coarse = SHIFT_STEP * np.arange(-steps, steps + 1)
+    near = min(coarse, key=j)
+    best = min(near + SHIFT_STEP * np.linspace(-1.0, 1.0, 11), key=j)
+    before = float(data.misfit(score.values))
+    return Change(float(best), before, j(best) if abs(best) >= LEAST_SHIFT else before)
+
+
+def best_gain(data: DataSet, score: Score) -> Change:
+    """Factor on the simulated values that makes J least; above 1: the data lie higher."""
+    low, high = log(GAINS)
+    gains = exp(np.linspace(low, high, round((high - low) / GAIN_STEP) + 1))
+    gain = score.best_gain(gains)
+    before, after = map(float, data.misfit(score.scaled(np.array([1.0, gain]))))
+    return Change(gain, before, after if abs(gain - 1.0) >= LEAST_GAIN else before)
+
+
+def _moved(fit: Fit) -> Iterator[Finding]:
+    pairs = zip(fit.study.data, fit.scores, strict=True)
+    good = all(s.relative_error() <= GOOD_FIT for d, s in pairs if d.role is Role.FIT)
+    if good or not fit.cost >= (1.0 - BARELY) * fit.start_cost:
+        return
+    yield found(
+        "moved",
+        fit.study.title,
+        f"{_fall(fit)}: the free parameters cannot explain the data; check the data's units and operating point, and "
+        "free parameters that they depend on.",
+    )
+
+
+def _fall(fit: Fit) -> str:
+    start, end = f"{fit.start_cost:.4g}", f"{fit.cost:.4g}"
+    if start == end:
+        return f"J is {start} at the start and at the end"
+    return f"J fell only from {start} to {end}, by less than {100.0 * BARELY:g} %"
+
+
+def _at_bounds(fit: Fit) -> Iterator[Finding]:
+    parameters = fit.study.space.parameters
+    names = [p.name for p in parameters if p.is_at_bound(fit.best[p.name])]
+    if len(names) > AT_BOUNDS * len(parameters):
+        yield found(
+            "bounds",
+            fit.study.title,
+            f"{len(names)} of {len(parameters)} free parameters end at a bound ({', '.join(names)}): the data pull "
+            "beyond what the bounds admit; check the data's units and operating point, then widen the bounds.",
+        )
+
+
+def _shift(name: str, shift: Change) -> Iterator[Finding]:
+    late = "later" if shift.amount > 0.0 else "earlier"
+    yield found(
+        "shift",
+        name,
+        f"the data come {abs(shift.amount) * 1e6:.0f} us {late} than the simulation: without that shift J would be "
+        f"{shift.after:.4g} instead of {shift.before:.4g}; check the trigger's zero and the delay of the meter.",
+    )
+
+
+def _gain(data: DataSet, gain: Change, injector: Injector) -> Iterator[Finding]:
+    density = 1e-3 * reference_density(injector, data.points[0])
+    yield found(
+        "gain",
+        data.name,
+        f"the data lie {gain.amount:.3g} times as high as the simulation: without that gain J would be "
+        f"{gain.after:.4g} instead of {gain.before:.4g}; "
+        f"{_density_slip(gain.amount, density)}check unit and gain of the meter.",
+    )
+
+
+def _density_slip(gain: float, density: float) -> str:
+    """The mistake between mass and volume that makes such a gain; `density` in g/cm³, which is mg/mm³."""
+    for factor, words in ((1.0 / density, "volumes (mm3) labelled as masses (mg)"), (density, "masses (mg) as mm3")):
+        if abs(gain / factor - 1.0) <= DENSITY_MATCH:
+            return f"{words} would do that, at the fuel's {density:.3g} mg/mm³; "
+    return ""
+
+
+# Plausibility: what about a study, its data and its result is too odd to be believed without a look.
+
+
+def of_settings(study: Study) -> tuple[Finding, ...]:
+    """Findings about what a study says: no simulation is needed."""
+    findings = [f for data in study.data for f in data_findings(data, study.injector)]
+    findings += [*injector_findings(study.injector), *bounds_findings(study.space), *step_findings(study)]
+    return tuple(findings)
+
+
+def of_values(study: Study, scores: Sequence[Score], of: str = "start values") -> tuple[Finding, ...]:
+    """Findings about the data beside their simulation with values `of` the parameters, one score for each data set."""
+    findings = [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
+    return (*findings, *share_findings(study.data, scores, of))
+
+
+def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> tuple[Finding, ...]:
+    """Findings about a finished search and its calibrated injector, those about start values again with its values.
+
+    `injector`: the calibrated one; `before`: what the settings tell already.
+    """
+    now = of_values(fit.study, fit.scores, "calibrated values")
+    findings = [*fit_findings(fit), *_of_scores(fit.study, injector, fit.scores)]
+    return (*now, *_unknown(findings, (*before, *now)))
+
+
+def of_model(study: Study, injector: Injector, scores: Sequence[Score], fitted: bool) -> tuple[Finding, ...]:
+    """Findings about any injector on the data of a study.
+
+    `scores`: of the injector, one for each data set; `fitted`: judge errors, shifts and gains too.
+    """
+    findings = [f for data in study.data for f in data_findings(data, injector)]
+    findings += injector_findings(injector)
+    findings += [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
+    return tuple(findings) + (_unknown(_of_scores(study, injector, scores), findings) if fitted else ())
+
+
+def _unknown(findings: Iterable[Finding], before: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Findings that those before do not tell already."""
+    known = {(f.code, f.subject) for f in before}
+    # A quantity that is wrong by a factor makes a large error in any case.
+    known |= {("misfit", subject) for code, subject in known if code == "quantity"}
+    return tuple(f for f in findings if (f.code, f.subject) not in known)
+
+
+def _of_scores(study: Study, injector: Injector, scores: Sequence[Score]) -> list[Finding]:
+    return [f for data, score in _judged(study, scores) for f in model_findings(data, score, injector)]
+
+
+def _judged(study: Study, scores: Sequence[Score]) -> Iterable[tuple[DataSet, Score]]:
+    """Data sets with their scores, without those that lack a signal or are upside down: all else follows from that."""
+    for data, score in zip(study.data, scores, strict=True):
+        if not any(signal_findings(data)):
+            yield data, score

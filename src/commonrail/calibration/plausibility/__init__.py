@@ -1,1 +1,0 @@
-"""Findings on a study before and after its fit."""
