@@ -24,14 +24,14 @@ from .base.errors import (
 from .base.errors import (
     StudyError as StudyError,
 )
-from .calibration.goal import (
-    Loss as Loss,
-)
 from .calibration.identifiability import (
     identify as identify,
 )
 from .calibration.identifiability import (
     identify_at as identify_at,
+)
+from .calibration.objective import (
+    Loss as Loss,
 )
 from .calibration.objective import (
     Objective as Objective,
@@ -112,10 +112,10 @@ from .calibration.study import (
     study as study,
 )
 from .calibration.study_file.file import (
-    load_study as load_study,
-)
-from .calibration.study_file.meter import (
     load_meter as load_meter,
+)
+from .calibration.study_file.file import (
+    load_study as load_study,
 )
 from .data.base import (
     Role as Role,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.search import LATEST, Generation, judge_population, judge_restarts, noise_in
 
 NOISE = 2.0

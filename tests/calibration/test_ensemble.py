@@ -11,9 +11,9 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.output import SUMS
-from commonrail.calibration import ensemble
-from commonrail.calibration.ensemble import equal_ends, members_of
+from commonrail.calibration import scoring
 from commonrail.calibration.optimisers.base import Best
+from commonrail.calibration.scoring import equal_ends, members_of
 from commonrail.runs.fit import STUDIES, calibrate_into
 from commonrail.runs.folder import write_results
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, study_of
@@ -47,7 +47,7 @@ def test_members_cost_at_most_twice_the_best() -> None:
 
 
 def test_the_mean_is_scored_beside_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ensemble, "WORST", np.inf)
+    monkeypatch.setattr(scoring, "WORST", np.inf)
     found = cr.calibrate(study())
     assert len(found.members) == 3
     assert found.members[0] == found.injector
@@ -66,7 +66,7 @@ def test_one_descent_has_no_mean() -> None:
 
 
 def test_the_run_folder_holds_the_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ensemble, "WORST", np.inf)
+    monkeypatch.setattr(scoring, "WORST", np.inf)
     found = calibrate_into(tmp_path / "run", study())
     for number, injector in enumerate(found.members[1:], 2):
         kept = cr.load_injector(tmp_path / "run" / f"member-{number}.toml")

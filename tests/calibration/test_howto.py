@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import pytest
 from pydantic import TypeAdapter
 
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.parameter import Wanted
 from commonrail.calibration.study_file.keys import ConditionModel, ConstraintsModel, ParameterModel, read_optimisers
 from commonrail.data.curves.samples import RateModel

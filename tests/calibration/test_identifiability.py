@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.identifiability import identify_at
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import Goal, Loss, Objective
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.data.base import Role

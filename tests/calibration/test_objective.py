@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import Goal, Loss, Objective
 from commonrail.calibration.parameter import Condition, Prior, Priors, Wanted
 from commonrail.data import simulator as module
 from commonrail.data.base import Role

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import CommonrailError
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.parameter import Prior, Wanted
 from commonrail.calibration.study_file.file import load_study

@@ -13,12 +13,11 @@ from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import PluginError
 from commonrail.base.hooks import check_stop
-from commonrail.calibration.ensemble import equal_ends, fitted_values
-from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.influence import Influence, around, influence_of
-from commonrail.calibration.objective import FitObjective, Objective
+from commonrail.calibration.objective import FitObjective, Goal, Loss, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
+from commonrail.calibration.scoring import equal_ends, fitted_values
 from commonrail.calibration.space import Space
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role

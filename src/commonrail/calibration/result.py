@@ -8,7 +8,7 @@ from typing import Any
 
 from commonrail.base.arguments import instance, instances, thread_count
 from commonrail.base.text import number
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.plausibility import Finding

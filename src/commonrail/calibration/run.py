@@ -12,10 +12,9 @@ from commonrail.base.arguments import flag, function, instance, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import StudyError
 from commonrail.base.hooks import held_interrupts
-from commonrail.calibration.ensemble import injector_of, mean_scores
 from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_values
-from commonrail.calibration.scoring import Scores, score_all, scores_of
+from commonrail.calibration.scoring import Scores, injector_of, mean_scores, score_all, scores_of
 from commonrail.calibration.search import (
     Checkpoint,
     Listeners,

@@ -1,17 +1,24 @@
-"""Scores of a study's data sets under its start values, its calibrated ones, a rigid body or another injector."""
+"""Scores of data sets under models, and members of a fit: optima that fit alike, and the mean of what they predict."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from commonrail.base.choices import Body, Drive
 from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.study import Study
-from commonrail.data.base import DataSet, Score
+from commonrail.data.base import DataSet, Role, Score
 from commonrail.data.metering import with_meters
+from commonrail.data.quantities.data import QuantityData, QuantityScore
+from commonrail.data.records import MEAN
+from commonrail.data.registry import of_role
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector
+from commonrail.physics.meters import is_of_meter
 
 Scores = tuple[Score, ...]
 
@@ -64,3 +71,76 @@ def check_drive(injector: Injector, study: Study, label: str) -> None:
                 f'{label}: the injector is driven by a {drive.value}, and the data set "{data.name}" has none; '
                 "take a variant with regulated or pwm drive, or data with that trace."
             )
+
+
+# Members of a fit: optima of one search that fit alike, and the mean of what they predict.
+#
+# Where data leave many combinations of parameters open, optima that fit alike differ between the measured points, and
+# errors there cancel in part.
+
+# Objective of a member relative to the best: its misfit is then 1.4 times as large. The mean needs several members; on
+# the maps of the cases it predicts better than the best of them more often than not (cases/family/README.md).
+WORST = 2.0
+
+# Difference of the sum of squares, in squared standard deviations of a value, up to which another optimum explains the
+# data as well: two standard errors, which noise alone exceeds in one of twenty fits.
+CLOSE = 4.0
+
+
+def members_of(ends: Sequence[Best]) -> list[Best]:
+    """Optima, the best first, whose objective is at most `WORST` times that of the best."""
+    return [end for end in ends if end.cost <= WORST * ends[0].cost]
+
+
+def equal_ends(ends: Sequence[Best], values: int) -> list[Best]:
+    """Optima that explain the data as well as the first, the best one does, for bands.
+
+    The standard deviation of each of the fitted `values` is its tolerance, or what the best leaves where that is more.
+    """
+    limit = ends[0].cost + CLOSE * max(1.0, ends[0].cost / values)
+    return [end for end in ends if end.cost <= limit]
+
+
+def fitted_values(data: Sequence[DataSet]) -> int:
+    """Number of the values of data that are fitted."""
+    return sum(len(one.measured) for one in of_role(data, Role.FIT))
+
+
+def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
+    """Scores of the mean of what several models predict, from those of each model.
+
+    None unless all data are maps and there are several models.
+    """
+    maps = [one for one in data if isinstance(one, QuantityData)]
+    if len(maps) < len(data) or len(scores) < 2:
+        return ()
+    found = []
+    for one, own in zip(maps, zip(*scores, strict=True), strict=True):
+        scored = [score for score in own if isinstance(score, QuantityScore)]
+        quantity = np.mean([score.values for score in scored], axis=0)
+        found.append(QuantityScore(one, quantity, np.mean([score.dead_time for score in scored], axis=0)))
+    return tuple(found)
+
+
+def injector_of(study: Study, best: Mapping[str, float], number: int = 1) -> Injector:
+    """Injector with the values of an optimum, the best being number 1."""
+    own = {name: value for name, value in best.items() if not is_of_meter(name)}
+    name = f"{study.injector.name}-calibrated" + (f"-{number}" if number > 1 else "")
+    return replace(study.injector.with_values(own), name=name)
+
+
+def mean_scores(
+    study: Study, calibrated: Injector, best: Scores, ends: Sequence[Best], threads: int | None
+) -> tuple[tuple[Injector, ...], dict[str, Scores]]:
+    """Injectors of the members, and the scores of the mean of what they predict; nothing where there is no mean.
+
+    `calibrated` with the scores `best` is the first member.
+    """
+    if study.meters or any(not isinstance(data, QuantityData) for data in study.data):
+        return (), {}
+    injectors, scores = [calibrated], [best]
+    for number, end in enumerate(members_of(ends)[1:], 2):
+        injectors.append(injector_of(study, dict(zip(study.space.names, end.x.tolist(), strict=True)), number))
+        scores.append(score_all(study, injectors[-1], threads))
+    mean = mean_of(study.data, scores)
+    return (tuple(injectors), {MEAN: mean}) if mean else ((), {})

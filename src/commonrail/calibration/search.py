@@ -17,8 +17,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
 from commonrail.base.hooks import StopRequest, compiling_seconds
-from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.objective import FitObjective, Objective
+from commonrail.calibration.objective import FitObjective, Goal, Loss, Objective
 from commonrail.calibration.optimisers.base import (
     AGREEING,
     ALIKE,

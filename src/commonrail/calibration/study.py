@@ -24,7 +24,7 @@ from commonrail.base.arguments import (
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.base import Settings
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered

@@ -12,10 +12,10 @@ from scipy import stats
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.data.noise import Correlation, Law, Noise
+from commonrail.plugins.certainty.covariance import Robust, second_moment
 from commonrail.plugins.certainty.estimate import estimate, starts_from
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import LAWS, scale_of
-from commonrail.plugins.certainty.outliers import Robust, second_moment
 from commonrail.plugins.certainty.profile import profiles_of
 from tests.plugins.certainty.linear import TRUTH, Floats, design, fitted, likelihood
 from tests.plugins.certainty.test_estimate import curve, normal, outliers

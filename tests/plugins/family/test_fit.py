@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.calibration import ensemble
+from commonrail.calibration import scoring
 from commonrail.plugins.family.drawn import FLOW
 from commonrail.plugins.family.fit import FamilyFit, fit_family
 from commonrail.plugins.family.study import Family, Share, Shared, joint_space
@@ -72,7 +72,7 @@ def test_a_spread_towards_zero_is_a_common_value_and_a_wide_one_each_parts_own()
 
 
 def test_the_mean_is_that_of_what_the_members_predict(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ensemble, "WORST", 1e9)  # whatever the objectives of the descents are
+    monkeypatch.setattr(scoring, "WORST", 1e9)  # whatever the objectives of the descents are
     parts = {"a": part(0.94), "b": part(1.06)}
     found = fitted(parts, {}, starts=2)
     assert len(found.members) >= 2

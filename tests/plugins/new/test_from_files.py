@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 import commonrail as cr
-from commonrail.plugins.new.screening import _best_seen
+from commonrail.plugins.new.study import _best_seen
 from commonrail.readers.overview import zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files

@@ -14,7 +14,7 @@ from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.input import noting_files, read_plain
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.constraints import parse_products
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.parameter import Condition, Parameter, Prior, percent_bounds
 from commonrail.calibration.space import Space
 from commonrail.calibration.stable_time_step import step_for_all
@@ -27,7 +27,6 @@ from commonrail.calibration.study_file.keys import (
     ParameterModel,
     StudyModel,
 )
-from commonrail.calibration.study_file.meter import free_parameters
 from commonrail.data.base import DataSet
 from commonrail.data.quantities.reading import AFTER_ENERGISING
 from commonrail.data.registry import kind_of
@@ -36,12 +35,12 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
-from commonrail.physics.law import Q
-from commonrail.physics.meters import Meter
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.meters import installed_meters, meters_of_tables
+from commonrail.physics.law import Domain, Q
+from commonrail.physics.meters import QUANTITIES, Meter, parameter_name
+from commonrail.readers.injector.file import load_injector, load_meters
+from commonrail.readers.injector.meters import Amount, MeterHead, installed_meters, meters_of_tables
 from commonrail.readers.location import Place, Reach, located
-from commonrail.readers.toml import UNSTATED, read_model_file
+from commonrail.readers.toml import UNSTATED, read_model, read_model_file, read_toml
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 
@@ -365,3 +364,80 @@ def read_logo(path: Path, at: Place) -> str:
         if content.lstrip().startswith(opening):
             return f"data:{kind};base64,{b64encode(content).decode()}"
     raise at.error(f"{path}: this is no PNG, JPEG or SVG; save the logo as one of them")
+
+
+# One meter of a file that describes meters: a study, or the calibrated injector of a run.
+
+
+def load_meter(path: str | Path, name: str) -> Meter:
+    """Read one meter of a study, with its start values, or of ``calibrated.toml``, with its calibrated ones.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file with a table ``[meters.NAME]``; the data of a study are not read.
+    name : str
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, something in it is unknown or of the wrong kind, or there is no such meter.
+    ConfigurationError
+        If `path` is no path, or the quantities make no meter.
+    """
+    file = file_path(path, "path of a file with meters")
+    at = Place(str(file))
+    document = read_toml(file)[0]
+    if str(document.get("format", "")).startswith("commonrail-study/"):
+        meters = meters_of_tables(read_model(StudyModel, document, at).meters, at / "meters")
+    else:
+        meters = {meter.name: meter for meter in load_meters(file)}
+    if name not in meters:
+        known = f"it has {', '.join(meters)}" if meters else "it has none"
+        raise (at / "meters").error(f'there is no meter "{name}"{nearest(name, meters)}; {known}')
+    return meters[name]
+
+
+def free_parameters(tables: Mapping[str, MeterHead], at: Place) -> list[Parameter]:
+    """Parameters of a search for the quantities of meters that have bounds.
+
+    `tables`, `at`: as for `meters_of_tables`. Raises `ConfigurationError` if bounds are crossed or do not hold the
+    start value.
+    """
+    return [
+        _of_meter(parameter_name(name, key), amount, QUANTITIES[key], table.origin(), at / name / key)
+        for name, table in tables.items()
+        for key, amount in table.amounts()
+        if amount.free
+    ]
+
+
+def _of_meter(name: str, amount: Amount, q: Q, default: Source, at: Place) -> Parameter:
+    source, start = amount.origin(default), amount.at_start(q)
+    assert amount.lower is not None
+    assert amount.upper is not None
+    with located(at):
+        found = Parameter(
+            name,
+            start,
+            amount.lower,
+            amount.upper,
+            q.unit,
+            mark=source.mark,  # type: ignore[arg-type]  # read as a mark
+            source=source.text,
+            scale=amount.scale,
+            prior=_prior_of_meter(amount, start, at / "prior"),
+            signed=q.domain is Domain.ANY,
+        )
+    if not amount.lower <= start <= amount.upper:
+        raise at.error(f"the start value {start:g} must lie between lower and upper")
+    return found
+
+
+def _prior_of_meter(amount: Amount, start: float, at: Place) -> Prior | None:
+    """The prior that a quantity states, about its start value unless it gives another."""
+    if amount.prior is None:
+        return None
+    value = start if amount.prior.value is None else amount.prior.value
+    with located(at):
+        return Prior(value, amount.prior.sigma, amount.prior.source)

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, crea
 from commonrail.base.choices import Precision
 from commonrail.base.errors import nearest
 from commonrail.base.registry import shipped
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.base import Registered
 from commonrail.calibration.parameter import Wanted

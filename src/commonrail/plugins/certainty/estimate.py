@@ -18,11 +18,10 @@ from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
-from commonrail.plugins.certainty.covariance import Covariance, covariance_of, moved_by, student
+from commonrail.plugins.certainty.covariance import Covariance, covariance_of, moved_by, student, with_integration
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import sample_count
 from commonrail.plugins.certainty.nuisance import SIDES, Nuisance
-from commonrail.plugins.certainty.outliers import with_integration
 
 # Derivatives over the width of the intervals: differences between points three standard errors to both sides.
 #
@@ -392,7 +391,7 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
 
 
 def with_outliers(found: Estimate) -> Estimate:
-    """The estimate, outliers of Student's t integrated out of its covariance, see `outliers`."""
+    """The estimate, outliers of Student's t integrated out of its covariance, see `covariance`."""
     likelihood = found.likelihood
     prior_slopes = likelihood.prior_slopes(found.unit)
     covariance = with_integration(found.covariance, likelihood, found.slopes, found.errors, prior_slopes)

@@ -15,9 +15,8 @@ from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import StudyError
 from commonrail.base.hooks import check_stop
-from commonrail.calibration.goal import Goal
 from commonrail.calibration.influence import around_position
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.optimisers.least_squares import answered, differences
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space

@@ -13,7 +13,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
-from commonrail.calibration.goal import Loss
+from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.run import Calibration, calibrate

@@ -11,9 +11,8 @@ import numpy as np
 from commonrail.base.arguments import function, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.hooks import held_interrupts
-from commonrail.calibration.ensemble import mean_of, members_of
 from commonrail.calibration.identifiability import identify_at
-from commonrail.calibration.scoring import score_all
+from commonrail.calibration.scoring import mean_of, members_of, score_all
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score

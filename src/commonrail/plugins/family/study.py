@@ -18,8 +18,7 @@ from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.input import noting_files
 from commonrail.base.units import parse
 from commonrail.calibration.constraints import Products
-from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.objective import Objective, Scores
+from commonrail.calibration.objective import Goal, Loss, Objective, Scores
 from commonrail.calibration.parameter import Parameter, Prior, Priors
 from commonrail.calibration.search import goal_of
 from commonrail.calibration.space import Space

@@ -17,8 +17,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.input import noting_files
 from commonrail.base.units import parse, parse_difference, to_text
-from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.objective import Scores
+from commonrail.calibration.objective import Goal, Loss, Scores
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.parameter import Parameter, Priors
 from commonrail.calibration.space import Space

@@ -13,9 +13,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.hooks import note as warn
-from commonrail.calibration.goal import Goal
 from commonrail.calibration.influence import around
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study

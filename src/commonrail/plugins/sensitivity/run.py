@@ -12,8 +12,7 @@ import numpy as np
 from commonrail.base.arguments import function, instance, instances, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
-from commonrail.calibration.goal import Goal
-from commonrail.calibration.objective import Objective
+from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
