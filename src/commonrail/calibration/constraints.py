@@ -170,32 +170,9 @@ def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: Ar
 
 # Constraints as a person writes them, such as ``"k7 < k2 < k3"``, read into rows.
 
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
-    r"|(?P<name>[A-Za-z_]\w*(?:\.\w+)*)"
-    r"|(?P<relation><=|>=|<|>)"
-    r"|(?P<sign>[+-])"
-    r"|(?P<times>\*))"
-)
-
-
-class _Token(NamedTuple):
-    kind: str
-    text: str
-
-
-class _Side(NamedTuple):
-    """One side of a relation: coefficients (d,) and a constant."""
-
-    coefficients: Floats
-    constant: float
-
-    @property
-    def single(self) -> int | None:
-        """Column of the parameter if the side is one bare parameter, else None."""
-        columns = np.flatnonzero(self.coefficients)
-        bare = len(columns) == 1 and self.constant == 0.0 and self.coefficients[columns[0]] == 1.0
-        return int(columns[0]) if bare else None
+_NUMBER = r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_NAME = r"(?P<name>[A-Za-z_]\w*(?:\.\w+)*)"
+_TOKEN = re.compile(rf"\s*(?:{_NUMBER}|{_NAME}|(?P<relation>[<>]=?)|(?P<sign>[+-])|(?P<times>\*))")
 
 
 def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConstraints:
@@ -217,8 +194,8 @@ def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConst
         sides, relations = _read_line(line, names)
         for (low, high), relation in zip(pairwise(sides), relations, strict=True):
             small, large = (low, high) if relation.startswith("<") else (high, low)
-            rows.append(large.coefficients - small.coefficients)
-            lower.append(small.constant - large.constant)
+            rows.append(large[:-1] - small[:-1])
+            lower.append(float(small[-1] - large[-1]))
             strict.append("=" not in relation)
             labels.append(line.strip())
         chains.extend(_chain(sides, relations))
@@ -226,31 +203,40 @@ def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConst
     return LinearConstraints(matrix, np.array(lower), np.array(strict, bool), labels, chains)
 
 
-def _chain(sides: list[_Side], relations: list[str]) -> Iterator[tuple[int, ...]]:
+def _chain(sides: list[Floats], relations: list[str]) -> Iterator[tuple[int, ...]]:
     """The line as an ascending ordering of bare parameters, if it is one."""
-    columns = [side.single for side in sides]
-    if None not in columns and len({relation[0] for relation in relations}) == 1:
-        ascending = columns if relations[0].startswith("<") else columns[::-1]
-        yield tuple(column for column in ascending if column is not None)
+    columns = [np.flatnonzero(side).tolist() for side in sides]
+    bare = all(
+        len(own) == 1 and own[0] < len(s) - 1 and s[own[0]] == 1.0 for own, s in zip(columns, sides, strict=True)
+    )
+    if bare and len({relation[0] for relation in relations}) == 1:
+        yield tuple(used[0] for used in (columns if relations[0].startswith("<") else columns[::-1]))
 
 
-def _read_line(line: str, names: Sequence[str]) -> tuple[list[_Side], list[str]]:
-    """Sums and the relations between them."""
-    sums: list[list[_Token]] = [[]]
-    relations: list[str] = []
-    for token in _tokens(line):
-        if token.kind == "relation":
-            relations.append(token.text)
-            sums.append([])
-        else:
-            sums[-1].append(token)
+def _read_line(line: str, names: Sequence[str]) -> tuple[list[Floats], list[str]]:
+    """Sums, each as coefficients of the parameters and a constant (d + 1,), and the relations between them."""
+    tokens = list(_tokens(line))
+    relations = [text for kind, text in tokens if kind == "relation"]
     if not relations:
         raise _unreadable(line, 'has no "<", "<=", ">" or ">="')
-    return [_read_sum(line, tokens, names) for tokens in sums], relations
+    sides = [np.zeros(len(names) + 1)]
+    sign, term, is_first = 1.0, list[tuple[str, str]](), True
+    for kind, text in [*tokens, ("end", "")]:
+        if kind in ("number", "name", "times"):
+            term.append((kind, text))
+        else:  # a term ends, but not before the sign of a first one
+            if not (kind == "sign" and is_first):
+                column, value = _read_term(line, term, names)
+                sides[-1][column] += sign * value
+            sign, term = (-1.0 if text == "-" else 1.0), []
+            if kind == "relation":
+                sides.append(np.zeros(len(names) + 1))
+        is_first = kind == "relation"
+    return sides, relations
 
 
-def _tokens(line: str) -> Iterator[_Token]:
-    """Split a constraint into tokens."""
+def _tokens(line: str) -> Iterator[tuple[str, str]]:
+    """Kinds and texts of the pieces of a constraint."""
     text = line.rstrip()
     position = 0
     while position < len(text):
@@ -259,46 +245,20 @@ def _tokens(line: str) -> Iterator[_Token]:
             rest = text[position:].lstrip()
             raise _unreadable(line, f'cannot be read from "{rest[:12]}" on')
         position = match.end()
-        yield _Token(str(match.lastgroup), str(match[str(match.lastgroup)]))
+        yield str(match.lastgroup), str(match[str(match.lastgroup)])
 
 
-def _read_sum(line: str, tokens: list[_Token], names: Sequence[str]) -> _Side:
-    """Add up the terms of one side."""
-    coefficients = np.zeros(len(names))
-    constant = 0.0
-    for sign, factors in _terms(line, tokens):
-        column, value = _read_term(line, factors, names)
-        if column is None:
-            constant += sign * value
-        else:
-            coefficients[column] += sign * value
-    return _Side(coefficients, constant)
-
-
-def _terms(line: str, tokens: list[_Token]) -> Iterator[tuple[float, list[_Token]]]:
-    """Signed terms of a sum, each as its factors and the ``*`` between them."""
-    sign, factors = 1.0, list[_Token]()
-    for index, token in enumerate(tokens):
-        if token.kind != "sign":
-            factors.append(token)
-            continue
-        if index > 0:
-            yield sign, factors
-        sign, factors = (-1.0 if token.text == "-" else 1.0), []
-    yield sign, factors
-
-
-def _read_term(line: str, factors: list[_Token], names: Sequence[str]) -> tuple[int | None, float]:
-    """Column (None for a constant) and value of one term."""
-    kinds = [factor.kind for factor in factors]
-    if kinds == ["number"]:
-        return None, _number(line, factors[0].text)
-    if kinds == ["name"]:
-        return _column(line, factors[0].text, names), 1.0
-    if kinds == ["number", "times", "name"]:
-        return _column(line, factors[2].text, names), _number(line, factors[0].text)
-    written = " ".join(factor.text for factor in factors)
-    found = f'"{written}"' if written else "nothing"
+def _read_term(line: str, factors: list[tuple[str, str]], names: Sequence[str]) -> tuple[int, float]:
+    """Column (the last for a constant) and value of one term."""
+    texts = [text for _, text in factors]
+    match [kind for kind, _ in factors]:
+        case ["number"]:
+            return len(names), _number(line, texts[0])
+        case ["name"]:
+            return _column(line, texts[0], names), 1.0
+        case ["number", "times", "name"]:
+            return _column(line, texts[2], names), _number(line, texts[0])
+    found = f'"{" ".join(texts)}"' if texts else "nothing"
     raise _unreadable(line, f"has {found} where a term is expected")
 
 
@@ -318,19 +278,22 @@ def _column(line: str, name: str, names: Sequence[str]) -> int:
     return list(names).index(name)
 
 
-def _unreadable(line: str, what: str) -> InputError:
-    return InputError(
-        f'constraint "{line.strip()}" {what}: write sums of number, parameter or number*parameter '
-        'joined by <, <=, > or >=, such as "2*a + 3*b <= 5" or "a < b < c"'
-    )
+_SUMS = (
+    'sums of number, parameter or number*parameter joined by <, <=, > or >=, such as "2*a + 3*b <= 5" or "a < b < c"'
+)
+
+
+def _unreadable(line: str, what: str, write: str = _SUMS) -> InputError:
+    return InputError(f'constraint "{line.strip()}" {what}: write {write}')
 
 
 # Constraints between products of parameters, such as a preload that holds a valve shut against the pressure.
 
-_RELATION = re.compile(r"<=|>=|<|>")
-_FACTOR = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_]\w*(?:\.\w+)*))"
-    r"\s*(?:\^\s*(?P<power>-?\d+(?:\.\d+)?))?\s*$"
+_RELATION = re.compile(r"[<>]=?")
+_FACTOR = re.compile(rf"\s*(?:{_NUMBER}|{_NAME})\s*(?:\^\s*(?P<power>-?\d+(?:\.\d+)?))?\s*$")
+_PRODUCTS = (
+    "one relation between products, such as "
+    '"valve.spring_preload >= 1.2 * pi / 4 * valve.seat_diameter^2 * rail_pressure_max"'
 )
 
 
@@ -387,15 +350,15 @@ def parse_products(lines: Sequence[str], names: Sequence[str], known: Mapping[st
 def _read(line: str, names: Sequence[str], known: Mapping[str, float]) -> ProductConstraint:
     sides, relations = _RELATION.split(line), _RELATION.findall(line)
     if len(relations) != 1:
-        raise _unreadable_product(line, 'needs exactly one of "<", "<=", ">" and ">="')
+        raise _unreadable(line, 'needs exactly one of "<", "<=", ">" and ">="', _PRODUCTS)
     (left, right), relation = sides, relations[0]
     small, large = (left, right) if relation.startswith("<") else (right, left)
     factors, exponents = zip(*(_product(line, side, names, known) for side in (large, small)), strict=True)
     total = exponents[0] - exponents[1]
     if not total.any():
-        raise _unreadable_product(line, "depends on no free parameter")
+        raise _unreadable(line, "depends on no free parameter", _PRODUCTS)
     if not (0.0 < factors[0] < math.inf and 0.0 < factors[1] < math.inf):
-        raise _unreadable_product(line, "has a factor that is not greater than zero, or too large")
+        raise _unreadable(line, "has a factor that is not greater than zero, or too large", _PRODUCTS)
     return ProductConstraint(line, factors[0] / factors[1], total, "=" not in relation)
 
 
@@ -407,7 +370,7 @@ def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, flo
         match = _FACTOR.match(text)
         if match is None:
             found = f'"{text.strip()}"' if text.strip() else "nothing"
-            raise _unreadable_product(line, f"has {found} where a number, a parameter or a power of one is expected")
+            raise _unreadable(line, f"has {found} where a number, a parameter or a power of one is expected", _PRODUCTS)
         power = float(match["power"] or 1.0) * (1.0 if sign == "*" else -1.0)
         if match["number"]:
             factor *= _power(float(match["number"]), power)
@@ -425,10 +388,3 @@ def _power(value: float, power: float) -> float:
     """Power of a number; NaN of one that is not greater than zero, infinite if it is too large."""
     with np.errstate(over="ignore", under="ignore"):
         return float(np.float64(value) ** power) if value > 0.0 else math.nan
-
-
-def _unreadable_product(line: str, what: str) -> InputError:
-    return InputError(
-        f'constraint "{line}" {what}: write one relation between products, such as '
-        '"valve.spring_preload >= 1.2 * pi / 4 * valve.seat_diameter^2 * rail_pressure_max"'
-    )
