@@ -255,17 +255,17 @@ from .plugins.family.injector_type import (
 from .plugins.family.injector_type import (
     TypePart as TypePart,
 )
+from .plugins.family.injector_type import (
+    dump_type as dump_type,
+)
+from .plugins.family.injector_type import (
+    load_type as load_type,
+)
 from .plugins.family.type import (
     type_from_fleet as type_from_fleet,
 )
 from .plugins.family.type import (
     type_from_runs as type_from_runs,
-)
-from .plugins.family.type_file import (
-    dump_type as dump_type,
-)
-from .plugins.family.type_file import (
-    load_type as load_type,
 )
 from .plugins.foreign_fmu.data import (
     FmuData as FmuData,

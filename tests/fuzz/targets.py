@@ -24,7 +24,7 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.plan import candidate_matrix, make_job, prepare
 from commonrail.engine.time_step import longest_step, medium_of
 from commonrail.physics.injector import Injector, parameter_paths
-from commonrail.plugins.family.type_file import load_type
+from commonrail.plugins.family.injector_type import load_type
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.tolerance.file import load_tolerances
 from commonrail.readers.injector.file import injector_text, load_injector

@@ -32,7 +32,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "family": "commonrail.plugins.family.verb:STUDY",
         "fmu-study": "commonrail.plugins.foreign_fmu.verb:STUDY",
     },
-    "study_keys": {"type": "commonrail.plugins.family.type_file:with_type"},
+    "study_keys": {"type": "commonrail.plugins.family.injector_type:with_type"},
     "pages": {"bench.html": "commonrail.plugins.page.page:page_of_run"},
     "inspectors": {"dcm": "commonrail.plugins.maps.dcm:facts_of"},
     "after_fit": {

@@ -120,7 +120,7 @@ def test_a_bad_family_is_refused_with_its_place(family_file: Edit, old: str, new
 
 
 def test_a_known_type_gives_starts_and_priors(family_file: Edit, tmp_path: Path) -> None:
-    from commonrail.plugins.family.type_file import dump_type
+    from commonrail.plugins.family.injector_type import dump_type
 
     alone = load_family(family_file())
     lower, upper = (next(p for p in alone.space.parameters if p.name == A).__dict__[key] for key in ("lower", "upper"))

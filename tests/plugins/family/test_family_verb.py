@@ -91,7 +91,7 @@ def test_bad_input_ends_with_2_and_one_sentence(
 
 
 def test_reference_points_are_ranked_before_anything_is_measured(command: Command, tmp_path: Path) -> None:
-    from commonrail.plugins.family.type_file import dump_type
+    from commonrail.plugins.family.injector_type import dump_type
     from tests.plugins.family.samples import small_type
 
     file, points = tmp_path / "t.toml", tmp_path / "points.csv"
@@ -111,7 +111,7 @@ def test_reference_points_are_ranked_before_anything_is_measured(command: Comman
 
 
 def test_a_bad_column_of_points_is_named(command: Command, tmp_path: Path) -> None:
-    from commonrail.plugins.family.type_file import dump_type
+    from commonrail.plugins.family.injector_type import dump_type
     from tests.plugins.family.samples import small_type
 
     file, points = tmp_path / "t.toml", tmp_path / "points.csv"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.family.type_file import dump_type, load_type, type_text
+from commonrail.plugins.family.injector_type import dump_type, load_type, type_text
 from commonrail.runs.fit import STUDIES
 from tests.plugins.family.samples import MASS, PRELOAD, small_type
 

@@ -76,7 +76,7 @@ def load_study(path: str | Path) -> Study:
 
 def _study(file: Path) -> Study:
     model, at, reach, text = read_model_file(StudyModel, file)
-    injector = _injector(model.injector, reach, at / "injector")
+    injector = named_injector(model.injector, file.parent, reach, at / "injector")
     if model.type is not None:
         model = registry.shipped("study_keys")["type"].load()(model, injector, reach, at)
     elif not model.parameter:
@@ -119,9 +119,10 @@ def _study(file: Path) -> Study:
         )
 
 
-def _injector(text: str, reach: Reach, at: Place) -> Injector:
+def named_injector(text: str, folder: Path, reach: Reach, at: Place) -> Injector:
+    """Injector that a file in a folder names: one of the catalogue, or a TOML file."""
     if text.endswith(".toml"):
-        return load_injector(reach.path(reach.file.parent, text, at), reach)
+        return load_injector(reach.path(folder, text, at), reach)
     with located(at):
         return load_injector(text, reach)
 

@@ -41,9 +41,8 @@ from commonrail.plugins.family.drawn import (
     one_change,
     scattering,
 )
-from commonrail.plugins.family.injector_type import InjectorType
+from commonrail.plugins.family.injector_type import InjectorType, load_type
 from commonrail.plugins.family.type import OF_PART
-from commonrail.plugins.family.type_file import load_type
 from commonrail.readers.columns import Column
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import Place, Reach

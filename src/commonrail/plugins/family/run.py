@@ -12,8 +12,8 @@ from commonrail.calibration.search import Checkpoint
 from commonrail.data.records import LABELS, MEASURED
 from commonrail.plugins.family.file import family_record
 from commonrail.plugins.family.fit import FamilyFit, fit_family, objective_of_parts
+from commonrail.plugins.family.injector_type import dump_type
 from commonrail.plugins.family.study import Family, load_family
-from commonrail.plugins.family.type_file import dump_type
 from commonrail.readers.injector.file import dump_injector
 from commonrail.runs.fingerprint import content_of, fingerprint_of
 from commonrail.runs.fit import FitKind, Listener, Work, warn_of_targets

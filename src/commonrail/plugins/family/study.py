@@ -30,8 +30,7 @@ from commonrail.data.registry import of_role
 from commonrail.data.study_block import Name
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.family.drawn import FLOW
-from commonrail.plugins.family.injector_type import InjectorType
-from commonrail.plugins.family.type_file import load_type
+from commonrail.plugins.family.injector_type import InjectorType, load_type
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 

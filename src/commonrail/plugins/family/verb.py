@@ -89,9 +89,9 @@ def family(
       commonrail family runs/part-1 --part-spread 3% --out cri2.toml
     """
     from commonrail.base.output import write_text
+    from commonrail.plugins.family.injector_type import dump_type
     from commonrail.plugins.family.run import TYPE
     from commonrail.plugins.family.type import FLEET
-    from commonrail.plugins.family.type_file import dump_type
 
     check_file(out, "--out")
     share = None if part_spread is None else parse(part_spread, "1", "--part-spread")
@@ -190,7 +190,7 @@ STUDY = StudyKind(_resume)
 def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
     """Print the figures of a joint fit, or one record; exit status 130 if it was stopped. `out` is the type file."""
     from commonrail.plugins.family.file import TEXTS
-    from commonrail.plugins.family.type_file import load_type
+    from commonrail.plugins.family.injector_type import load_type
     from commonrail.report.fit.tables import tables_of
 
     record, known = outcome.record, load_type(out)
@@ -217,7 +217,7 @@ def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
 
 
 def _say_written(found: InjectorType, out: Path) -> None:
-    from commonrail.plugins.family.type_file import names_injector
+    from commonrail.plugins.family.injector_type import names_injector
 
     if not names_injector(found):
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")

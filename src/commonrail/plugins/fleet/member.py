@@ -22,7 +22,7 @@ from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import DataSet, Score
 from commonrail.physics.injector import Injector
 from commonrail.plugins.certainty.linear import Near, certify_near
-from commonrail.plugins.family.type_file import load_type
+from commonrail.plugins.family.injector_type import load_type
 from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import ALLOW, Place, Reach, located

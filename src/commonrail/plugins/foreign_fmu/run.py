@@ -27,24 +27,9 @@ def calibrate_fmu_into(
 ) -> FmuFit:
     """Calibrate an FMU into a new run folder that keeps every step; `resume_fmu` resumes it wherever it was stopped.
 
-    Parameters
-    ----------
-    folder : str or Path
-        New or empty. In the end it holds fmu-study.toml with all files that it reads, fmu-result.json, values.csv,
-        SHA256SUMS and journal.sqlite.
-    study : FmuStudy
-    processes : int, optional
-        All usable processors by default; the result does not depend on it.
-    listener : Listener, optional
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty.
-    OutputError
-        If it cannot be written; what was done before is kept.
-    StudyError
-        If the study cannot be run; what was done before is kept.
+    In the end it holds fmu-study.toml with all files that it reads, fmu-result.json, values.csv, SHA256SUMS and
+    journal.sqlite. `processes` are all usable processors by default; the result does not depend on it. Other arguments
+    and errors are those of `commonrail.calibrate_into`.
     """
     path = file_path(folder, "folder")
     instance(study, FmuStudy, "study")
@@ -62,25 +47,8 @@ def resume_fmu(
 ) -> FmuFit:
     """Resume a calibration of an FMU; where no simulation met its time limit the result is that of one never stopped.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Run folder; it may have been moved or copied.
-    generations : int
-        More generations than the study asks for.
-    study : FmuStudy, optional
-        The study, if it was made in Python and not read from a file.
-    as_begun : bool
-        Use the copies in the run folder although the files that they were made from have changed.
-    processes, listener
-        As in `calibrate_fmu_into`; they may differ from those of the beginning.
-
-    Raises
-    ------
-    StudyError
-        If there is no journal, another process is at work in the folder, or the study or its data have changed.
-    OutputError
-        If the folder cannot be written; what was done before is kept.
+    `study` is given if it was made in Python and not read from a file; other arguments and errors are those of
+    `calibrate_fmu_into` and `commonrail.resume`.
     """
     path, generations = file_path(folder, "folder"), whole(generations, "generations")
     return FMUS.resume(path, _work(listener, processes), study=study, generations=generations, as_begun=as_begun)

@@ -13,6 +13,7 @@ from commonrail.base.arguments import file_path
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.study_file.file import named_injector
 from commonrail.calibration.study_file.keys import InItsUnit, known_parameter
 from commonrail.compiler.target import describe, package_versions
 from commonrail.engine.operating_point import OperatingPoint
@@ -35,7 +36,6 @@ from commonrail.plugins.tolerance.study import (
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
-from commonrail.readers.injector.file import load_injector
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model, read_toml
 
@@ -309,7 +309,7 @@ def load_tolerances(path: str | Path) -> Tolerances:
     document, text = read_toml(file)
     at = Place(str(file))
     model = read_model(_ToleranceModel, document, at)
-    injector = _injector(model, file, at / "injector")
+    injector = named_injector(model.injector, file.parent, Reach(file, model.allow_outside), at / "injector")
     dimensions = []
     for i, item in enumerate(model.dimension):
         with located((at / "dimension")[i]):
@@ -335,14 +335,6 @@ def load_tolerances(path: str | Path) -> Tolerances:
             synthetic=model.synthetic,
             text=text,
         )
-
-
-def _injector(model: _ToleranceModel, file: Path, at: Place) -> Injector:
-    reach = Reach(file, model.allow_outside)
-    if model.injector.endswith(".toml"):
-        return load_injector(reach.path(file.parent, model.injector, at), reach)
-    with located(at):
-        return load_injector(model.injector, reach)
 
 
 def _point(given: _PointModel, injector: Injector) -> TolerancePoint:
