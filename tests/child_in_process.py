@@ -8,22 +8,22 @@ from typing import IO
 
 import pytest
 
-from commonrail.readers.guarded import parent, program
+from commonrail.readers import guarded
 
 __all__ = ["read_in_process"]
 
 
 def read_in_process(monkeypatch: pytest.MonkeyPatch, *apart: str) -> None:
     """Replace the child process of all readers but some, and forget what was read before under other limits."""
-    start = parent._run
+    start = guarded._run
 
     def run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
         reader, options, memory, _ = args
-        if reader in apart:
+        if reader.rpartition(".")[2].removesuffix("_child") in apart:
             return start(args, data, stream)
-        read = import_module(f"commonrail.readers.guarded.{reader}").read
-        program.write(stream, read, data, json.loads(options), int(memory))
+        read = import_module(reader).read
+        guarded.write(stream, read, data, json.loads(options), int(memory))
         return 0
 
-    monkeypatch.setattr(parent, "_run", run)
-    parent._cached.cache_clear()
+    monkeypatch.setattr(guarded, "_run", run)
+    guarded._cached.cache_clear()

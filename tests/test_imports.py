@@ -96,10 +96,10 @@ LAZY += ("tomlkit", "xarray")
 # modules needs them.
 AT_THE_TOP = {
     "engine/reference.py": {"scipy"},
-    "readers/guarded/mat.py": {"scipy"},
-    "readers/guarded/mdf.py": {"asammdf"},
-    "readers/guarded/parquet.py": {"pyarrow"},
-    "readers/guarded/xlsx.py": {"openpyxl"},
+    "plugins/formats/mat_child.py": {"scipy"},
+    "plugins/formats/mdf_child.py": {"asammdf"},
+    "plugins/formats/parquet_child.py": {"pyarrow"},
+    "readers/xlsx_child.py": {"openpyxl"},
     "plugins/paper/plates.py": {"matplotlib"},
 }
 

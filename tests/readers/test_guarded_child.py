@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.readers import grid, lvm
+from commonrail.plugins.formats import lvm
+from commonrail.plugins.formats.lvm import LvmFile
+from commonrail.plugins.formats.mat import MatFile
+from commonrail.plugins.formats.mdf import MdfFile
+from commonrail.readers import grid, guarded, xlsx_child
 from commonrail.readers.columns import Column
 from commonrail.readers.grid import read_grid
-from commonrail.readers.guarded import parent, xlsx
-from commonrail.readers.guarded.parent import read_apart
-from commonrail.readers.lvm import LvmFile
-from commonrail.readers.mat import MatFile
-from commonrail.readers.mdf import MdfFile
+from commonrail.readers.guarded import read_apart
 from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process
 from tests.fuzz import bombs
 
-START = "import sys; sys.path.insert(0, sys.argv[1]); from commonrail.readers.guarded import program as child; "
+START = "import sys; sys.path.insert(0, sys.argv[1]); from commonrail.readers import guarded as child; "
 LIMIT = START + "child._limit(int(sys.argv[-2]), int(sys.argv[-1])); "
 
 
@@ -33,25 +33,25 @@ def written(path: Path, data: bytes) -> Path:
 
 
 def test_a_child_beyond_its_time_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parent, "TIME", 0.1)
-    monkeypatch.setattr(parent, "_PROGRAM", LIMIT + "exec('while True: pass')")
+    monkeypatch.setattr(guarded, "TIME", 0.1)
+    monkeypatch.setattr(guarded, "_PROGRAM", LIMIT + "exec('while True: pass')")
     with pytest.raises(
         InputError, match=r"^a/b\.mf4: to read it takes more than the 1 s of processor time that a file"
     ):
-        read_apart("mdf", Path("a/b.mf4"), b"no end")
+        read_apart("commonrail.plugins.formats.mdf_child", Path("a/b.mf4"), b"no end")
 
 
 def test_a_child_that_waits_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parent, "WAIT", 0.01)
-    monkeypatch.setattr(parent, "_PROGRAM", "import time; time.sleep(1e4)")
+    monkeypatch.setattr(guarded, "WAIT", 0.01)
+    monkeypatch.setattr(guarded, "_PROGRAM", "import time; time.sleep(1e4)")
     with pytest.raises(InputError, match="to read it takes more than the 5 s of processor time"):
-        read_apart("mdf", Path("a.mf4"), b"waits")
+        read_apart("commonrail.plugins.formats.mdf_child", Path("a.mf4"), b"waits")
 
 
 def test_a_child_that_a_fault_ends_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parent, "_PROGRAM", "import os; os.kill(os.getpid(), 11)")
+    monkeypatch.setattr(guarded, "_PROGRAM", "import os; os.kill(os.getpid(), 11)")
     with pytest.raises(InputError, match=r"a\.mf4: the process that reads it ended with status -11; the file is"):
-        read_apart("mdf", Path("a.mf4"), b"a fault")
+        read_apart("commonrail.plugins.formats.mdf_child", Path("a.mf4"), b"a fault")
 
 
 def test_the_child_is_of_the_same_package_from_every_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,15 +61,15 @@ def test_the_child_is_of_the_same_package_from_every_folder(tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "commonrail"))
     with pytest.raises(InputError, match="this is no MAT file of version 5 or later"):
-        read_apart("mat", Path("a.mat"), b"from another folder")
+        read_apart("commonrail.plugins.formats.mat_child", Path("a.mat"), b"from another folder")
 
 
 def test_a_limit_of_the_process_holds_for_its_child(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever limits the program limits the child too, which may only take less."""
     resource = pytest.importorskip("resource", reason="no limits of POSIX")
-    kind, wanted = resource.RLIMIT_DATA, parent.MEMORY // 2
+    kind, wanted = resource.RLIMIT_DATA, guarded.MEMORY // 2
     script = f"import resource; resource.setrlimit({kind}, ({wanted}, {wanted})); " + START.replace(
-        "sys.argv[1]", repr(parent._ROOT)
+        "sys.argv[1]", repr(guarded._ROOT)
     )
     script += f"child._limit({2 * wanted}, 5); print(resource.getrlimit({kind})[0])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
@@ -78,14 +78,14 @@ def test_a_limit_of_the_process_holds_for_its_child(monkeypatch: pytest.MonkeyPa
 
 def test_one_text_of_a_workbook_beyond_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("openpyxl", reason="the extra excel is not installed")
-    monkeypatch.setattr(parent, "MEMORY", 200_000_000)
+    monkeypatch.setattr(guarded, "MEMORY", 200_000_000)
     path = written(tmp_path / "a.xlsx", bombs.text_cell(150_000_000))
     with pytest.raises(InputError, match=r"a\.xlsx: to read it takes more than the 201 MB of memory that a file of 14"):
         read_grid(path)
 
 
 def test_names_of_a_structure_beyond_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parent, "MEMORY", 250_000_000)
+    monkeypatch.setattr(guarded, "MEMORY", 250_000_000)
     path = written(tmp_path / "a.mat", bombs.mat5_names(10_000_000))
     with pytest.raises(InputError, match=r"a\.mat: to read it takes more than the 250 MB of memory"):
         MatFile(path)
@@ -117,14 +117,14 @@ def test_a_workbook_with_a_format_in_its_last_column_is_read(tmp_path: Path, mon
     pytest.importorskip("openpyxl", reason="the extra excel is not installed")
     read_in_process(monkeypatch)
     seen = 0
-    convert = xlsx._cell
+    convert = xlsx_child._cell
 
     def count(value: object) -> str | float:
         nonlocal seen
         seen += 1
         return convert(value)
 
-    monkeypatch.setattr(xlsx, "_cell", count)
+    monkeypatch.setattr(xlsx_child, "_cell", count)
     path = written(tmp_path / "a.xlsx", bombs.sheet(20))
     found = read_columns(path, [Column("time", "s", increasing=True), Column("rate", "m3/s")])
     np.testing.assert_allclose(found.columns["time"], 1e-6 * np.arange(2, 22))

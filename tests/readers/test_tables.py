@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.physics.law import Domain
 from commonrail.readers import csv, tables
@@ -189,7 +190,8 @@ class Counted:
 
 
 def test_another_format_is_a_source_of_the_same_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(tables.SHEETS, "counted", f"{__name__}:Counted")
+    entry = registry.Entry("readers", "counted", f"{__name__}:Counted")
+    monkeypatch.setattr(tables, "_format", {"counted": entry}.get)
     path, time = Path("a.counted"), Column("time", "s", increasing=True)
     table = read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), "mg/ms")], least=2)
     assert (table.columns["time"].tolist(), table.columns["rate"].tolist()) == ([0.0, 1e-3], [-1e-3, 2e-3])

@@ -8,7 +8,6 @@ ELSEWHERE = {
     "fuels": "commonrail.readers.fuel:shipped_fuels",
     "injectors": "commonrail.readers.injector.file:shipped_injectors",
     "optimisers": "commonrail.calibration.optimisers.registry:shipped_methods",
-    "readers": "commonrail.readers.tables:ENDINGS",
 }
 SHIPPED: dict[str, dict[str, str]] = {
     "data": {  # in the order of an objective, a report and its tables
@@ -18,6 +17,18 @@ SHIPPED: dict[str, dict[str, str]] = {
         "features": "commonrail.data.feature_targets.data:FeatureData",
     },
     "optimisers": {"multi-start least squares": "commonrail.plugins.multistart.run:REGISTERED"},
+    "readers": {  # by the ending of a file's name; all else is CSV
+        "csv": "commonrail.readers.csv:CsvFile",
+        "txt": "commonrail.readers.csv:CsvFile",
+        "tsv": "commonrail.readers.csv:CsvFile",
+        "xlsx": "commonrail.readers.grid:WorkbookSheet",
+        "mf4": "commonrail.plugins.formats.mdf:MdfFile",
+        "mdf": "commonrail.plugins.formats.mdf:MdfFile",
+        "lvm": "commonrail.plugins.formats.lvm:LvmFile",
+        "mat": "commonrail.plugins.formats.mat:MatFile",
+        "parquet": "commonrail.plugins.formats.parquet:ParquetFile",
+        "pq": "commonrail.plugins.formats.parquet:ParquetFile",
+    },
     "results": {
         "comparison.json": "commonrail.plugins.compare.page:RESULT",
         "sensitivity.json": "commonrail.plugins.sensitivity.page:RESULT",

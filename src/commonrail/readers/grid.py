@@ -21,7 +21,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import fits
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
-from commonrail.readers.guarded.parent import read_apart
+from commonrail.readers.guarded import read_apart
 from commonrail.readers.location import LONGEST_LINE, Shape
 
 LONGEST_NUMBER = 100  # [characters]
@@ -70,7 +70,7 @@ def read_sheet(path: Path, sheet: str | None = None) -> Grid:
     """
     if find_spec("openpyxl") is None:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
-    about = read_apart("xlsx", path, read_plain(path), sheet=sheet).about
+    about = read_apart("commonrail.readers.xlsx_child", path, read_plain(path), sheet=sheet).about
     rows, lines, said = tuple(map(tuple, about["rows"])), tuple(about["lines"]), f'sheet "{about["sheet"]}"'
     flat = [cell for row in rows for cell in row if isinstance(cell, str)]
     comma = _has_commas(path, flat)

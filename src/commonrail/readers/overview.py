@@ -20,9 +20,8 @@ from commonrail.base.units import convert, fits, to_text
 from commonrail.readers.channels import TIME, ChannelSheet
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, unit_of
 from commonrail.readers.grid import Grid, GridSheet, read_grid
-from commonrail.readers.mat import map_in
 from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
 from commonrail.readers.tables import is_grid, open_sheet
 
 # Channels of a data file, and the block of a study that reads a rate of injection among them.

@@ -11,12 +11,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.units import compatible, convert, fits
+from commonrail.readers.channels import ChannelSheet
 from commonrail.readers.columns import Column, Sheet, unit_of
 from commonrail.readers.grid import Grid, numbers_of
 
@@ -244,6 +246,24 @@ def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, 
 
 
 # Quantity map in the columns of a file with named and typed columns, found by their units whatever their names.
+
+
+@runtime_checkable
+class HoldsMap(Protocol):
+    """File that finds a map in itself, where rows and columns do not tell, as in the variables of MATLAB."""
+
+    def quantity_map(self, given: GivenUnits) -> FoundMap:
+        """Quantity map of the file; `InputError` if it has none."""
+
+
+def map_in(sheet: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of a file with named columns or variables; units that are `given` count before those of the file.
+
+    Raises `InputError` if none is found, or the columns have times of their own.
+    """
+    if isinstance(sheet, ChannelSheet):
+        raise InputError(f"{sheet.path}: each channel of this record has its own times, so that it holds no map.")
+    return sheet.quantity_map(given) if isinstance(sheet, HoldsMap) else find_column_map(sheet, given)
 
 
 def find_column_map(file: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:

@@ -16,22 +16,12 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import NAMES, compatible, convert
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
+from commonrail.readers.csv import CsvFile
 from commonrail.readers.location import Place, located
 
 LEAST_SAMPLES = 4
 
-# Format of a file by the end of its name, imported when one is met; all else is CSV.
-_CSV, _WORKBOOK = "commonrail.readers.csv:CsvFile", "commonrail.readers.grid:WorkbookSheet"
-SHEETS = {
-    "xlsx": _WORKBOOK,
-    "mf4": "commonrail.readers.mdf:MdfFile",
-    "mdf": "commonrail.readers.mdf:MdfFile",
-    "lvm": "commonrail.readers.lvm:LvmFile",
-    "mat": "commonrail.readers.mat:MatFile",
-    "parquet": "commonrail.readers.parquet:ParquetFile",
-    "pq": "commonrail.readers.parquet:ParquetFile",
-}
-ENDINGS = ("", "csv", "txt", "tsv", *SHEETS)  # installed packages are not searched for these
+_GRIDS = ("csv", "txt", "tsv", "xlsx")  # endings of files with cells, in which a table may stand anywhere
 _UNREAD = {"nc": "NetCDF", "xls": "old Excel", "tdms": "TDMS"}
 
 
@@ -82,24 +72,24 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
     Raises `InputError` if it cannot be read, or its format is not.
     """
     ending = _ending(path)
-    if part := installed_sheet(path):
+    if part := _format(ending):
         opener = part.load()
         with part.blamed(f"fails on {path}"):
             return cast(Sheet, opener(path, form))
     if ending in _UNREAD:
         raise InputError(f"{path}: {_UNREAD[ending]} files are not read; export the columns to a CSV file.")
-    return cast(Sheet, registry.load(SHEETS.get(ending, _CSV))(path, form))
-
-
-def installed_sheet(path: Path) -> registry.Entry | None:
-    """Format of an installed package that the file's ending tells; none where one that ships has it."""
-    ending = _ending(path)
-    return None if ending in ENDINGS else registry.find("readers", ending)
+    return CsvFile(path, form)
 
 
 def is_grid(path: Path) -> bool:
     """True if a file holds cells, in which a table may stand anywhere: a text or a workbook, not named columns."""
-    return SHEETS.get(_ending(path), _WORKBOOK) == _WORKBOOK and not installed_sheet(path)
+    ending = _ending(path)
+    return ending in _GRIDS or _format(ending) is None
+
+
+def _format(ending: str) -> registry.Entry | None:
+    """Format of an ending, that ships or is installed; a file of any other is read as a text."""
+    return registry.find("readers", ending) if ending else None
 
 
 def _ending(path: Path) -> str:

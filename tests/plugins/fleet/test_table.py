@@ -141,8 +141,9 @@ def test_the_size_of_a_parquet_table_is_checked_before_it_is_read(
 ) -> None:
     pytest.importorskip("pyarrow.parquet")
     read_in_process(monkeypatch)
-    monkeypatch.setattr("commonrail.readers.guarded.parquet.LARGEST_CONTENT", 100)  # its pages have some hundred bytes
-    monkeypatch.setattr("commonrail.readers.guarded.parquet._saved", None)  # to read is a fault
+    reader = "commonrail.plugins.formats.parquet_child"
+    monkeypatch.setattr(f"{reader}.LARGEST_CONTENT", 100)  # its pages have some hundred bytes
+    monkeypatch.setattr(f"{reader}._saved", None)  # to read is a fault
     with pytest.raises(InputError, match="GB uncompressed, and at most"):
         read_table(parquet_table(tmp_path))
 

@@ -24,8 +24,7 @@ from commonrail.physics.law import Domain
 from commonrail.readers.columns import Column, FileForm, FormModel, Table
 from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place, located
-from commonrail.readers.mat import map_in
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
 from commonrail.readers.tables import is_grid, open_sheet
 from commonrail.readers.toml import FileModel, Unit, fault
 

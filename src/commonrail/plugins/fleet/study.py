@@ -19,16 +19,17 @@ from commonrail.base.input import LARGEST_FILE, fingerprint, sha256
 from commonrail.base.output import write_text
 from commonrail.calibration.study_file.keys import StudyModel
 from commonrail.data.study_block import DataModel
+from commonrail.plugins.formats.parquet import ParquetFile
 from commonrail.readers import columns as sheet
 from commonrail.readers.csv import MOST_ROWS as LONGEST_TABLE
 from commonrail.readers.csv import CsvFile
 from commonrail.readers.location import MOST_ROWS, Groups, Place, located
-from commonrail.readers.parquet import LARGEST_FLEET, ParquetFile
 from commonrail.readers.toml import FileModel, Text, Unit, read_model, read_toml
 
 # A table of a fleet, CSV or Parquet, held whole: its header, and its rows by what stands in some of its columns.
 
 PARQUET = (".parquet", ".pq")
+LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
 
 
 class Table(Protocol):

@@ -1,4 +1,4 @@
-"""Reader of MAT files for `child`: version 5 to 7 by SciPy, version 7.3, which is HDF5, by h5py.
+"""Reader of MAT files for `guarded`: version 5 to 7 by SciPy, version 7.3, which is HDF5, by h5py.
 
 Numbers, texts and structures; all else (cells, objects, sparse and complex numbers) is omitted.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from commonrail.base.errors import InputError
-from commonrail.readers.guarded.program import Save
+from commonrail.readers.guarded import Save
 from commonrail.readers.location import MOST_VALUES
 
 MOST_VARIABLES = 10_000

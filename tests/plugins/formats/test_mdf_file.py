@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
+from commonrail.plugins.formats.mdf import MdfFile
 from commonrail.readers.columns import Column, Table
-from commonrail.readers.mdf import MdfFile
 from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process
 
@@ -118,7 +118,7 @@ def test_a_damaged_record_is_one_sentence(tmp_path: Path) -> None:
 def test_a_channel_beyond_the_limit_is_refused_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     long, short = signal(RATE), signal(RATE[:5], "p", "bar", TIME[:5])
     path = written(tmp_path / "a.mf4", ("fast", [long]), ("slow", [short]))
-    monkeypatch.setattr("commonrail.readers.guarded.mdf.MOST_SAMPLES", 50)
+    monkeypatch.setattr("commonrail.plugins.formats.mdf_child.MOST_SAMPLES", 50)
     with pytest.raises(InputError, match='channel "ROI": there are 100 samples, and at most 50 are read; cut the'):
         read(path)
     pressure = read_columns(path, [Column("time", "s", increasing=True), Column("p", "Pa")])

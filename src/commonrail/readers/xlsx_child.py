@@ -1,4 +1,4 @@
-"""Reader of workbooks for `child`: cells as the spreadsheet last computed them; nothing in them is run."""
+"""Reader of workbooks for `guarded`: cells as the spreadsheet last computed them; nothing in them is run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from openpyxl import load_workbook
 
 from commonrail.base.errors import InputError, nearest
-from commonrail.readers.guarded.program import Save
+from commonrail.readers.guarded import Save
 from commonrail.readers.location import MOST_COLUMNS, Shape
 
 MOST_ROWS = 1_048_576  # of a sheet, by the format

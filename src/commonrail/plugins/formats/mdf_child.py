@@ -1,4 +1,4 @@
-"""Reader of MDF records for `child`: channels with the times of their groups, by asammdf."""
+"""Reader of MDF records for `guarded`: channels with the times of their groups, by asammdf."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from asammdf import MDF
 
 from commonrail.base.errors import InputError
-from commonrail.readers.guarded.program import Save
+from commonrail.readers.guarded import Save
 
 MOST_SAMPLES = 20_000_000  # of a channel
 MOST_VALUES = 100_000_000  # of all channels

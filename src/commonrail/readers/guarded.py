@@ -1,7 +1,7 @@
 """The one way to libraries that read foreign formats: a child process with limits of memory and processor time.
 
 A file built on purpose, or damaged, can make a library take memory or time without end, or end the process that runs
-it. `child` limits its process; its arrays come back through a temporary file, without pickle.
+it. The child limits itself before it reads; its arrays come back through a temporary file, without pickle.
 """
 
 from __future__ import annotations
@@ -12,17 +12,21 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NamedTuple
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
-from commonrail.readers.guarded.program import NAME
 
+NAME = "file"  # of the file in sentences of a reader, in place of which the parent puts its path
 # Limits of a child: memory of the whole process, of which asammdf takes 0.2 GB, and processor time besides the import
 # of the library. Each byte of the file adds 4 (itself, values twice as long, a copy) and 3 us: openpyxl, the slowest,
 # reads 24 MB with the two million cells that are allowed in 14 s, and such cells may be packed into 6 MB.
@@ -31,14 +35,17 @@ TIME, TIME_PER_BYTE = 5.0, 3e-6  # [s]
 WAIT = 10.0  # elapsed time in multiples of the processor time, for a busy machine
 
 TIME_OVER = -getattr(signal, "SIGXCPU", 24)  # exit status of a process that the limit ended
-_ROOT = str(Path(__file__).resolve().parents[3])
+_ROOT = str(Path(__file__).resolve().parents[2])
 # The package of the parent, also where another one is installed; its folder must not hide modules of Python.
 _PROGRAM = (
     "import sys; sys.path.insert(0, sys.argv[1]); import commonrail; del sys.path[0]; "
-    "from commonrail.readers.guarded.program import main; main(*sys.argv[2:])"
+    "from commonrail.readers.guarded import main; main(*sys.argv[2:])"
 )
 # One thread: more take memory for themselves and finish no sooner. Arrow's default allocator reserves memory ahead.
 _SETTINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
+
+
+Save = Callable[[str, NDArray[Any]], None]
 
 
 class Content(NamedTuple):
@@ -49,17 +56,19 @@ class Content(NamedTuple):
 
 
 def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
-    """Content of a file, read by `commonrail.readers.guarded.<reader>` in a child process.
+    """Content of a file, read in a child process.
 
     Parameters
     ----------
     reader : str
+        Module whose function ``read`` takes a name for messages, the data, a function that saves an array under a name,
+        and the options; it returns the description.
     path : Path
         For messages.
     data : bytes
         Of the file.
     **options
-        Of the reader; they go through JSON.
+        They go through JSON.
 
     Raises
     ------
@@ -118,3 +127,55 @@ def _beyond(limit: str, size: int) -> InputError:
         f"{NAME}: to read it takes more than the {limit} that a file of {size} bytes may take; save only what is "
         "needed, or export the columns to a CSV file."
     )
+
+
+# Program of the child. The content goes to its standard output as a .npz file: the arrays, and ``about.json``, which
+# describes them or holds the sentence of a refusal.
+
+
+def main(reader: str, options: str, memory: str, seconds: str) -> None:
+    """Read from the standard input and write to the standard output as it was when the program started."""
+    output = os.fdopen(os.dup(1), "w+b")
+    os.dup2(2, 1)  # what libraries print must not come between the arrays
+    module = import_module(reader)
+    with suppress(ImportError, ValueError):  # beyond POSIX, or what a system does not limit: the parent limits the time
+        _limit(int(memory), int(seconds))
+    with output:
+        write(output, module.read, sys.stdin.buffer.read(), json.loads(options), int(memory))
+    os._exit(0)  # a fault of a library at its end does no harm
+
+
+def write(stream: IO[bytes], read: Callable[..., dict[str, Any]], data: bytes, options: Any, most: int) -> None:
+    """Write the content of a file, array by array.
+
+    `read`: of the reader's module, see `read_apart`. All arrays together have at most `most` bytes.
+    """
+    left = most
+    with ZipFile(stream, "w") as archive:
+
+        def save(name: str, array: NDArray[Any]) -> None:
+            nonlocal left
+            left -= array.nbytes
+            if left < 0:
+                raise MemoryError
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, array, allow_pickle=False)
+
+        try:
+            about = read(Path(NAME), data, save, **options)
+        except InputError as error:
+            about = {"refused": str(error)}
+        except MemoryError:
+            about = {"limit": "memory"}
+        archive.writestr("about.json", json.dumps(about))
+
+
+def _limit(memory: int, seconds: int) -> None:
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    spent = int(used.ru_utime + used.ru_stime) + 1
+    for what, most in (("CPU", spent + seconds), ("DATA", memory)):
+        kind = getattr(resource, f"RLIMIT_{what}")
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))

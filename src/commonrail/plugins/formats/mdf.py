@@ -15,7 +15,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.readers.channels import Channel, ChannelSheet
 from commonrail.readers.columns import PLAIN, FileForm
-from commonrail.readers.guarded.parent import read_apart
+from commonrail.readers.guarded import read_apart
 
 
 class MdfFile(ChannelSheet):
@@ -31,7 +31,7 @@ class MdfFile(ChannelSheet):
             raise InputError(
                 f"{path}: MDF files need asammdf; install commonrail[mdf], or export the channels to a CSV file."
             )
-        about, arrays = read_apart("mdf", path, data)
+        about, arrays = read_apart(f"{__name__}_child", path, data)
         arrays[""] = np.empty(0)  # of a channel that cannot be read
         channels = [
             Channel(**entry | {key: arrays[entry[key]] for key in ("time", "values")}) for entry in about["channels"]

@@ -10,10 +10,10 @@ import pytest
 from scipy.io import savemat
 
 from commonrail.base.errors import InputError
+from commonrail.plugins.formats import mat_child as mat
+from commonrail.plugins.formats.mat import MatFile, find_mat_map
 from commonrail.plugins.maps.file import write_map_file
 from commonrail.readers.columns import Column
-from commonrail.readers.guarded import mat
-from commonrail.readers.mat import MatFile, find_mat_map
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process

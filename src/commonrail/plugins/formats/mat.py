@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.text import counted
-from commonrail.readers.channels import ChannelSheet
-from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, find_column, finite
-from commonrail.readers.guarded.parent import read_apart
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table, find_column, finite
+from commonrail.readers.guarded import read_apart
 from commonrail.readers.location import MOST_COLUMNS
 from commonrail.readers.quantity_matrix import (
     KINDS,
     FoundMap,
     GivenUnits,
     filled_points,
-    find_column_map,
     kind_of,
     matrix_form,
 )
@@ -51,7 +49,7 @@ class MatFile:
             raise InputError(
                 f'{path}: MAT files of version 7.3 need h5py; install commonrail[mat], or save it with "-v7" in MATLAB.'
             )
-        about, arrays = read_apart("mat", path, data)
+        about, arrays = read_apart(f"{__name__}_child", path, data)
         self.arrays: dict[str, NDArray[Any]] = {name: arrays[str(i)] for i, name in enumerate(about["names"])}
         self._texts: dict[str, str] = about["texts"]
         self._columns = dict(_columns(self.arrays))
@@ -66,6 +64,10 @@ class MatFile:
         beside = [f"{inside}{last}_unit", f"{inside}units.{last}", f"units.{last}"]
         beside += [f"{inside}unit"] if last in ("value", "values") else []
         return next((self._texts[text].strip(" []") for text in beside if text in self._texts), "")
+
+    def quantity_map(self, given: GivenUnits) -> FoundMap:
+        """Quantity map of the variables; see `find_mat_map`."""
+        return find_mat_map(self, given)
 
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of variables; see `Sheet.take`."""
@@ -86,16 +88,6 @@ def _columns(arrays: dict[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[Any
             yield name, array
         elif array.ndim == 2 and array.shape[1] <= MOST_COLUMNS:
             yield from ((f"{name}(:,{i + 1})", array[:, i]) for i in range(array.shape[1]))
-
-
-def map_in(sheet: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
-    """Quantity map of a file with named columns or variables; units that are `given` count before those of the file.
-
-    Raises `InputError` if none is found, or the columns have times of their own.
-    """
-    if isinstance(sheet, ChannelSheet):
-        raise InputError(f"{sheet.path}: each channel of this record has its own times, so that it holds no map.")
-    return find_mat_map(sheet, given) if isinstance(sheet, MatFile) else find_column_map(sheet, given)
 
 
 # Last parts of names, where several variables have a unit of the kind or none has.

@@ -1,4 +1,4 @@
-"""Reader of Parquet tables for `child`: checked by their description before a row is read, then column by column.
+"""Reader of Parquet tables for `guarded`: checked by their description before a row is read, then column by column.
 
 A small file may hold a huge table, and its description may be false: that the limits of the child find out.
 """
@@ -13,7 +13,7 @@ import pyarrow
 from pyarrow import parquet, types
 
 from commonrail.base.errors import InputError
-from commonrail.readers.guarded.program import Save
+from commonrail.readers.guarded import Save
 from commonrail.readers.location import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS
 
 LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to some hundred times as much

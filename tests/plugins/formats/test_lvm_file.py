@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
+from commonrail.plugins.formats.lvm import LvmFile
 from commonrail.readers.columns import Column
-from commonrail.readers.lvm import LvmFile
 from commonrail.readers.overview import survey
 from commonrail.readers.tables import read_columns
 

@@ -14,10 +14,8 @@ from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE, read_plain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, finite, name_and_unit
-from commonrail.readers.guarded.parent import read_apart
+from commonrail.readers.guarded import read_apart
 from commonrail.readers.location import Groups
-
-LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
 
 
 class _Column(NamedTuple):
@@ -62,7 +60,7 @@ class ParquetFile:
                 f"{path}: to read Parquet, pyarrow is needed; install it with pip install "
                 '"commonrail[fleet]", or give CSV.'
             )
-        about, arrays = read_apart("parquet", path, read_plain(path, largest))
+        about, arrays = read_apart(f"{__name__}_child", path, read_plain(path, largest))
         self.path = path
         self.header: list[str] = about["header"]
         self.names = [name_and_unit(cell)[0] for cell in self.header]

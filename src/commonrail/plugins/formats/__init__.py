@@ -1,0 +1,1 @@
+"""Measuring systems' formats: MDF, MAT, LabVIEW and Parquet as sources of columns."""
