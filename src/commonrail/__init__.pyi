@@ -123,36 +123,6 @@ from .data.base import (
 from .data.curves.data import (
     RateData as RateData,
 )
-from .data.feature_targets.data import (
-    FeatureData as FeatureData,
-)
-from .data.feature_targets.reading import (
-    FeatureTarget as FeatureTarget,
-)
-from .data.features.features import (
-    features as features,
-)
-from .data.features.measures import (
-    FeatureStatus as FeatureStatus,
-)
-from .data.features.rate_trace import (
-    RateTrace as RateTrace,
-)
-from .data.features.result import (
-    Features as Features,
-)
-from .data.features.result import (
-    Injection as Injection,
-)
-from .data.features.settings import (
-    FeatureSettings as FeatureSettings,
-)
-from .data.features.shots import (
-    ShotStatistic as ShotStatistic,
-)
-from .data.features.shots import (
-    shot_statistics as shot_statistics,
-)
 from .data.noise import (
     Noise as Noise,
 )
@@ -266,6 +236,36 @@ from .plugins.family.type import (
 )
 from .plugins.family.type import (
     type_from_runs as type_from_runs,
+)
+from .plugins.features.measures import (
+    FeatureStatus as FeatureStatus,
+)
+from .plugins.features.rate_trace import (
+    RateTrace as RateTrace,
+)
+from .plugins.features.result import (
+    Features as Features,
+)
+from .plugins.features.result import (
+    Injection as Injection,
+)
+from .plugins.features.run import (
+    features as features,
+)
+from .plugins.features.settings import (
+    FeatureSettings as FeatureSettings,
+)
+from .plugins.features.shots import (
+    ShotStatistic as ShotStatistic,
+)
+from .plugins.features.shots import (
+    shot_statistics as shot_statistics,
+)
+from .plugins.features.targets import (
+    FeatureData as FeatureData,
+)
+from .plugins.features.targets_file import (
+    FeatureTarget as FeatureTarget,
 )
 from .plugins.foreign_fmu.data import (
     FmuData as FmuData,

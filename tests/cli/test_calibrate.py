@@ -13,8 +13,8 @@ import pytest
 from commonrail.base.errors import StudyError
 from commonrail.base.hooks import _ask
 from commonrail.calibration.search import Progress
+from commonrail.plugins.cluster import run as cluster
 from commonrail.runs.listing import list_runs
-from commonrail.workers import cluster
 from tests.cli.conftest import Command, check_made_again, run_command, small_study
 
 OWN = {"calibrated.toml", "result.json", "traces.csv", "SHA256SUMS", "report.html", "journal.sqlite", "journal.lock"}

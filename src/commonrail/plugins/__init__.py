@@ -4,7 +4,7 @@ from __future__ import annotations
 
 # Groups whose shipped parts are in lists of the core, with their names.
 ELSEWHERE = {
-    "features": "commonrail.data.features.table:FEATURES",
+    "features": "commonrail.plugins.features.table:FEATURES",
     "fuels": "commonrail.readers.fuel:shipped_fuels",
     "injectors": "commonrail.readers.injector.file:shipped_injectors",
     "optimisers": "commonrail.calibration.optimisers.registry:shipped_methods",
@@ -14,7 +14,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "rate": "commonrail.data.curves.data:RateData",
         "quantities": "commonrail.data.quantities.data:QuantityData",
         "return quantities": "commonrail.data.quantities.returned:ReturnData",
-        "features": "commonrail.data.feature_targets.data:FeatureData",
+        "features": "commonrail.plugins.features.targets:FeatureData",
     },
     "optimisers": {"multi-start least squares": "commonrail.plugins.multistart.run:REGISTERED"},
     "readers": {  # by the ending of a file's name; all else is CSV
@@ -44,6 +44,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "fmu-study": "commonrail.plugins.foreign_fmu.verb:STUDY",
     },
     "study_keys": {"type": "commonrail.plugins.family.injector_type:with_type"},
+    "workers": {"cluster": "commonrail.plugins.cluster.run:Cluster"},
     "pages": {"bench.html": "commonrail.plugins.page.page:page_of_run"},
     "inspectors": {"dcm": "commonrail.plugins.maps.dcm:facts_of"},
     "after_fit": {

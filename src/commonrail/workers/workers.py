@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Protocol
 
+from commonrail.base import registry
 from commonrail.engine.simulate import usable_threads
 from commonrail.workers.pool import USUAL, Limits, ProcessPool
 from commonrail.workers.task import Lost, Outcome, Task
@@ -99,9 +100,8 @@ class Workers:
         StudyError
             If the cluster has no workers.
         """
-        from commonrail.workers.cluster import Cluster
-
-        return cls(Cluster(address, usable_threads() if count is None else count), limits)
+        backend = registry.shipped("workers")["cluster"]
+        return cls(backend.call(address, usable_threads() if count is None else count), limits)
 
     def run(
         self,

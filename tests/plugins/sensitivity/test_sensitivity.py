@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
-from commonrail.data.features.table import FEATURES
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import Injector
+from commonrail.plugins.features.table import FEATURES
 from commonrail.plugins.sensitivity.file import Sensitivity
 from commonrail.plugins.sensitivity.run import CONSTRAINTS, Progress, sensitivity, study_of_model
 from commonrail.plugins.sensitivity.study import (

@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.data.features.measures import TracedInjection
-from commonrail.data.features.table import Estimate, Feature
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
+from commonrail.plugins.features.measures import TracedInjection
+from commonrail.plugins.features.table import Estimate, Feature
 
 
 def _of_trace(one: TracedInjection) -> Estimate:

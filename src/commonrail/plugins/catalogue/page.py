@@ -65,7 +65,7 @@ def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
     """Page of several injectors; `version` is that of the program."""
     return render(
         "gallery.html",
-        __package__,
+        package=__package__,
         exhibits=[
             {
                 "name": e.name,

@@ -140,7 +140,7 @@ def _meters() -> list[dict[str, Any]]:
 
 
 def _features() -> list[dict[str, Any]]:
-    from commonrail.data.features.table import known_features
+    from commonrail.plugins.features.table import known_features
 
     return [
         {

@@ -20,13 +20,13 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.optimisers.registry import named
 from commonrail.compiler import cache, target
-from commonrail.data.features.table import find_feature
 from commonrail.data.registry import find_kind
 from commonrail.engine.job import VECTORS
 from commonrail.engine.lanes import compiled
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, usable_threads
+from commonrail.plugins.features.table import find_feature
 from commonrail.readers.fuel import load_fuel
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.injector.meters import installed_meter

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import MISSING, field_unit, listed, quantity
-from commonrail.data.features.rate_trace import RATE_UNITS
-from commonrail.data.features.result import Features, Injection, decimals_of, unit_of
-from commonrail.data.features.shots import ShotStatistic
-from commonrail.data.features.table import features_of_traces
-from commonrail.runs.features import ComparedFeatures
+from commonrail.plugins.features.file import ComparedFeatures
+from commonrail.plugins.features.rate_trace import RATE_UNITS
+from commonrail.plugins.features.result import Features, Injection, decimals_of, unit_of
+from commonrail.plugins.features.shots import ShotStatistic
+from commonrail.plugins.features.table import features_of_traces
 
 Row = tuple[str, int]  # feature and number of the injection
 

@@ -13,9 +13,9 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, check_file, read_energisings, read_pair
 
 if TYPE_CHECKING:
-    from commonrail.data.features.result import Features
-    from commonrail.data.features.settings import FeatureSettings
     from commonrail.engine.operating_point import Energising
+    from commonrail.plugins.features.result import Features
+    from commonrail.plugins.features.settings import FeatureSettings
     from commonrail.readers.columns import FileForm
 
 
@@ -75,9 +75,9 @@ def features(
       commonrail features bench.txt --encoding cp1252 --decimal , --energising-time 700us
       commonrail features runs/first --threshold 2mm3/ms
     """
-    from commonrail.data.features.features import features as find
-    from commonrail.data.features.settings import FeatureSettings
     from commonrail.plugins.features.file import RateColumns, are_repeated, read_rates
+    from commonrail.plugins.features.run import features as find
+    from commonrail.plugins.features.settings import FeatureSettings
 
     check_file(out, "--out")
     settings = FeatureSettings(
@@ -114,9 +114,9 @@ def _form(encoding: str | None, decimal: str, sheet: str | None) -> FileForm:
 
 
 def _print_file(found: dict[str, Features], *, repeated: bool, out: Path | None, json: bool) -> None:
-    from commonrail.data.features.shots import shot_statistics
+    from commonrail.plugins.features.file import features_record, write_features
     from commonrail.plugins.features.page import feature_sentences, feature_table, shot_table
-    from commonrail.runs.features import features_record, write_features
+    from commonrail.plugins.features.shots import shot_statistics
 
     shots = shot_statistics(list(found.values())) if repeated and len(found) > 1 else ()
     if out is not None:
@@ -134,8 +134,8 @@ def _print_file(found: dict[str, Features], *, repeated: bool, out: Path | None,
 
 
 def _print_run(folder: Path, model: str, settings: FeatureSettings, out: Path | None, json: bool) -> None:
+    from commonrail.plugins.features.file import compared_record, run_features, write_compared
     from commonrail.plugins.features.page import compared_table, feature_sentences
-    from commonrail.runs.features import compared_record, run_features, write_compared
 
     found = run_features(folder, model, settings)
     if out is not None:

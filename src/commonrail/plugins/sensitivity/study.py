@@ -28,7 +28,6 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.parameter import Parameter
-from commonrail.data.features.table import Feature, features_of_simulations
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import prepare
 from commonrail.engine.simulate import simulate_batch
@@ -37,6 +36,7 @@ from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.physics.law import Domain
+from commonrail.plugins.features.table import Feature, features_of_simulations
 
 Codes = NDArray[np.int8]
 NO_EVENT = -1  # code of a feature that does not exist: the needle never opens, or never closes

@@ -17,12 +17,12 @@ from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
 from commonrail.data.curves.reading import pulses_of
 from commonrail.data.curves.samples import RateModel
-from commonrail.data.features.settings import FeatureSettings, Threshold
-from commonrail.data.features.table import features_of_traces, find_feature
 from commonrail.data.study_block import Context, drive_unit, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.injector import Injector
+from commonrail.plugins.features.settings import FeatureSettings, Threshold
+from commonrail.plugins.features.table import features_of_traces, find_feature
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import FileModel, Unit, fault
 

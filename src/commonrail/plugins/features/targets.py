@@ -16,21 +16,6 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number
 from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, read_labels, share_of, term_of
 from commonrail.data.curves.data import RateData
-from commonrail.data.feature_targets.page import FeatureView
-from commonrail.data.feature_targets.reading import (
-    AFTER,
-    RETURNED,
-    FeaturesModel,
-    FeatureTarget,
-    read_curve_of,
-    read_targets,
-    settings_of,
-)
-from commonrail.data.features.features import features
-from commonrail.data.features.rate_trace import RateTrace, rate_trace
-from commonrail.data.features.result import Features
-from commonrail.data.features.settings import FeatureSettings, Levels
-from commonrail.data.features.table import find_feature
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.records import MEASURED, point_record
@@ -39,6 +24,21 @@ from commonrail.data.study_block import Context
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import Meter
+from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
+from commonrail.plugins.features.result import Features
+from commonrail.plugins.features.run import features
+from commonrail.plugins.features.settings import FeatureSettings, Levels
+from commonrail.plugins.features.table import find_feature
+from commonrail.plugins.features.targets_file import (
+    AFTER,
+    RETURNED,
+    FeaturesModel,
+    FeatureTarget,
+    read_curve_of,
+    read_targets,
+    settings_of,
+)
+from commonrail.plugins.features.targets_page import FeatureView
 
 NO_FEATURE = "NO_FEATURE"
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from commonrail.base.text import number
-from commonrail.data.features.measures import FeatureStatus
-from commonrail.data.features.rate_trace import RATE_UNITS
-from commonrail.data.features.settings import Levels
-from commonrail.data.features.table import features_of_traces, find_feature, known_name
 from commonrail.engine.operating_point import Energising
+from commonrail.plugins.features.measures import FeatureStatus
+from commonrail.plugins.features.rate_trace import RATE_UNITS
+from commonrail.plugins.features.settings import Levels
+from commonrail.plugins.features.table import features_of_traces, find_feature, known_name
 
 _DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2}
 

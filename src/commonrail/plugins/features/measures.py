@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
-from commonrail.data.features.rate_trace import RateTrace
-from commonrail.data.features.settings import FeatureSettings, Levels
 from commonrail.engine.operating_point import Energising
+from commonrail.plugins.features.rate_trace import RateTrace
+from commonrail.plugins.features.settings import FeatureSettings, Levels
 
 # Division of a trace into injections: runs above the threshold with hysteresis, split where they fuse.
 

@@ -13,10 +13,6 @@ import pytest
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study_file.file import load_study
-from commonrail.data.feature_targets import data as module
-from commonrail.data.feature_targets.data import FeatureData
-from commonrail.data.features.features import features
-from commonrail.data.features.table import find_feature
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.data.study_block import Context
@@ -24,6 +20,10 @@ from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
+from commonrail.plugins.features import targets as module
+from commonrail.plugins.features.run import features
+from commonrail.plugins.features.table import find_feature
+from commonrail.plugins.features.targets import FeatureData
 from commonrail.readers.injector.file import dump_injector
 from commonrail.readers.location import Place, Reach
 from tests.data.samples import PRESSURES, STEP, curve_table

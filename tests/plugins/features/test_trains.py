@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from commonrail.data.features.features import features
-from commonrail.data.features.measures import FeatureStatus, averaged
-from commonrail.data.features.rate_trace import RateTrace
-from commonrail.data.features.settings import FeatureSettings
-from tests.data.analytic import PEAK, SAMPLE, noisy, straight
+from commonrail.plugins.features.measures import FeatureStatus, averaged
+from commonrail.plugins.features.rate_trace import RateTrace
+from commonrail.plugins.features.run import features
+from commonrail.plugins.features.settings import FeatureSettings
+from tests.plugins.features.analytic import PEAK, SAMPLE, noisy, straight
 
 PILOT = 0.4 * PEAK
 # pilot: triangle from 300 to 500 us; main: trapezoid from 1000 to 1600 us

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.data.features.features import features
-from commonrail.data.features.rate_trace import RateTrace
-from commonrail.data.features.result import Features
-from commonrail.data.features.shots import ShotStatistic, shot_statistics
-from tests.data.analytic import PEAK, noisy, trapezoid
+from commonrail.plugins.features.rate_trace import RateTrace
+from commonrail.plugins.features.result import Features
+from commonrail.plugins.features.run import features
+from commonrail.plugins.features.shots import ShotStatistic, shot_statistics
+from tests.plugins.features.analytic import PEAK, noisy, trapezoid
 
 QUANTITY = 575e-6 * PEAK
 

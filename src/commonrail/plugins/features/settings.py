@@ -9,7 +9,7 @@ from typing import NamedTuple
 from commonrail.base.arguments import Limits, Quantity, amount, flag, fraction, number, settle
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.units import parse, to_text
-from commonrail.data.features.rate_trace import RateTrace, spread
+from commonrail.plugins.features.rate_trace import RateTrace, spread
 
 AVERAGINGS = Limits(1e-9, 1e-3, (1e-6, 1e-3), ("us",))  # [s]
 TIMES = Limits(0.0, 0.1, (1e-6, 0.1), ("us", "ms"))  # [s]

@@ -12,9 +12,9 @@ import numpy as np
 from commonrail.base.arguments import instances, number
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number as plain
-from commonrail.data.features.rate_trace import spread
-from commonrail.data.features.result import Features, unit_of
-from commonrail.data.features.table import features_of_traces
+from commonrail.plugins.features.rate_trace import spread
+from commonrail.plugins.features.result import Features, unit_of
+from commonrail.plugins.features.table import features_of_traces
 
 APART = 3.5  # standard deviations by medians from the median, beyond which a shot stands apart
 FEWEST_TO_JUDGE = 5  # shots

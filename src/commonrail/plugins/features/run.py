@@ -11,7 +11,8 @@ import numpy as np
 
 from commonrail.base.arguments import instance
 from commonrail.base.errors import ConfigurationError
-from commonrail.data.features.measures import (
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.plugins.features.measures import (
     FeatureStatus,
     Instant,
     Instants,
@@ -21,11 +22,10 @@ from commonrail.data.features.measures import (
     instants_of,
     parts_of,
 )
-from commonrail.data.features.rate_trace import RateTrace, rate_trace
-from commonrail.data.features.result import Features, Injection
-from commonrail.data.features.settings import CLEAR, FeatureSettings, Levels, levels_of
-from commonrail.data.features.table import features_of_traces
-from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
+from commonrail.plugins.features.result import Features, Injection
+from commonrail.plugins.features.settings import CLEAR, FeatureSettings, Levels, levels_of
+from commonrail.plugins.features.table import features_of_traces
 
 
 def features(

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from commonrail.data.features.rate_trace import RateTrace
 from commonrail.engine.operating_point import Energising
+from commonrail.plugins.features.rate_trace import RateTrace
 
 SAMPLE = 5e-6  # [s]
 PEAK = 50e-6  # [m³/s]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.data.features.features import features
-from commonrail.data.features.rate_trace import RateTrace
-from commonrail.data.features.settings import FeatureSettings
 from commonrail.engine.operating_point import Energising
+from commonrail.plugins.features.rate_trace import RateTrace
+from commonrail.plugins.features.run import features
+from commonrail.plugins.features.settings import FeatureSettings
 
 NAMES = ("opening", "closing", "duration", "rise_time", "fall_time", "quantity", "separation")
 SAMPLE = 5e-6  # [s]

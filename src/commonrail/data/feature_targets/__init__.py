@@ -1,1 +1,0 @@
-"""Features of an injection as data of a study."""

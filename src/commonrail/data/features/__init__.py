@@ -1,1 +1,0 @@
-"""Openings, closings and quantities found in a rate or another trace."""
