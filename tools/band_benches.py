@@ -24,7 +24,7 @@ from commonrail.data.registry import of_role
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import estimate
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, prior_slopes_at
 from commonrail.runs.folder import read_fit
 
 Floats = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Linear(NamedTuple):
         study, best = read_fit(folder)
         own, point = Likelihood.of(study, 1), np.array([best[name] for name in study.space.names])
         found = estimate(own, own.space.to_unit(point)[None])
-        widths = 1.0 / np.diag(own.prior_slopes(found.unit))
+        widths = 1.0 / np.diag(prior_slopes_at(own, found.unit))
         fitted = of_role(study.data, Role.FIT)
         new = [data for data in of_role(study.data, Role.VALIDATION) if isinstance(data, QuantityData)]
         place = around(own.space, point)

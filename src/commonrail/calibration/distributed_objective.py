@@ -53,7 +53,7 @@ class Evaluation:
 
     def __init__(self, objective: Objective, start: Floats) -> None:
         self.objective, self.start = copy.copy(objective), start
-        self.objective.threads = 1
+        self.objective.use_threads(1)
 
     def __call__(self, argument: tuple[str, Floats]) -> Any:
         """Result of "costs", "residuals" or "screened" of candidates (n, names)."""

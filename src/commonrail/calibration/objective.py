@@ -183,13 +183,8 @@ class Objective:
         groups = ((kind, [d for d in self.data if d.kind == kind.kind]) for kind in kinds)
         self._terms = [term for kind, group in groups for term in kind.terms(group, time_step)]
 
-    @property
-    def threads(self) -> int | None:
-        """Threads that simulate; all usable processors if None."""
-        return self.simulator.threads
-
-    @threads.setter
-    def threads(self, threads: int | None) -> None:
+    def use_threads(self, threads: int | None) -> None:
+        """Simulate with so many threads; all usable processors if None."""
         self.simulator.threads = threads
 
     @property
@@ -211,18 +206,22 @@ class Objective:
         total = np.zeros(len(values))
         statuses = np.zeros(len(values), np.int8)
         for term in self._terms if self.goal.loss is not Loss.SOFT_L1 else ():
-            batch = self._batch(term, values)
+            batch = _batch_of(self, term, values)
             losses = term.squares if self.goal.loss is Loss.SQUARES else term.misfits
             total += np.sum(losses(batch, Candidates(self.simulator, values)) * term.weights, axis=1)
-            _note_failures(statuses, batch.status, term.failed(batch.status))
+            statuses = _first_failures(statuses, batch.status, term.failed(batch.status))
         if self.goal.loss is Loss.SOFT_L1:
             total += np.sum(self._of_data(self._costing, values, self.goal.bent) ** 2, axis=1)
-            self._note_reasons(statuses, values, ~np.isfinite(total))
+            lost = ~np.isfinite(total)  # simulated once more, for their reasons
+            for term in self._terms if lost.any() else ():
+                status = _batch_of(self, term, values[lost]).status
+                statuses[lost] = _first_failures(statuses[lost], status, term.failed(status))
         if self._points:
-            batch, past = self._at_conditions(self.simulator, values, self.precision)
-            lost = broken(self.goal.conditions, batch, past)
+            batch = self.simulator.batch(self._points, values, self.precision)
+            lost = broken(self.goal.conditions, batch, distances_past(self.goal.conditions, self.simulator, values))
             total[lost.any(axis=1)] = np.inf
-            _note_failures(statuses, np.where(batch.status == OK, Status.CONDITION_NOT_MET, batch.status), lost)
+            reasons = np.where(batch.status == OK, Status.CONDITION_NOT_MET, batch.status)
+            statuses = _first_failures(statuses, reasons, lost)
         if len(self.goal.priors):
             total += self.goal.priors.costs(values)
         finite = np.isfinite(total)
@@ -234,27 +233,8 @@ class Objective:
     def misfits(self, values: Floats) -> Floats:
         """J of each data set, (n, data sets) in the order of `data`, without weights; NaN for a failed simulation."""
         candidates = Candidates(self.simulator, values)
-        batches = ((term, self._batch(term, values)) for term in self._terms)
+        batches = ((term, _batch_of(self, term, values)) for term in self._terms)
         return np.concatenate([term.misfits(batch, candidates) for term, batch in batches], axis=1)
-
-    def _note_reasons(self, statuses: NDArray[np.int8], values: Floats, lost: Bools) -> None:
-        """Put the status of candidates that failed, (n,) mask, in its place: those alone are simulated once more."""
-        if lost.any():
-            found = statuses[lost]
-            for term in self._terms:
-                status = self._batch(term, values[lost]).status
-                _note_failures(found, status, term.failed(status))
-            statuses[lost] = found
-
-    def _at_conditions(
-        self, simulator: Simulator, values: Floats, precision: Precision | None = None
-    ) -> tuple[Batch, Floats | None]:
-        """Candidates at the points of the conditions, and their distances beyond the stops that conditions name."""
-        batch = simulator.batch(self._points, values, precision)
-        return batch, distances_past(self.goal.conditions, simulator, values)
-
-    def _batch(self, term: Term, values: Floats) -> Batch:
-        return self.simulator.batch(term.points, values, self.precision, term.misfit, whole=term.whole)
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points, then priors).
@@ -272,13 +252,14 @@ class Objective:
         found = self._of_data(simulator, values, self.goal.bent)  # their squares sum to the loss
         residuals = np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
         if self._points:
-            lost = broken(self.goal.conditions, *self._at_conditions(simulator, values))
+            conditions, batch = self.goal.conditions, simulator.batch(self._points, values)
+            lost = broken(conditions, batch, distances_past(conditions, simulator, values))
             residuals[lost.any(axis=1)] = np.nan
         return residuals
 
     def _of_data(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
         """Residuals (n, all samples and points), those of each data set under a law that knows no weight of the set."""
-        simulator.threads = self.threads
+        simulator.threads = self.simulator.threads
         found = []
         for d in self.data:
             own = d.residuals(d.simulated(simulator, values))
@@ -297,8 +278,14 @@ class Objective:
         return np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
 
 
-def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: Bools) -> None:
-    """Put the first status (n, points) that failed where there is none yet (n,)."""
-    if failed.any():
-        first = found[np.arange(len(found)), np.argmax(failed, axis=1)]
-        np.copyto(statuses, first.astype(np.int8), where=failed.any(axis=1) & (statuses == OK))
+def _batch_of(objective: Objective, term: Term, values: Floats) -> Batch:
+    """Candidates at the points of a term, with the objective's precision."""
+    return objective.simulator.batch(term.points, values, objective.precision, term.misfit, whole=term.whole)
+
+
+def _first_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: Bools) -> NDArray[np.int8]:
+    """Statuses (n,) with the first one (n, points) that failed where there is none yet."""
+    if not failed.any():
+        return statuses
+    first = found[np.arange(len(found)), np.argmax(failed, axis=1)].astype(np.int8)
+    return np.where(failed.any(axis=1) & (statuses == OK), first, statuses)

@@ -9,7 +9,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.least_squares import Descents, FeasibleSet, Model, Rules, advance, answered
 from commonrail.plugins.certainty.covariance import Covariance, covariance_of
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, forward_slopes, prior_slopes_at, weights_of
 
 FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one
 FEW = 5  # free parameters, up to which steps are straight: bending them saves no step and costs a third of the points
@@ -45,7 +45,7 @@ class _Criterion(NamedTuple):
 
     def tangents(self, slopes: Floats, unit: Floats) -> Floats:
         likelihood = self.likelihood
-        priors = [likelihood.prior_slopes(point).T for point in unit]
+        priors = [prior_slopes_at(likelihood, point).T for point in unit]
         return np.concatenate([likelihood.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
 
     def costs(self, innovations: Floats) -> Floats:
@@ -56,7 +56,7 @@ class _Criterion(NamedTuple):
     def weights(self, innovations: Floats) -> Floats:
         found = np.ones_like(innovations)
         n = self.likelihood.size
-        found[:, :n] = self.likelihood.weights(innovations[:, :n])
+        found[:, :n] = weights_of(self.likelihood, innovations[:, :n])
         return found
 
     def curvature(self, innovations: Floats) -> Floats:
@@ -107,6 +107,6 @@ def covariance_at(likelihood: Likelihood, end: Ascent) -> tuple[Covariance, Floa
     """Covariance and derivatives (d, n) of the residuals at the end of one ascent."""
     slopes = end.slopes[0]
     if np.isnan(slopes[0, 0]):
-        slopes = likelihood.slopes(end.unit, end.errors)[0]
+        slopes = forward_slopes(likelihood, end.unit, end.errors)[0]
     nothing = np.zeros((0, likelihood.size))
-    return covariance_of(likelihood, slopes, end.errors[0], nothing, likelihood.prior_slopes(end.unit[0])), slopes
+    return covariance_of(likelihood, slopes, end.errors[0], nothing, prior_slopes_at(likelihood, end.unit[0])), slopes

@@ -19,7 +19,7 @@ from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
 from commonrail.plugins.certainty.covariance import Covariance, covariance_of, moved_by, student, with_integration
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes, prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import sample_count
 from commonrail.plugins.certainty.nuisance import SIDES, Nuisance
 
@@ -299,7 +299,7 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS, le
 def _at_top(own: Likelihood, near: Ascent) -> Estimate:
     """Estimate at the end of one ascent under its noise."""
     unit, errors = near.unit[0], near.errors[0]
-    return with_outliers(_over_intervals(_ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))))
+    return with_outliers(_over_intervals(_ended(estimate_at(own, unit, errors, central_slopes(own, unit[None])[0]))))
 
 
 def _level(found: Estimate) -> Estimate:
@@ -378,7 +378,7 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
     many = len(likelihood.nuisances)
     shifts = np.array([n.shift(point) for n in likelihood.nuisances]).reshape(many, likelihood.size)
     likelihood.simulated += 5 * many
-    covariance = covariance_of(likelihood, slopes, errors, shifts, likelihood.prior_slopes(unit))
+    covariance = covariance_of(likelihood, slopes, errors, shifts, prior_slopes_at(likelihood, unit))
     ends = FeasibleSet.of(likelihood.space).within(np.tile(unit, (many, 1)), unit + covariance.nuisances)
     moves = likelihood.space.from_unit(ends) - point
     bends = np.zeros((many, likelihood.size))
@@ -393,7 +393,7 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
 def with_outliers(found: Estimate) -> Estimate:
     """The estimate, outliers of Student's t integrated out of its covariance, see `covariance`."""
     likelihood = found.likelihood
-    prior_slopes = likelihood.prior_slopes(found.unit)
+    prior_slopes = prior_slopes_at(likelihood, found.unit)
     covariance = with_integration(found.covariance, likelihood, found.slopes, found.errors, prior_slopes)
     return replace(found, covariance=covariance)
 
@@ -458,7 +458,7 @@ def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:
     best = int(np.argmin(costs))
     if costs[best] >= found.cost:
         return replace(found, gain=0.0) if found.gain < AGREED else found
-    slopes = likelihood.jacobian(ends[best][None])[0] if slopes is None else slopes
+    slopes = central_slopes(likelihood, ends[best][None])[0] if slopes is None else slopes
     return estimate_at(likelihood, ends[best], errors[best], slopes)
 
 

@@ -26,7 +26,7 @@ from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.study import Study
 from commonrail.data.noise import Correlation
 from commonrail.plugins.certainty.estimate import Estimate, estimate
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, prior_slopes_at
 from commonrail.plugins.certainty.missing import Missing
 from commonrail.plugins.certainty.noise_fit import Block, agreed, as_normal, fit_noise, spread, unequal
 from commonrail.plugins.certainty.nuisance import with_uncertain_free
@@ -194,7 +194,7 @@ def _stated(estimate: Estimate, first: int) -> _Held:
     changes = likelihood.whiten(np.vstack([estimate.shifts, estimate.bends]))
     widths = np.repeat([1.0, np.sqrt(3.0)], many)
     which = likelihood.priors.columns >= first
-    prior_slopes = likelihood.prior_slopes(estimate.unit)[which]
+    prior_slopes = prior_slopes_at(likelihood, estimate.unit)[which]
     distances = likelihood.priors.residuals(likelihood.space.from_unit(estimate.unit[None]))[0][which]
     beside = np.hstack([np.zeros((2 * many, d)), np.diag(1.0 / widths)])
     among = np.hstack([prior_slopes, np.zeros((len(prior_slopes), 2 * many))])

@@ -134,40 +134,22 @@ class Likelihood:
     def with_space(
         self, space: Space, residuals: Callable[[Floats], Floats], nuisances: Sequence[Nuisance] = ()
     ) -> Likelihood:
-        """A likelihood of the same blocks with other parameters; its noise is not known.
-
-        Parameters
-        ----------
-        space : Space
-        residuals : function of (m, d)
-            As that of the class.
-        nuisances : sequence of Nuisance
-            As those of the class.
-        """
+        """A likelihood of the same blocks with other parameters, its arguments as those of the class; without noise."""
         return Likelihood(space, self.blocks, residuals, nuisances, forward=self.forward)
 
     def estimated(
         self, errors: Floats, used: Sequence[float], off: Floats | None = None, *, correlated: bool = True
     ) -> Likelihood:
-        """The same likelihood with the noise that residuals at the best values show.
+        """The same likelihood with the noise that residuals (n,) at the best values show.
 
-        Parameters
-        ----------
-        errors : (n,)
-        used : sequence of float
-            Parameters that each block pays for.
-        off : (d, n), optional
-            Courses that the fitted residuals may be off by, see `estimate`.
-        correlated : bool
-            Estimate autocorrelations too.
+        `used`: parameters that each block pays for; `off` (d, n): courses that the residuals may be off by, see
+        `noise_fit.estimate`; `correlated`: estimate autocorrelations too.
         """
-        fitted = [
-            fit_noise(
-                block, errors[block.rows], own, None if off is None else off[:, block.rows], correlated=correlated
-            )
-            for block, own in zip(self.blocks, used, strict=True)
-        ]
-        return self.with_noises(fitted)
+        off = np.zeros((0, self.size)) if off is None else off
+        pairs = zip(self.blocks, used, strict=True)
+        return self.with_noises(
+            [fit_noise(b, errors[b.rows], own, off[:, b.rows], correlated=correlated) for b, own in pairs]
+        )
 
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted.
@@ -219,44 +201,41 @@ class Likelihood:
             found[inside] += self.log_likelihood(points[inside])
         return found
 
-    def jacobian(self, unit: Floats) -> Floats:
-        """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
-
-        From differences to both sides, simulated in one batch. Zero where a candidate fails.
-        """
-        near = [around_position(self.space, one) for one in unit]
-        found = self.residuals(np.concatenate([one.values[1:] for one in near]))
-        below, above = np.moveaxis(found.reshape(len(unit), 2, -1, self.size), 1, 0)
-        slopes = (above - below) / np.array([one.width for one in near])[..., None]
-        return np.where(np.isfinite(slopes), slopes, 0.0)
-
-    def slopes(self, unit: Floats, errors: Floats, free: Bools | None = None) -> Floats:
-        """One-sided derivatives (k, d, n) of the residuals, as `least_squares.differences`.
-
-        Parameters
-        ----------
-        unit : (k, d)
-        errors : (k, n)
-            Residuals there.
-        free : (k, d) bool, optional
-        """
-        return answered(differences(self.space, unit, errors, np.full(len(unit), self.forward), free), self.residuals)
-
-    def weights(self, innovations: Floats) -> Floats:
-        """Weights (…, n) that the laws give innovations (…, n)."""
-        found = np.ones_like(innovations)
-        for block, noise in zip(self.blocks, self.noises, strict=True):
-            found[..., block.rows] = noise.density.weight(innovations[..., block.rows])
-        return found
-
-    def prior_slopes(self, unit: Floats) -> Floats:
-        """Derivatives (p, d) of the residuals of the priors with respect to positions, at a position (d,)."""
-        priors = self.priors
-        found = np.zeros((len(priors), len(unit)))
-        if len(priors):
-            found[np.arange(len(priors)), priors.columns] = self.scaled(unit)[priors.columns] / priors.sigmas
-        return found
-
     def scaled(self, unit: Floats) -> Floats:
         """SI value per unit of position (d,) at a position (d,)."""
         return around_position(self.space, unit).scale
+
+
+def central_slopes(likelihood: Likelihood, unit: Floats) -> Floats:
+    """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
+
+    From differences to both sides, simulated in one batch. Zero where a candidate fails.
+    """
+    near = [around_position(likelihood.space, one) for one in unit]
+    found = likelihood.residuals(np.concatenate([one.values[1:] for one in near]))
+    below, above = np.moveaxis(found.reshape(len(unit), 2, -1, likelihood.size), 1, 0)
+    slopes = (above - below) / np.array([one.width for one in near])[..., None]
+    return np.where(np.isfinite(slopes), slopes, 0.0)
+
+
+def forward_slopes(likelihood: Likelihood, unit: Floats, errors: Floats, free: Bools | None = None) -> Floats:
+    """One-sided derivatives (k, d, n) at positions (k, d) with residuals (k, n), as `least_squares.differences`."""
+    steps = np.full(len(unit), likelihood.forward)
+    return answered(differences(likelihood.space, unit, errors, steps, free), likelihood.residuals)
+
+
+def prior_slopes_at(likelihood: Likelihood, unit: Floats) -> Floats:
+    """Derivatives (p, d) of the residuals of the priors with respect to positions, at a position (d,)."""
+    priors = likelihood.priors
+    found = np.zeros((len(priors), len(unit)))
+    if len(priors):
+        found[np.arange(len(priors)), priors.columns] = likelihood.scaled(unit)[priors.columns] / priors.sigmas
+    return found
+
+
+def weights_of(likelihood: Likelihood, innovations: Floats) -> Floats:
+    """Weights (…, n) that the laws give innovations (…, n)."""
+    found = np.ones_like(innovations)
+    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
+        found[..., block.rows] = noise.density.weight(innovations[..., block.rows])
+    return found

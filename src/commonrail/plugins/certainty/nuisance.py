@@ -148,7 +148,7 @@ def nuisances_of(objective: Objective, root_weights: Floats) -> tuple[Nuisance, 
         [*objective.names, *stated],
         data,
         objective.time_step,
-        objective.threads,
+        objective.simulator.threads,
         goal=objective.goal,
         same_bits=objective.simulator.same_bits,
     )

@@ -23,7 +23,7 @@ from commonrail.plugins.certainty.ascent import Ascent, climb
 from commonrail.plugins.certainty.covariance import Covariance, moved_by
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.lack_of_fit import level_of
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, forward_slopes, prior_slopes_at
 from commonrail.plugins.certainty.nuisance import one_sided, with_uncertain_free
 
 DRAWS = 32  # of each of two rounds
@@ -172,13 +172,13 @@ def _metric(likelihood: Likelihood, whole: Estimate, ends: Ascent, held: IndexAr
     """
     d = len(whole.unit) - held.shape[1]
     free = np.arange(len(whole.unit)) < d
-    slopes = likelihood.slopes(ends.unit, ends.errors, np.tile(free, (len(held), 1)))[:, :d]
+    slopes = forward_slopes(likelihood, ends.unit, ends.errors, np.tile(free, (len(held), 1)))[:, :d]
     tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(whole.errors)
     metric = np.zeros((len(slopes), d, d))
     for block, noise, ratio in zip(likelihood.blocks, likelihood.noises, whole.covariance.ratios, strict=True):
         part = tangents[:, :, block.rows]
         metric += ratio * noise.mean_slope(innovations[block.rows]) * part @ part.transpose(0, 2, 1)
-    prior_slopes = likelihood.prior_slopes(whole.unit)[:, :d]
+    prior_slopes = prior_slopes_at(likelihood, whole.unit)[:, :d]
     metric += prior_slopes.T @ prior_slopes + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
     return metric
 

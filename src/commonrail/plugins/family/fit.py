@@ -146,7 +146,7 @@ def fit_family(
     objective = objective_of_parts(family, threads)
     with held_interrupts() as stop:
         found = Search(family, objective, workers, Listeners(progress, recorder, stop), checkpoint).to_end()
-        objective.threads = threads  # workers' copies share the simulators
+        objective.use_threads(threads)  # workers' copies share the simulators
         ends = members_of(found.ends)
         identified = identify_at(family.space, objective, np.array(list(found.best.values())))
         errors = {name: identified[name]["standard_error"] for name in family.space.names}

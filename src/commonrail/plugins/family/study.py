@@ -168,15 +168,10 @@ class FamilyObjective(Objective):
         self.data = tuple(data for part in self.parts for data in part.data)
         self.simulator = self.parts[0].simulator
 
-    @property
-    def threads(self) -> int | None:
-        """Threads that simulate; all usable processors if None."""
-        return self.parts[0].threads
-
-    @threads.setter
-    def threads(self, threads: int | None) -> None:
+    def use_threads(self, threads: int | None) -> None:
+        """Simulate with so many threads; all usable processors if None."""
         for part in self.parts:
-            part.threads = threads
+            part.use_threads(threads)
 
     def costs(self, values: Floats) -> Scores:
         """Objective of joint candidates (n, names), SI; one that is simulated once for several counts for each."""

@@ -108,7 +108,7 @@ class MultiStartLeastSquares(Optimiser):
 
     @property
     def verdict(self) -> Convergence | None:
-        """Convergence on convergence; None before the first step."""
+        """Verdict on convergence; None before the first step."""
         if not self._waves and not self.steps:
             return None
         if not np.isfinite(self.costs).any():
@@ -149,7 +149,13 @@ class MultiStartLeastSquares(Optimiser):
     def _step(self) -> Work:
         """Draws at first, of which good ones that lie apart start descents; then iterations of these."""
         if self.steps:
-            yield from self._descend()
+            losses, noise = self._losses()
+            rules = Rules(self.settings.difference, SMALL_GAIN * noise)
+            after = yield from advance(self.space, self._ends.without_slopes(), losses, rules)
+            x = self.space.from_unit(after.unit)
+            costs = yield asked(x, Wanted.COSTS_AGAIN)
+            self._take(after, costs)
+            self._offer(x, costs)
         else:
             x = sample_priors(self.space, self.settings.members, self._rng)
             costs = yield asked(x)
@@ -177,16 +183,6 @@ class MultiStartLeastSquares(Optimiser):
             self._take(new, costs)
         else:
             self._take(self._ends.joined(new), np.concatenate([self.costs, costs]))
-
-    def _descend(self) -> Work:
-        """One iteration of the descents."""
-        losses, noise = self._losses()
-        rules = Rules(self.settings.difference, SMALL_GAIN * noise)
-        after = yield from advance(self.space, self._ends.without_slopes(), losses, rules)
-        x = self.space.from_unit(after.unit)
-        costs = yield asked(x, Wanted.COSTS_AGAIN)
-        self._take(after, costs)
-        self._offer(x, costs)
 
     def _take(self, ends: Descents, costs: Floats) -> None:
         """Take descents and the costs (n,) of their points."""

@@ -19,7 +19,7 @@ from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes, prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of
 from commonrail.plugins.certainty.nuisance import nuisances_of
 from commonrail.plugins.next.study import Candidate, Criterion, Problem, place_of, planned
@@ -33,7 +33,7 @@ BOUNDED = 12.0
 
 def prior_information(likelihood: Likelihood, unit: Floats) -> Floats:
     """Information (d, d) of priors and bounds on the positions, at a position (d,)."""
-    pulls = likelihood.prior_slopes(unit)
+    pulls = prior_slopes_at(likelihood, unit)
     return np.asarray(pulls.T @ pulls + BOUNDED * np.eye(len(unit)))
 
 
@@ -224,7 +224,7 @@ def problem_of(
     rows = _rows(responses, planned, [likelihood.noises[_first(data, one)].scale for one in responses])
     s, d, size = len(unit), unit.shape[1], rows.shape[-1]
     shared = np.vstack([found.shifts, loads])
-    slopes = likelihood.jacobian(unit)
+    slopes = central_slopes(likelihood, unit)
     both = np.concatenate([slopes, np.repeat(shared[None], s, axis=0)], axis=1)
     tangents = _whitened(likelihood, both)
     information = (tangents * slope_weights(found)) @ tangents.transpose(0, 2, 1)

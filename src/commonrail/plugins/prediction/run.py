@@ -36,7 +36,7 @@ from commonrail.plugins.certainty.estimate import (
     with_outliers,
     with_step_error,
 )
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes
 from commonrail.plugins.certainty.noise_fit import places_of
 from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.prediction.band import (
@@ -330,4 +330,6 @@ def _about(found: Estimate, point: Floats) -> Estimate:
     if np.all(away**2 <= FAR**2 * np.where(np.isfinite(variance), variance, 1.0)):
         return found.with_errors(away[None])
     errors = likelihood.residuals(point[None])[0]
-    return with_outliers(with_step_error(estimate_at(likelihood, unit, errors, likelihood.jacobian(unit[None])[0])))
+    return with_outliers(
+        with_step_error(estimate_at(likelihood, unit, errors, central_slopes(likelihood, unit[None])[0]))
+    )

@@ -13,6 +13,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.covariance import covariance_of
 from commonrail.plugins.certainty.estimate import Estimate, wider, with_outliers
+from commonrail.plugins.certainty.likelihood import prior_slopes_at, weights_of
 from commonrail.plugins.certainty.noise_fit import sample_count, scale_of, stated_courses
 
 LEAST = 8  # values held out, from which their scatter is believed
@@ -58,10 +59,10 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     """
     likelihood, d = found.likelihood, len(found.unit)
     innovations = likelihood.whiten(found.errors)
-    robust = np.sqrt(likelihood.weights(innovations))
+    robust = np.sqrt(weights_of(likelihood, innovations))
     wide = np.vstack([found.slopes, found.shifts, stated_courses(likelihood.blocks)])
     tangents = robust * likelihood.whiten(wide)
-    prior_slopes = likelihood.prior_slopes(found.unit)
+    prior_slopes = prior_slopes_at(likelihood, found.unit)
     held = np.eye(len(wide))
     held[:d, :d] = prior_slopes.T @ prior_slopes
     force = tangents @ (robust * innovations)
@@ -92,7 +93,7 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
         for low, noise in zip(few, likelihood.noises, strict=True)
     ]
     wide = likelihood.with_noises(noises)
-    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, wide.prior_slopes(found.unit))
+    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, prior_slopes_at(wide, found.unit))
     fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
     covariance = covariance._replace(
         nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear),

@@ -21,7 +21,7 @@ from commonrail.base.text import listed
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.estimate import Estimate, bounded
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, weights_of
 from commonrail.plugins.certainty.noise_fit import FittedNoise, sample_count, stated_courses
 
 # Starts of the chains and independent proposals, from a multivariate t distribution about the most likely values.
@@ -433,7 +433,7 @@ class PosteriorDensity:
         return found, np.sum(z**2, axis=1)
 
     def _weights(self, innovations: Floats) -> Floats:
-        found = self.likelihood.weights(innovations)
+        found = weights_of(self.likelihood, innovations)
         return np.where(np.isfinite(found), found, 1.0)
 
 
