@@ -28,7 +28,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import NOISE, Correlation, Noise
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate, library, starts_from
-from commonrail.plugins.certainty.lack_of_fit import judged_residuals, of_missing
+from commonrail.plugins.certainty.lack_of_fit import assess_residuals, of_missing
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.missing import missing_delay
 from commonrail.plugins.certainty.one_sided import Within, estimate_within
@@ -289,7 +289,7 @@ def row(bed: Bed, many: int) -> Row:
         one, whole, study = within.found, within.whole, within.study
         middle = time.process_time()
         delay = missing_delay(study, whole, 1)
-        tests, freed = judged_residuals(study, whole, delay, 1, priors_from=len(one.unit))
+        tests, freed = assess_residuals(study, whole, delay, 1, priors_from=len(one.unit))
         tested = freed + (0 if delay is None else delay.simulated)
         low, high = one.interval()
         judged = verdicts_of(one, low, high, withdrawal(one, tests))

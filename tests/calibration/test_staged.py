@@ -7,7 +7,7 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers import staged
-from commonrail.calibration.optimisers.base import Wanted
+from commonrail.calibration.optimisers.base import Question
 from commonrail.calibration.optimisers.staged import StagedLeastSquares, StagedSettings, capped
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.space import Space
@@ -32,7 +32,7 @@ def descend() -> float:
     while not (search.finished or search.state()["hopping"]):
         trials = search.ask()
         values = rippled(trials.x)
-        costs = trials.wanted in (Wanted.COSTS, Wanted.COSTS_AGAIN)
+        costs = trials.wanted in (Question.COSTS, Question.COSTS_AGAIN)
         search.tell(np.sum(values**2, axis=1) if costs else values)
     return search.ends[0].cost
 
@@ -55,10 +55,10 @@ def test_screening_comes_first_then_residuals_of_the_starts() -> None:
     space = unit_box(2, Prior(0.7, 0.1))
     search = StagedLeastSquares(space, np.random.default_rng(1), StagedSettings(members=40, generations=3))
     screened = search.ask()
-    assert (screened.wanted, len(screened.x)) == (Wanted.SCREENED, 40)
+    assert (screened.wanted, len(screened.x)) == (Question.SCREENED, 40)
     search.tell(screened.x - 0.4)
     starts = search.ask()
-    assert (starts.wanted, len(starts.x)) == (Wanted.RESIDUALS, 3)
+    assert (starts.wanted, len(starts.x)) == (Question.RESIDUALS, 3)
     best = np.sort(np.sum((screened.x - 0.4) ** 2, axis=1))[:3]
     assert np.sum((starts.x - 0.4) ** 2, axis=1) == pytest.approx(best)
 
@@ -80,7 +80,7 @@ def test_ends_are_the_optima_of_the_first_descents_and_survive_hops_and_a_restar
     while not search.finished:
         trials = search.ask()
         values = two_valleys(trials.x)
-        wants_costs = trials.wanted in (Wanted.COSTS, Wanted.COSTS_AGAIN)
+        wants_costs = trials.wanted in (Question.COSTS, Question.COSTS_AGAIN)
         search.tell(np.sum(values**2, axis=1) if wants_costs else values)
         many.append(len(search.population))
     assert (max(many), many[-1]) == (8, 1)  # the descents were followed by hops

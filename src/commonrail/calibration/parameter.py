@@ -151,7 +151,7 @@ class Prior:
                 f"A prior needs a value and a sigma greater than zero, not {self.value:g} and {self.sigma:g}."
             )
 
-    def pull(self, value: float) -> float:
+    def residual(self, value: float) -> float:
         """Distance of a value from the prior's in standard deviations: (x - value)/sigma."""
         return (value - self.value) / self.sigma
 

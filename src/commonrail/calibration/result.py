@@ -180,7 +180,7 @@ def _prior(parameter: Parameter, best: float) -> dict[str, Any]:
     if parameter.prior is None:
         return {}
     prior = {"value": parameter.prior.value, "sigma": parameter.prior.sigma, "source": parameter.prior.source}
-    return {"prior": prior, "pull": parameter.prior.pull(best)}
+    return {"prior": prior, "pull": parameter.prior.residual(best)}
 
 
 def _optimiser(method: Method) -> dict[str, Any]:

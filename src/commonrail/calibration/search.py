@@ -26,8 +26,8 @@ from commonrail.calibration.optimisers.base import (
     Convergence,
     Counts,
     Optimiser,
+    Question,
     Trials,
-    Wanted,
     noise_of,
 )
 from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
@@ -228,8 +228,8 @@ def steps(optimiser: Optimiser, objective: FitObjective) -> Iterator[Step]:
             done, trials = optimiser.steps, optimiser.ask()
             if trials.x.shape[1:] != (optimiser.space.dimension,):
                 raise ValueError(f"asks for points of shape {trials.x.shape}")
-        if trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED):
-            screening = trials.wanted is Wanted.SCREENED
+        if trials.wanted in (Question.RESIDUALS, Question.SCREENED):
+            screening = trials.wanted is Question.SCREENED
             answers = objective.screened(trials.x) if screening else objective.residuals(trials.x)
             with blamed(kind):
                 optimiser.tell(answers)
@@ -238,7 +238,7 @@ def steps(optimiser: Optimiser, objective: FitObjective) -> Iterator[Step]:
         step = _costs(trials, objective)
         with blamed(kind):
             optimiser.tell(step.costs)
-        if trials.wanted is Wanted.COSTS:
+        if trials.wanted is Question.COSTS:
             simulations += step.simulations
         if optimiser.steps > done:
             yield step._replace(simulations=simulations)

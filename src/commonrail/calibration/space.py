@@ -359,7 +359,7 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> Floats:
             if prior is not None:
                 from scipy.special import ndtr, ndtri  # slow to import
 
-                low, high = (ndtr(prior.pull(float(bound[column]))) for bound in (space.lower, space.upper))
+                low, high = (ndtr(prior.residual(float(bound[column]))) for bound in (space.lower, space.upper))
                 x[:, column] = prior.value + prior.sigma * ndtri(low + shares[:, column] * (high - low))
         x = np.clip(x, space.lower, space.upper)
         x = space.pull_back(np.tile(space.centre, (n, 1)), x)

@@ -85,7 +85,7 @@ RESERVED = (STUDY, "calibrated.toml", LIKELY, RESULT, TRACES, "report.html", SUM
 _NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
 
 
-def places_of(sources: Iterable[Path], main: str, results: Sequence[str] = ()) -> dict[Path, Path]:
+def copy_paths(sources: Iterable[Path], main: str, results: Sequence[str] = ()) -> dict[Path, Path]:
     """Relative path of each copy in a run folder: the first file is `main`, one below its folder keeps its place.
 
     All others, and those with the name of a file that a run writes itself, such as `results` (in small letters), come

@@ -27,7 +27,7 @@ from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched, objective_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file.file import load_study
-from commonrail.runs.copies import check_files, copy_files, places_of, set_in_text
+from commonrail.runs.copies import check_files, copy_files, copy_paths, set_in_text
 from commonrail.runs.fingerprint import content_of, other_targets
 from commonrail.runs.folder import (
     LIKELY,
@@ -158,7 +158,7 @@ class FitKind(Generic[_Study, _Fit]):
 
     def copies(self, study: _Study) -> list[str]:
         """Names of the files that `copy` will write into a run folder."""
-        return [place.as_posix() for place in places_of(study.files, self.file, self.results).values()]
+        return [place.as_posix() for place in copy_paths(study.files, self.file, self.results).values()]
 
     def copy(self, study: _Study, folder: Path) -> tuple[list[Input], _Study, str]:
         """Copy the files of settings into a run folder and read them from there; with the fingerprint.
@@ -169,7 +169,7 @@ class FitKind(Generic[_Study, _Fit]):
         content = self.content(study)
         if not study.files:
             return [], study, content
-        inputs = copy_files(study.files, folder, places_of(study.files, self.file, self.results))
+        inputs = copy_files(study.files, folder, copy_paths(study.files, self.file, self.results))
         with quiet():
             own = self.load(folder / self.file)
         wanted: dict[str, Any] = {name: getattr(study, name) for name in self.chosen}

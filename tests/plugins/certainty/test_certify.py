@@ -15,7 +15,7 @@ from commonrail.data.noise import Correlation, Noise
 from commonrail.data.simulator import Simulator
 from commonrail.physics.meters import Meter
 from commonrail.plugins.certainty.estimate import estimate
-from commonrail.plugins.certainty.verdict import moves_of
+from commonrail.plugins.certainty.verdict import assumed_shifts
 from commonrail.plugins.new.study import write_new
 
 # Declared truth of the example's curve; its noise is white with 0.3 mm³/ms.
@@ -85,7 +85,7 @@ def test_a_simulated_delay_moves_what_the_shifted_course_says(study: cr.Study, f
     own = cr.Likelihood.of(with_noise(study, Noise(uncertain={"delay": 1e-6, "gain": 0.01})), 1)
     both = estimate(own, found.estimate.unit[None], rounds=1)
     scale = own.scaled(both.unit)
-    for nuisance, (assumed, move) in zip(both.covariance.nuisances, moves_of(both), strict=True):
+    for nuisance, (assumed, move) in zip(both.covariance.nuisances, assumed_shifts(both), strict=True):
         # the course is sampled every 5 us, where its flanks bend
         shares, expected = nuisance * scale / both.point, move[0] / both.point
         np.testing.assert_allclose(shares, expected, atol=0.15 * np.abs(expected).max())

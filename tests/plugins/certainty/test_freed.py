@@ -9,7 +9,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.lack_of_fit import judged_residuals, lack_of_fit
+from commonrail.plugins.certainty.lack_of_fit import assess_residuals, lack_of_fit
 from commonrail.plugins.certainty.nuisance import SIDES
 from tests.plugins.certainty.linear import TRUTH, Uncertain, design, fitted, likelihood, linear
 from tools.coverage import BEDS, Benches
@@ -22,7 +22,7 @@ def test_a_delay_of_its_stated_size_is_no_finding() -> None:
     bench = benches.bench(26)  # -1.9 us
     found = benches.fit(bench)
     assert lack_of_fit(found)[0].score < 5e-3  # the derivatives at the fitted values do not know where it leads to
-    (test, delay), simulated = judged_residuals(bench.study, found, None, 1)
+    (test, delay), simulated = assess_residuals(bench.study, found, None, 1)
     assert not delay.found
     assert not test.found
     assert test.score > 0.05
@@ -37,7 +37,7 @@ def test_another_fault_is_found_beside_it() -> None:
     assert isinstance(curve, cr.RateData)
     shifted = replace(bench.study, data=(replace(curve, rate=curve.rate + 0.2e-6),))  # an offset of 0.7 deviations
     found = benches.fit(bench._replace(study=shifted))
-    (test, delay), simulated = judged_residuals(shifted, found, None, 1)
+    (test, delay), simulated = assess_residuals(shifted, found, None, 1)
     assert delay.suspect == delay.name == "meter.unnamed_1.delay"
     assert (test.found, test.suspect) == (True, "offset")
     assert simulated > 100
@@ -46,7 +46,7 @@ def test_another_fault_is_found_beside_it() -> None:
 def test_without_anything_uncertain_nothing_is_fitted_again() -> None:
     benches = Benches(BEDS["white"])
     bench = benches.bench(1)
-    tests, simulated = judged_residuals(bench.study, benches.fit(bench), None, 1)
+    tests, simulated = assess_residuals(bench.study, benches.fit(bench), None, 1)
     assert (len(tests), simulated) == (1, 0)
 
 

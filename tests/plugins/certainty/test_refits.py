@@ -94,7 +94,7 @@ def test_a_delay_moves_k7_as_far_as_a_fit_with_it_does() -> None:
         found = benches.fit(bench)
         low, high = found.interval()
         assert (low[2] < bench.truth[2]) & (bench.truth[2] < high[2])
-        (move,) = found.moved(found.shifts)
+        (move,) = found.value_shifts(found.shifts)
         moved = found.covariance.nuisances[0]
         fitted_move = abs(moved[2]) * found.likelihood.scaled(found.unit)[2]
         assert fitted_move > 1.1 * abs(move[2])

@@ -13,7 +13,7 @@ from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import Block
-from commonrail.plugins.certainty.verdict import UNSTATED, Judged, verdicts_of, withdrawal
+from commonrail.plugins.certainty.verdict import UNSTATED, Assessment, verdicts_of, withdrawal
 from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, linear, space
 
 # Everything stated, so that nothing is assumed.
@@ -25,7 +25,7 @@ def curve(seed: int, more: Floats | float = 0.0) -> Floats:
     return np.asarray(design() @ TRUTH + more + 0.2 * np.random.default_rng(seed).standard_normal(N))
 
 
-def judged(found: Estimate, limit: float = 0.1) -> list[Judged]:
+def judged(found: Estimate, limit: float = 0.1) -> list[Assessment]:
     low, high = found.interval()
     return verdicts_of(found, low, high, withdrawal(found, lack_of_fit(found)), limit=limit)
 

@@ -183,8 +183,8 @@ def test_stated_friction_is_found_and_no_longer_in_the_parameters(benches: Bench
     # the derivatives let the friction follow: they are those of the whole fit
     whole = within.whole
     shift = whole.slopes[3:4]  # a course that friction explains moves no parameter
-    assert np.abs(within.found.moved(shift)).max() < 0.2 * np.abs(plain.moved(shift)).max() + 1e-12
-    np.testing.assert_allclose(within.found.moved(shift), whole.moved(shift)[:, :3], rtol=1e-3, atol=1e-9)
+    assert np.abs(within.found.value_shifts(shift)).max() < 0.2 * np.abs(plain.value_shifts(shift)).max() + 1e-12
+    np.testing.assert_allclose(within.found.value_shifts(shift), whole.value_shifts(shift)[:, :3], rtol=1e-3, atol=1e-9)
 
 
 def test_a_certainty_tells_of_the_friction_that_it_has_fitted(bench: Bench) -> None:

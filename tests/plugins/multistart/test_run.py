@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.calibration.optimisers import least_squares
-from commonrail.calibration.optimisers.base import AGREEING, Wanted, noise_of
+from commonrail.calibration.optimisers.base import AGREEING, Question, noise_of
 from commonrail.calibration.optimisers.least_squares import DescentLoss, recognised
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
@@ -48,7 +48,7 @@ def searched(
 def steps(search: MultiStartLeastSquares, residuals: Residuals, costs: Callable[[Floats], Floats]) -> Iterator[int]:
     while not search.finished:
         trials = search.ask()
-        search.tell(residuals(trials.x) if trials.wanted is Wanted.RESIDUALS else costs(trials.x))
+        search.tell(residuals(trials.x) if trials.wanted is Question.RESIDUALS else costs(trials.x))
         yield search.steps
 
 

@@ -165,7 +165,7 @@ def test_a_fit_without_any_interval_has_no_bands(monkeypatch: pytest.MonkeyPatch
     best = dict(zip(study.space.names, truth.tolist(), strict=True))
 
     within = certify(study, best, threads=1).within
-    assert len(module.judged_bands(study, within, truth[None], 1)) == 1
+    assert len(module.assessed_bands(study, within, truth[None], 1)) == 1
 
     def nothing_known(*arguments: Any) -> Any:
         found = floored(*arguments)
@@ -174,7 +174,7 @@ def test_a_fit_without_any_interval_has_no_bands(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(module, "floored", nothing_known)
     with pytest.raises(SimulationError, match="has no band: no parameter of the fit has an interval"):
         cr.predict(study, best, threads=1)
-    assert module.judged_bands(study, within, truth[None], 1) == {}
+    assert module.assessed_bands(study, within, truth[None], 1) == {}
 
 
 def test_bands_hold_what_an_interval_holds_beside_the_noise(file: Path) -> None:

@@ -79,7 +79,7 @@ def check_counts(settings: Any) -> None:
             settle(settings, **{one.name: value})
 
 
-class Wanted(Enum):
+class Question(Enum):
     """Answers that an optimiser asks for."""
 
     COSTS = "costs"  # one for each trial (n,)
@@ -96,7 +96,7 @@ class Trials(NamedTuple):
 
     x: Floats
     simulate: Bools
-    wanted: Wanted = Wanted.COSTS
+    wanted: Question = Question.COSTS
 
 
 class Best(NamedTuple):
@@ -140,7 +140,7 @@ Work = Generator[Trials, Floats, None]
 """A step: questions are yielded, answers are sent in."""
 
 
-def asked(x: Floats, wanted: Wanted = Wanted.COSTS) -> Trials:
+def asked(x: Floats, wanted: Question = Question.COSTS) -> Trials:
     """Question about points (n, d), SI, all of which are simulated."""
     return Trials(x, np.ones(len(x), bool), wanted)
 
@@ -238,7 +238,7 @@ class Optimiser(ABC):
         if self._asked is None or self._work is None:
             raise StudyError("answers were told before any trials were asked for: ask first")
         trials, told = self._asked, _checked(answers, self._asked)
-        if trials.wanted is not Wanted.COSTS_AGAIN:
+        if trials.wanted is not Question.COSTS_AGAIN:
             finite = np.isfinite(told)
             self.counts = self.counts.plus(trials.simulate, finite if told.ndim == 1 else np.all(finite, axis=1))
         try:
@@ -327,7 +327,7 @@ def inside(unit: Floats) -> bool:
 def _checked(answers: ArrayLike, trials: Trials) -> Floats:
     """Residuals (n, m) as they are; costs (n,) with +inf for trials not simulated and those that are not finite."""
     told = np.asarray(answers, dtype=float)
-    residuals = trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED)
+    residuals = trials.wanted in (Question.RESIDUALS, Question.SCREENED)
     if told.ndim != 1 + residuals or len(told) != len(trials.x):
         what, one = ("residuals", "row") if residuals else ("costs", "cost")
         raise StudyError(

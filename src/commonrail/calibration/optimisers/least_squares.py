@@ -17,7 +17,7 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.optimisers.base import Trials, Wanted, asked, inside
+from commonrail.calibration.optimisers.base import Question, Trials, asked, inside
 from commonrail.calibration.space import Space
 
 
@@ -463,7 +463,7 @@ def _bent(
 
 
 def _asked(space: Space, unit: Floats) -> Trials:
-    return asked(space.from_unit(unit), Wanted.RESIDUALS)
+    return asked(space.from_unit(unit), Question.RESIDUALS)
 
 
 def answered(questions: Questions[Result], residuals: Callable[[Floats], Floats]) -> Result:

@@ -12,7 +12,7 @@ from commonrail.base.arrays import Floats
 from commonrail.calibration.optimisers.base import (
     SMALL_GAIN,
     Optimiser,
-    Wanted,
+    Question,
     Work,
     asked,
     diverse_members,
@@ -80,14 +80,14 @@ class Refinement(Optimiser):
         space = self.space
         hops = self.steps >= len(self._starts)
         start = hop(space, self.best.x, self._rng) if hops else self._starts[self.steps]
-        residuals = yield asked(start[None, :], Wanted.RESIDUALS)
+        residuals = yield asked(start[None, :], Question.RESIDUALS)
         for _ in range(SHORTER):
             if np.isfinite(residuals).all():
                 break
             middle = space.from_unit(0.5 * (space.to_unit(start) + space.to_unit(self.best.x)))
             start = middle if space.satisfies(middle) else space.pull_back(self.best.x, middle)
-            residuals = yield asked(start[None, :], Wanted.RESIDUALS)
-        costs = yield asked(start[None, :], Wanted.COSTS_AGAIN)
+            residuals = yield asked(start[None, :], Question.RESIDUALS)
+        costs = yield asked(start[None, :], Question.COSTS_AGAIN)
         descent = Descents.begin(space.to_unit(start)[None, :], residuals)
         loss = recognised(costs, residuals)
         for _ in range(self.settings.iterations):
@@ -97,7 +97,7 @@ class Refinement(Optimiser):
             noise = noise_of(float(losses.costs(descent.residuals)[0]), residuals.shape[1], space.dimension, loss.units)
             descent = yield from advance(space, descent, losses, Rules(DIFFERENCE, SMALL_GAIN * noise))
         x = space.from_unit(descent.unit)
-        costs = yield asked(x, Wanted.COSTS_AGAIN)
+        costs = yield asked(x, Question.COSTS_AGAIN)
         self.end_costs = np.append(self.end_costs, costs[0])
         self._offer(x, costs)
 

@@ -16,8 +16,8 @@ from commonrail.calibration.optimisers.base import (
     MOST_STARTS,
     Best,
     Optimiser,
+    Question,
     Registered,
-    Wanted,
     Work,
     asked,
     check_counts,
@@ -136,7 +136,7 @@ class StagedLeastSquares(Optimiser):
     def _screen(self) -> Work:
         """Screen draws, and choose where descents start."""
         x = sample_priors(self.space, self.settings.members, self._rng)
-        costs = capped(SCREENING_CAP, (yield asked(x, Wanted.SCREENED)))
+        costs = capped(SCREENING_CAP, (yield asked(x, Question.SCREENED)))
         order = np.argsort(costs, kind="stable")[: max(POOL, self.settings.starts)]
         starts = x[order[: self.settings.starts]]
         yield from self._begin(self.space.to_unit(starts))
@@ -152,7 +152,7 @@ class StagedLeastSquares(Optimiser):
             return crossover(self._pool[chosen], mutate(self._pool, draws), draws, CROSSOVER)
 
         trial = treat(Treatment.REPAIR, self.space, self._pool, trials(members), lambda few: trials(few)[:, None])
-        costs = capped(EVOLUTION_CAP, (yield asked(trial.x, Wanted.SCREENED)))
+        costs = capped(EVOLUTION_CAP, (yield asked(trial.x, Question.SCREENED)))
         better = wins((costs, np.zeros(n)), (self._pool_costs, np.zeros(n)))
         pool = np.where(better[:, None], trial.unit, self._pool)
         costs = np.where(better, costs, self._pool_costs)
@@ -185,7 +185,7 @@ class StagedLeastSquares(Optimiser):
         now = descents.without_slopes()._replace(running=running)
         after = yield from advance(self.space, now, losses, Rules(width, 0.0, FACTORS, bent=False))
         x = self.space.from_unit(after.unit)
-        costs = yield asked(x, Wanted.COSTS_AGAIN)
+        costs = yield asked(x, Question.COSTS_AGAIN)
         before, lowered = (losses.costs(one.residuals) for one in (descents, after))
         most = self.settings.trial_iterations if stages == 1 else self.settings.stage_iterations
         iteration = iteration + running
@@ -199,8 +199,8 @@ class StagedLeastSquares(Optimiser):
     def _begin(self, unit: Floats, stages: int | None = None) -> Work:
         """Begin descents from points (k, d); those that cannot be simulated end at once."""
         x = self.space.from_unit(unit)
-        residuals = yield asked(x, Wanted.RESIDUALS)
-        costs = yield asked(x, Wanted.COSTS_AGAIN)
+        residuals = yield asked(x, Question.RESIDUALS)
+        costs = yield asked(x, Question.COSTS_AGAIN)
         tried = self.settings.trial_iterations > 0 and len(unit) > self.settings.finalists
         self._stages = stages or (1 if tried else len(DIFFERENCES))
         self._descents = Descents.begin(unit, residuals)._replace(damping=np.full(len(unit), DAMPING))

@@ -77,9 +77,9 @@ def covariance_of(
     noise[loose, loose] = np.inf
     with np.errstate(divide="ignore"):
         alone = 1.0 / np.sqrt(np.diag(bread))
-    moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
+    moved = shifts_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
     courses = likelihood.whiten(stated_courses(likelihood.blocks))
-    lacking = moved_by(likelihood, inverse, tangents, innovations, courses)
+    lacking = shifts_by(likelihood, inverse, tangents, innovations, courses)
     return Covariance(
         inverse, noise, moved, lacking.T @ lacking, shares, freedom, alone, used, ratios, np.ones(len(bread))
     )
@@ -126,7 +126,7 @@ def _inverse(matrix: Floats) -> tuple[Floats, Bools]:
     return np.asarray(inverse / np.outer(scale, scale)), loose
 
 
-def moved_by(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats, shifts: Floats) -> Floats:
+def shifts_by(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats, shifts: Floats) -> Floats:
     """Changes (k, d) of the estimates, in positions, by changes (k, n) of the innovations.
 
     `inverse` (d, d): of the bread; `tangents` (d, n): whitened derivatives; `innovations` (n,); `shifts` (k, n).

@@ -18,7 +18,7 @@ from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
-from commonrail.plugins.certainty.covariance import Covariance, covariance_of, moved_by, student, with_integration
+from commonrail.plugins.certainty.covariance import Covariance, covariance_of, shifts_by, student, with_integration
 from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes, prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import sample_count
 from commonrail.plugins.certainty.nuisance import SIDES, Nuisance
@@ -173,7 +173,9 @@ class Estimate:
     errors: Floats  # (n,), residuals
     slopes: Floats  # (d, n), their derivatives with respect to the positions
     shifts: Floats  # (k, n), their changes for one standard deviation of each uncertain quantity
-    bends: Floats  # (k, n), second changes, halved, for one standard deviation of each, the values moving with it
+    second_changes: (
+        Floats  # (k, n), second changes, halved, for one standard deviation of each, the values moving with it
+    )
     covariance: Covariance
     # starts of the search, and how many of them ended within 0.5 of the largest 2 ln L, or beyond the ripple within
     # `CLOSE` standard errors of every parameter
@@ -194,15 +196,15 @@ class Estimate:
         errors = np.sqrt(np.diag(self.covariance.total))
         return np.asarray((np.abs(unit - (self.unit if other is None else other)) / errors).max(axis=-1))
 
-    def moves(self, shifts: Floats) -> Floats:
+    def position_shifts(self, shifts: Floats) -> Floats:
         """Changes (k, d) of the positions by changes (k, n) of the residuals."""
         likelihood = self.likelihood
         tangents, innovations = likelihood.whiten(self.slopes), likelihood.whiten(self.errors)
-        return moved_by(likelihood, self.covariance.inverse, tangents, innovations, likelihood.whiten(shifts))
+        return shifts_by(likelihood, self.covariance.inverse, tangents, innovations, likelihood.whiten(shifts))
 
-    def moved(self, shifts: Floats) -> Floats:
+    def value_shifts(self, shifts: Floats) -> Floats:
         """Changes (k, d) of the values [SI] by changes (k, n) of the residuals."""
-        return np.asarray(self.moves(shifts) * self.likelihood.scaled(self.unit))
+        return np.asarray(self.position_shifts(shifts) * self.likelihood.scaled(self.unit))
 
     def with_errors(self, moves: Floats) -> Estimate:
         """The estimate, its covariance with errors of the positions that add up to moves (k, d)."""
@@ -381,13 +383,15 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
     covariance = covariance_of(likelihood, slopes, errors, shifts, prior_slopes_at(likelihood, unit))
     ends = FeasibleSet.of(likelihood.space).within(np.tile(unit, (many, 1)), unit + covariance.nuisances)
     moves = likelihood.space.from_unit(ends) - point
-    bends = np.zeros((many, likelihood.size))
+    second_changes = np.zeros((many, likelihood.size))
     for i, nuisance in enumerate(likelihood.nuisances):
-        bends[i] = nuisance.bend(point, moves[i])
+        second_changes[i] = nuisance.second_change(point, moves[i])
     innovations = likelihood.whiten(errors)
     cost = float(likelihood.block_costs(innovations).sum() + likelihood.priors.costs(point[None])[0])
     _, gain = _promised(likelihood, unit, slopes, errors, covariance)
-    return Estimate(likelihood, unit, point, cost, errors, slopes, shifts, bends, covariance, 1, 1, gain, 0, unit[None])
+    return Estimate(
+        likelihood, unit, point, cost, errors, slopes, shifts, second_changes, covariance, 1, 1, gain, 0, unit[None]
+    )
 
 
 def with_outliers(found: Estimate) -> Estimate:
@@ -436,7 +440,7 @@ def with_step_error(found: Estimate) -> Estimate:
         return found
     shift = likelihood.residuals(point) - likelihood.finer(point)
     likelihood.simulated += 1
-    return found.with_errors(found.moves(shift)) if np.isfinite(shift).all() else found
+    return found.with_errors(found.position_shifts(shift)) if np.isfinite(shift).all() else found
 
 
 def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:

@@ -22,7 +22,7 @@ from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit
 from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.profile import Profile, Ripple
-from commonrail.plugins.certainty.verdict import Judged, sensitivity_records
+from commonrail.plugins.certainty.verdict import Assessment, sensitivity_records
 from commonrail.readers.injector.file import dump_injector
 from commonrail.runs.folder import CALIBRATED, LIKELY, POSTERIOR, RESULT, TRACES, members_of, read_result, write_record
 
@@ -49,7 +49,7 @@ class Certainty(Shown):
         that test.
     withdrawn : str
         Reason why no parameter is called pinned, empty if there is none.
-    verdicts : list of Judged
+    verdicts : list of Assessment
     adopted : int
         Times that a profile met a better optimum, which then took the place of the first.
     combinations : mapping of str to (float, float)
@@ -76,7 +76,7 @@ class Certainty(Shown):
     tests: list[LackOfFit]
     visible: float
     withdrawn: str
-    verdicts: list[Judged]
+    verdicts: list[Assessment]
     adopted: int
     combinations: Mapping[str, tuple[float, float]]
     simulated: int
@@ -198,7 +198,7 @@ def _profile(profile: Profile) -> dict[str, Any]:
 def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Path:
     """Write the most likely values of a fit as an injector with its meters, most-likely.toml; return its path.
 
-    `keep_certainty`, which follows, writes its checksum.
+    `write_certainty`, which follows, writes its checksum.
 
     `folder`: run folder; `study`: of the run; `values`: [SI], of all free parameters. Raises `OutputError` if the file
     cannot be written.
@@ -211,7 +211,7 @@ def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Pat
     return path
 
 
-def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
+def write_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
     """Write the certainty of a fit into its result.json, and return the whole record.
 
     `folder`: run folder; `certainty`: of `Certainty.record`; with a key "posterior" if posterior.npz was written.

@@ -82,7 +82,7 @@ def with_drift(found: Estimate, drifting: Sequence[str]) -> Estimate:
         courses = drift_courses(block)
         amplitude = _amplitude(found.slopes[:, block.rows], found.errors[block.rows], courses)
         shifts.append(spread(block, amplitude * courses, likelihood.size))
-    return found.with_errors(found.moves(np.vstack(shifts)))
+    return found.with_errors(found.position_shifts(np.vstack(shifts)))
 
 
 def _amplitude(slopes: Floats, errors: Floats, courses: Floats) -> float:
@@ -191,7 +191,7 @@ def _stated(estimate: Estimate, first: int) -> _Held:
     """
     likelihood, d = estimate.likelihood, len(estimate.unit)
     many = len(estimate.shifts)
-    changes = likelihood.whiten(np.vstack([estimate.shifts, estimate.bends]))
+    changes = likelihood.whiten(np.vstack([estimate.shifts, estimate.second_changes]))
     widths = np.repeat([1.0, np.sqrt(3.0)], many)
     which = likelihood.priors.columns >= first
     prior_slopes = prior_slopes_at(likelihood, estimate.unit)[which]
@@ -303,7 +303,7 @@ def _size(innovations: Floats, used: float, known: float) -> float:
 BEGINS = np.array([0.0, -1.5, 1.5])  # standard deviations of all uncertain quantities that the search begins at
 
 
-def judged_residuals(
+def assess_residuals(
     study: Study,
     found: Estimate,
     delay: Missing | None,

@@ -244,7 +244,7 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
         ends = wide.residuals(np.column_stack([np.tile(point, (2, 1)), [0.0, delay]]))
         shift = ends[1] - ends[0]
         moved = _with_data(own, point, -estimate.errors - shift)
-        along[:d] = -estimate.moves(shift[None])[0]  # linear; the path is curved
+        along[:d] = -estimate.position_shifts(shift[None])[0]  # linear; the path is curved
         starts = feasible.within(np.tile(unit, (len(PARTS), 1)), unit + PARTS[:, None] * along)
         share = float(climb(moved, starts, tolerance=TOLERANCE).cost.min()) / wanted
         simulated += moved.simulated + 2

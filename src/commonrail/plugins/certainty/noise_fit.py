@@ -389,7 +389,7 @@ def block_of(data: DataSet, start: int) -> Block:
         data.bounds is not None,
         np.where(data.judged, zero, 0.0),
         np.where(data.judged, _plain(data, np.ones(len(zero))) - zero, 0.0),
-        places_of(data),
+        coordinates_of(data),
     )
 
 
@@ -409,7 +409,7 @@ def _plain(data: DataSet, values: Floats) -> Floats:
     return np.asarray(data.residuals(values[None])[0] / np.sqrt(row_weights(data)))
 
 
-def places_of(data: DataSet) -> Floats:
+def coordinates_of(data: DataSet) -> Floats:
     """Time [s] and rail pressure [Pa] of each value (n, 2); the time of a quantity is its first energising time."""
     if data.bounds is not None:
         middle = 0.5 * (data.bounds[1:] + data.bounds[:-1])

@@ -57,7 +57,7 @@ class Nuisance(NamedTuple):
         change = 0.5 * (ends[0] - ends[1])
         return np.where(np.isfinite(change), change, 0.0)
 
-    def bend(self, point: Floats, move: Floats) -> Floats:
+    def second_change(self, point: Floats, move: Floats) -> Floats:
         """Second difference of the residuals (n,), halved, for one standard deviation to both sides of a point (d,).
 
         The point [SI] moves by `move` (d,) with the quantity. Zero where a side leaves the domain.

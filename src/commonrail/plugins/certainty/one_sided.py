@@ -20,7 +20,7 @@ from commonrail.base.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.study import Study
 from commonrail.plugins.certainty.ascent import Ascent, climb
-from commonrail.plugins.certainty.covariance import Covariance, moved_by
+from commonrail.plugins.certainty.covariance import Covariance, shifts_by
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.lack_of_fit import level_of
 from commonrail.plugins.certainty.likelihood import Likelihood, forward_slopes, prior_slopes_at
@@ -283,7 +283,7 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
     likelihood = whole.likelihood
     inverse = np.asarray(np.linalg.pinv(np.linalg.pinv(known.inverse, hermitian=True)[:d, :d], hermitian=True))
     tangents, innovations = likelihood.whiten(whole.slopes[:d]), likelihood.whiten(whole.errors)
-    held = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(whole.shifts))
+    held = shifts_by(likelihood, inverse, tangents, innovations, likelihood.whiten(whole.shifts))
     follow = known.nuisances[:, :d]
     noise = known.noise[:d, :d]
     seen = np.isfinite(np.diag(noise))  # a parameter without effect has an infinite variance

@@ -19,12 +19,12 @@ from commonrail.plugins.certainty.ascent import FEW
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import CLOSE, Estimate, library, starts_from
 from commonrail.plugins.certainty.file import Certainty
-from commonrail.plugins.certainty.lack_of_fit import DRIFT, LackOfFit, judged_residuals, of_missing, with_drift
+from commonrail.plugins.certainty.lack_of_fit import DRIFT, LackOfFit, assess_residuals, of_missing, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.missing import Missing, missing_delay, missing_friction, visible_delay
 from commonrail.plugins.certainty.one_sided import Within, estimate_within
 from commonrail.plugins.certainty.profile import Profile, Ripple, profiles_of, ripple_of
-from commonrail.plugins.certainty.verdict import Judged, verdicts_of, withdrawal
+from commonrail.plugins.certainty.verdict import Assessment, verdicts_of, withdrawal
 
 MEMBERS = 512  # of the library from which further starts are chosen
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
@@ -195,7 +195,7 @@ def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float,
     """Tests for lack of fit, the smallest delay that they find, and the points simulated."""
     study, found = within.study, within.whole
     delay = missing_delay(study, found, threads)
-    tests, simulated = judged_residuals(study, found, delay, threads, priors_from=len(within.found.unit))
+    tests, simulated = assess_residuals(study, found, delay, threads, priors_from=len(within.found.unit))
     if delay is None:
         return tests, float("nan"), simulated
     visible, more = visible_delay(study, found, within.level, threads)
@@ -203,7 +203,7 @@ def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float,
 
 
 def friction_withdraws(
-    study: Study, found: Estimate, verdicts: Sequence[Judged], threads: int | None
+    study: Study, found: Estimate, verdicts: Sequence[Assessment], threads: int | None
 ) -> Missing | None:
     """Test of friction that the model lacks, made where a parameter is called pinned: it can only withdraw that.
 

@@ -58,7 +58,7 @@ def certainty(
       commonrail certainty runs/first --posterior
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
-    from commonrail.plugins.certainty.file import keep_certainty, write_likely
+    from commonrail.plugins.certainty.file import write_certainty, write_likely
     from commonrail.plugins.certainty.run import certify
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.page import write_report
@@ -83,7 +83,7 @@ def certainty(
         write_likely(run, study, dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True)))
         if posterior:
             kept["posterior"] = _posterior(run, found, seed, most)
-        keep_certainty(run, kept)
+        write_certainty(run, kept)
     if adopt:
         adopt_likely(run, threads=threads, listener=Listener(note=say))
     record = read_result(run)

@@ -47,7 +47,7 @@ DISCREPANCY = Assumed("discrepancy", 0.01, "1", "1 %")
 LENGTH = 50e-6  # over which the assumed discrepancy is correlated [s]
 
 
-def moves_of(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
+def assumed_shifts(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
     """Changes (1, d) of the estimates [SI] by each assumed change of the bench that has any effect.
 
     All data sets that see the quantity change together. It takes no simulation: a delay moves the model's course, a
@@ -61,7 +61,7 @@ def moves_of(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
             changes = meter_changes(block, estimate.errors[block.rows])
             shift[0, block.rows] = assumed.change * changes.get(assumed.key, 0.0)
         if shift.any():
-            found.append((assumed, estimate.moved(shift)))
+            found.append((assumed, estimate.value_shifts(shift)))
     return found
 
 
@@ -73,13 +73,13 @@ def unstated(estimate: Estimate) -> list[tuple[Assumed, Floats]]:
     likelihood = estimate.likelihood
     known = {nuisance.key for nuisance in likelihood.nuisances}
     known |= {parts_of(name)[1] for name in likelihood.names if is_of_meter(name)}
-    found = [(assumed, move) for assumed, move in moves_of(estimate) if assumed.key not in known]
+    found = [(assumed, move) for assumed, move in assumed_shifts(estimate) if assumed.key not in known]
     rows = []
     for block in likelihood.blocks:
         if block.ordered and not block.noise.discrepancy:
             largest = float(np.abs(estimate.errors[block.rows] - block.at_zero).max())
             courses = block.courses(DISCREPANCY.change * largest, LENGTH)
-            rows.append(estimate.moved(spread(block, courses, likelihood.size)))
+            rows.append(estimate.value_shifts(spread(block, courses, likelihood.size)))
     return [*found, (DISCREPANCY, np.vstack(rows))] if rows else found
 
 
@@ -94,7 +94,7 @@ def sensitivity_records(estimate: Estimate) -> list[dict[str, Any]]:
             "text": assumed.text,
             "percent": [float(100.0 * m / v) if v > 0.0 else None for m, v in zip(move[0], values, strict=True)],
         }
-        for assumed, move in moves_of(estimate)
+        for assumed, move in assumed_shifts(estimate)
     ]
 
 
@@ -105,7 +105,7 @@ MOSTLY = 0.5  # share of the variance from which an uncertain quantity is blamed
 MOST_TOLD = 10.0  # half width over value, above which it is no figure any more
 
 
-class Judged(NamedTuple):
+class Assessment(NamedTuple):
     """Verdict on a parameter."""
 
     verdict: ParameterVerdict
@@ -147,7 +147,7 @@ def withdrawal(estimate: Estimate, tests: Sequence[LackOfFit]) -> str:
 
 def verdicts_of(
     estimate: Estimate, low: Floats, high: Floats, reason: str, *, limit: float = LIMIT, level: float = 0.95
-) -> list[Judged]:
+) -> list[Assessment]:
     """Verdict on each parameter.
 
     `low`, `high` (d,): ends of the intervals [SI]; `reason`: of `withdrawal`; `limit`: half width over value, up to
@@ -169,40 +169,39 @@ def verdicts_of(
             apart = f", by noise alone {_percent(interval, value)}" if half > NOTICED * interval else ""
             figure += f"{apart}; {words} assumed"
         case = _Case(i, half, float(single[i]), _blamed(estimate, assumed, i), figure)
-        found.append(_judged(estimate, case, reason, limit))
+        found.append(Assessment(*_words(estimate, case, reason, limit), half))
     return found
 
 
-def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judged:
+def _words(estimate: Estimate, case: _Case, reason: str, limit: float) -> tuple[ParameterVerdict, str, str]:
+    """Verdict, its sentence and its cure."""
     likelihood = estimate.likelihood
     parameter, value = likelihood.space.parameters[case.column], float(estimate.point[case.column])
     if parameter.is_at_bound(value):
         cure = "widen the bound if the part allows it, or read the value as something the model lacks"
-        return Judged(ParameterVerdict.AT_BOUND, f"at a bound ({case.figure} without it)", cure, case.half)
+        return ParameterVerdict.AT_BOUND, f"at a bound ({case.figure} without it)", cure
     if wall := _constraint(estimate, case.column):
         cure = "measure what tells its members apart, or check the constraint"
-        return Judged(ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({case.figure})', cure, case.half)
+        return ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({case.figure})', cure
     verdict = ParameterVerdict.by_width(case.half, case.alone, value, limit)
     if verdict is ParameterVerdict.PINNED:
         if reason:
             more = "search with more starts, or with a shorter time step"
             cure = more if "settled" in reason else "describe the meter, or state a discrepancy"
             cure = "state the noise of the curves (sigma, or repeated shots)" if reason == UNSTATED else cure
-            return Judged(ParameterVerdict.WITHDRAWN, f"{case.figure}; withdrawn, because {reason}", cure, case.half)
-        return Judged(ParameterVerdict.PINNED, f"pinned to {case.figure}", "", case.half)
+            return ParameterVerdict.WITHDRAWN, f"{case.figure}; withdrawn, because {reason}", cure
+        return ParameterVerdict.PINNED, f"pinned to {case.figure}", ""
     if case.blamed is not None:
         name, deviation = case.blamed
         cure = f"know the {name} better than to {deviation}, and state it in the noise of the data"
-        return Judged(
-            ParameterVerdict.COMBINED, f"only in combination with the {name} ({case.figure})", cure, case.half
-        )
+        return ParameterVerdict.COMBINED, f"only in combination with the {name} ({case.figure})", cure
     if verdict is ParameterVerdict.COMBINED:
         others = _partners(estimate, case.column)
         words = f" with {listed(others)}" if others else ""
         cure = "measure at another rail pressure or energising time, or state a prior of one of them"
-        return Judged(ParameterVerdict.COMBINED, f"only in combination{words} ({case.figure})", cure, case.half)
+        return ParameterVerdict.COMBINED, f"only in combination{words} ({case.figure})", cure
     cure = "measure it on the part, or where it acts more; the fitted value means nothing"
-    return Judged(ParameterVerdict.UNSEEN, f"not seen by these data ({case.figure})", cure, case.half)
+    return ParameterVerdict.UNSEEN, f"not seen by these data ({case.figure})", cure
 
 
 def _percent(half: float, value: float) -> str:

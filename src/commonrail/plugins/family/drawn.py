@@ -129,7 +129,7 @@ def doubts_of(
     random = np.random.default_rng(2)
     drawn = drawn + random.normal(size=drawn.shape) * np.nan_to_num(points.discrepancy(drawn))
     low, high = np.quantile(drawn, BAND, axis=0)
-    pulls = {p.name: p.prior.pull(found.best[p.name]) for p in found.study.space.parameters if p.prior is not None}
+    pulls = {p.name: p.prior.residual(found.best[p.name]) for p in found.study.space.parameters if p.prior is not None}
     chi2, freedom, sentences = found.cost, int(np.count_nonzero(judged)) - 1, []
     share = _share_as_far(drawn[:, judged], points.quantity[judged])
     if share <= RARE:

@@ -21,8 +21,8 @@ from commonrail.calibration.optimisers.base import (
     Best,
     Convergence,
     Optimiser,
+    Question,
     Registered,
-    Wanted,
     Work,
     asked,
     check_counts,
@@ -153,7 +153,7 @@ class MultiStartLeastSquares(Optimiser):
             rules = Rules(self.settings.difference, SMALL_GAIN * noise)
             after = yield from advance(self.space, self._ends.without_slopes(), losses, rules)
             x = self.space.from_unit(after.unit)
-            costs = yield asked(x, Wanted.COSTS_AGAIN)
+            costs = yield asked(x, Question.COSTS_AGAIN)
             self._take(after, costs)
             self._offer(x, costs)
         else:
@@ -175,8 +175,8 @@ class MultiStartLeastSquares(Optimiser):
         unit, self._reserve = np.split(self._reserve, [min(self.settings.starts, len(self._reserve))])
         self._waves += 1
         x = self.space.from_unit(unit)
-        residuals = yield asked(x, Wanted.RESIDUALS)
-        costs = yield asked(x, Wanted.COSTS_AGAIN)
+        residuals = yield asked(x, Question.RESIDUALS)
+        costs = yield asked(x, Question.COSTS_AGAIN)
         new = Descents.begin(unit, residuals)
         if self._waves == 1:
             self._loss = recognised(costs, residuals)

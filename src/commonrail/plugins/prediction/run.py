@@ -37,7 +37,7 @@ from commonrail.plugins.certainty.estimate import (
     with_step_error,
 )
 from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes
-from commonrail.plugins.certainty.noise_fit import places_of
+from commonrail.plugins.certainty.noise_fit import coordinates_of
 from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.prediction.band import (
     Band,
@@ -163,10 +163,12 @@ def judge(fit: FinishedFit) -> None:
     """Add the bands of all data about the calibrated values, if the certainty of the fit is known."""
     if CERTAINTY in fit.shared:
         within = fit.shared[CERTAINTY].within
-        fit.identified.bands.update(judged_bands(fit.calibration.study, within, fit.optima, fit.threads))
+        fit.identified.bands.update(assessed_bands(fit.calibration.study, within, fit.optima, fit.threads))
 
 
-def judged_bands(study: Study, within: Within, points: Floats, threads: int | None = None) -> dict[str, dict[str, Any]]:
+def assessed_bands(
+    study: Study, within: Within, points: Floats, threads: int | None = None
+) -> dict[str, dict[str, Any]]:
     """Bands of all data of a study about its calibrated values, as records of result.json by the name of the data set.
 
     `within`: of the study. Bands are those of the model that predicts: without the friction that was fitted as stated;
@@ -221,7 +223,7 @@ def _is_beyond(fit: _Fit, data: DataSet) -> Bools:
     fitted = [block.places[:, 0] for block in fit.estimate.likelihood.blocks if not block.ordered]
     if data.bounds is not None or not fitted:
         return np.zeros(len(data.measured), bool)
-    times, known = places_of(data)[:, 0], np.concatenate(fitted)
+    times, known = coordinates_of(data)[:, 0], np.concatenate(fitted)
     return np.asarray((times < known.min() * (1.0 - SAME)) | (times > known.max() * (1.0 + SAME)))
 
 
