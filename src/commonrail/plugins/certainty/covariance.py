@@ -17,7 +17,7 @@ from scipy import special
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.data.noise import Law
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.likelihood import Likelihood, prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import LAWS, stated_courses, unequal
 
 NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direction counts as unseen
@@ -54,17 +54,16 @@ class Covariance(NamedTuple):
         return np.asarray(self.noise + self.nuisances.T @ self.nuisances + self.discrepancy)
 
 
-def covariance_of(
-    likelihood: Likelihood, slopes: Floats, errors: Floats, shifts: Floats, prior_slopes: Floats
-) -> Covariance:
+def covariance_of(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats, shifts: Floats) -> Covariance:
     """Covariance at the most likely values.
 
-    `likelihood`: with its noise; `slopes` (d, n): derivatives of the residuals with respect to the positions; `errors`
-    (n,): residuals; `shifts` (k, n): changes of the residuals for one standard deviation of each uncertain quantity;
-    `prior_slopes` (p, d): derivatives of the residuals of the priors.
+    `likelihood`: with its noise; `unit` (d,): position; `slopes` (d, n): derivatives of the residuals with respect to
+    the positions; `errors` (n,): residuals; `shifts` (k, n): changes of the residuals for one standard deviation of
+    each uncertain quantity.
     """
     tangents, innovations = likelihood.whiten(slopes), likelihood.whiten(errors)
     parts = [tangents[:, b.rows] @ tangents[:, b.rows].T for b in likelihood.blocks]
+    prior_slopes = prior_slopes_at(likelihood, unit)
     prior = prior_slopes.T @ prior_slopes
     bread, used, meat, ratios = _bread(likelihood, parts, prior, innovations)
     inverse, loose = _inverse(bread)
@@ -176,25 +175,21 @@ class Robust(NamedTuple):
 
 
 def with_integration(
-    known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, prior_slopes: Floats
+    known: Covariance, likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats
 ) -> Covariance:
     """Covariance whose part by noise has the outliers of Student's t integrated out; the same where no block has them.
 
-    `known`: by the curvature of the likelihood; `likelihood`: with its noise; `slopes` (d, n): derivatives of the
-    residuals with respect to the positions; `errors` (n,): residuals; `prior_slopes` (p, d): derivatives of the
-    residuals of the priors.
+    `known`: by the curvature of the likelihood; other arguments as those of `covariance_of`.
     """
     if not any(noise.law is Law.STUDENT for noise in likelihood.noises):
         return known
     try:
-        return _integrated(known, likelihood, slopes, errors, prior_slopes)
+        return _integrated(known, likelihood, unit, slopes, errors)
     except np.linalg.LinAlgError:  # no value is left that tells of the noise, so nothing bounds the interval
         return known._replace(noise=np.diag(np.full(len(known.noise), np.inf)))
 
 
-def _integrated(
-    known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, prior_slopes: Floats
-) -> Covariance:
+def _integrated(known: Covariance, likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats) -> Covariance:
     """Covariance with the outliers integrated out, see `with_integration`.
 
     Raises `numpy.linalg.LinAlgError` if the fit meets all values that hold a parameter.
@@ -202,7 +197,7 @@ def _integrated(
     heavy = [noise.law is Law.STUDENT for noise in likelihood.noises]
     root, unseen = _root(known.inverse)
     tangents, innovations = root.T @ likelihood.whiten(slopes), likelihood.whiten(errors)
-    held = prior_slopes @ root
+    held = prior_slopes_at(likelihood, unit) @ root
     fixed = held.T @ held + unseen
     curved, robust = fixed.copy(), []
     for i, (block, noise) in enumerate(zip(likelihood.blocks, likelihood.noises, strict=True)):

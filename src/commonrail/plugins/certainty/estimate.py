@@ -19,7 +19,7 @@ from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
 from commonrail.plugins.certainty.covariance import Covariance, covariance_of, shifts_by, student, with_integration
-from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes, prior_slopes_at
+from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes
 from commonrail.plugins.certainty.noise_fit import sample_count
 from commonrail.plugins.certainty.nuisance import SIDES, Nuisance
 
@@ -380,7 +380,7 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
     many = len(likelihood.nuisances)
     shifts = np.array([n.shift(point) for n in likelihood.nuisances]).reshape(many, likelihood.size)
     likelihood.simulated += 5 * many
-    covariance = covariance_of(likelihood, slopes, errors, shifts, prior_slopes_at(likelihood, unit))
+    covariance = covariance_of(likelihood, unit, slopes, errors, shifts)
     ends = FeasibleSet.of(likelihood.space).within(np.tile(unit, (many, 1)), unit + covariance.nuisances)
     moves = likelihood.space.from_unit(ends) - point
     second_changes = np.zeros((many, likelihood.size))
@@ -396,9 +396,7 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
 
 def with_outliers(found: Estimate) -> Estimate:
     """The estimate, outliers of Student's t integrated out of its covariance, see `covariance`."""
-    likelihood = found.likelihood
-    prior_slopes = prior_slopes_at(likelihood, found.unit)
-    covariance = with_integration(found.covariance, likelihood, found.slopes, found.errors, prior_slopes)
+    covariance = with_integration(found.covariance, found.likelihood, found.unit, found.slopes, found.errors)
     return replace(found, covariance=covariance)
 
 

@@ -20,7 +20,7 @@ from commonrail.plugins.certainty.ascent import linearised
 from commonrail.plugins.certainty.covariance import covariance_of
 from commonrail.plugins.certainty.estimate import ROUNDS, Estimate, estimate_at, with_outliers
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
-from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes, prior_slopes_at
+from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes
 from commonrail.plugins.certainty.verdict import verdicts_of, withdrawal
 
 ESTIMATOR = "curvature of the likelihood at the fitted values, their distance from the most likely ones added"
@@ -62,7 +62,7 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
     first = likelihood.residuals(likelihood.space.from_unit(unit[None]))[0]
     if not np.isfinite(first).all():
         raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
-    slopes, prior_slopes = central_slopes(likelihood, unit[None])[0], prior_slopes_at(likelihood, unit)
+    slopes = central_slopes(likelihood, unit[None])[0]
     own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
     errors, nothing = first, np.zeros((0, own.size))
     top = unit
@@ -70,7 +70,7 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
         step = linearised(own, top, slopes, errors).full_step()[0][0]
         top, errors = top + step, errors + step @ slopes
         if last < ROUNDS:
-            known = covariance_of(own, slopes, errors, nothing, prior_slopes)
+            known = covariance_of(own, unit, slopes, errors, nothing)
             own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
     found = with_outliers(estimate_at(own, unit, errors, slopes))
     simulated = likelihood.simulated - before + own.simulated

@@ -93,7 +93,7 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
         for low, noise in zip(few, likelihood.noises, strict=True)
     ]
     wide = likelihood.with_noises(noises)
-    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, prior_slopes_at(wide, found.unit))
+    covariance = covariance_of(wide, found.unit, found.slopes, found.errors, found.shifts)
     fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
     covariance = covariance._replace(
         nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear),
