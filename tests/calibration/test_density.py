@@ -60,7 +60,7 @@ def neighbour(name: str, own: float) -> float:
 
 # Each parameter is read by one of them, but for the diode's voltage: with a free-wheeling coil the needle outlasts
 # these horizons.
-VARIANTS = (Variant(), Variant(boundary="volume", drive="pwm"))
+VARIANTS = (Variant(), Variant(boundary="volume"), Variant(drive="pwm"))  # those that other tests compile too
 READ = [name for name in parameter_quantities(Actuation.SERVO) if name != "drive.diode_voltage"]
 
 
