@@ -30,6 +30,7 @@ class Series:
     y: Points  # as many; None leaves a gap
     mode: str = LINES  # or `MARKERS`, `BOTH`
     family: int | None = None  # series of one family share a colour, a marker and an entry of the legend
+    ordered: int = 0  # number of the families where they are steps of a quantity, such as rail pressures; else 0
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Band:
     low: Points
     high: Points
     family: int | None = None
+    ordered: int = 0
 
 
 @dataclass(frozen=True)

@@ -76,14 +76,14 @@ def band_cells(row: Record) -> tuple[str]:
     return (f"{fixed(half, 2, MM3)} {INSIDE if abs(best - row[MEASURED]) <= half else OUTSIDE}",)
 
 
-def error_band(rows: Sequence[Record], family: int, measure: Measure, about: str = "") -> Band:
+def error_band(rows: Sequence[Record], family: int, measure: Measure, about: str = "", ordered: int = 0) -> Band:
     """Area within the half widths, about zero or about a label's values.
 
     The rows are of one rail pressure, in the order of energising time. The middle is the values of the label
-    `about`, or zero.
+    `about`, or zero; `ordered` is the number of rail pressures, where their colours are to be in order.
     """
     low, high = (_edge(rows, sign, measure, about) for sign in (-1.0, 1.0))
-    return Band(JUDGED, scaled(rows, "energising_time", MICROSECOND), low, high, family)
+    return Band(JUDGED, scaled(rows, "energising_time", MICROSECOND), low, high, family, ordered)
 
 
 def _edge(rows: Sequence[Record], sign: float, measure: Measure, about: str) -> Points:

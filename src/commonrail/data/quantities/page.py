@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
-from commonrail.base.chart import MARKERS, Band, Figure, Panel, Points, Series
+from commonrail.base.chart import LINES, MARKERS, Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, several, signed, significant
 from commonrail.data.bands import band_cells, band_name, band_note, error_band, shaded
@@ -205,17 +205,18 @@ def _map_figure(view: MapView, data: Record) -> Figure:
     series: list[Series] = []
     errors: tuple[list[Series], list[Series]] = ([], [])
     bands: tuple[list[Band], list[Band], list[Band]] = ([], [], [])
-    for family, (rail, rows) in enumerate(_by_pressure(data).items()):
-        x = scaled(rows, "energising_time", MICROSECOND)
-        series += [Series("", label, x, scaled(rows, label, MM3), family=family) for label in ("start", JUDGED)]
-        series.append(Series(pressure(rail), MEASURED, x, scaled(rows, MEASURED, MM3), MARKERS, family))
+    parts = _by_pressure(data)
+    for family, (rail, rows) in enumerate(parts.items()):
+        x, step = scaled(rows, "energising_time", MICROSECOND), (family, len(parts))
+        series += [Series("", label, x, scaled(rows, label, MM3), LINES, *step) for label in ("start", JUDGED)]
+        series.append(Series(pressure(rail), MEASURED, x, scaled(rows, MEASURED, MM3), MARKERS, *step))
         over, under = _parted_at(limit, rows)
         for found, part, measure in zip(errors, (over, under), (_percent, _absolute), strict=True):
-            found.append(Series("", JUDGED, *_errors(part, JUDGED, measure), MARKERS, family))
+            found.append(Series("", JUDGED, *_errors(part, JUDGED, measure), MARKERS, *step))
         if "band" in data:
-            bands[0].append(error_band(rows, family, lambda value, _: value * MM3, about=JUDGED))
-            bands[1].append(error_band(over, family, _percent))
-            bands[2].append(error_band(under, family, _absolute))
+            bands[0].append(error_band(rows, family, lambda value, _: value * MM3, JUDGED, len(parts)))
+            bands[1].append(error_band(over, family, _percent, ordered=len(parts)))
+            bands[2].append(error_band(under, family, _absolute, ordered=len(parts)))
     shown = [Panel(f"{view.of}quantity, mm³", tuple(series), 0.5, bands=tuple(bands[0]))]
     for found, share, unit, around in zip(errors, (0.3, 0.2), ("%", "mm³"), bands[1:], strict=True):
         if any(one.x for one in found):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
-from commonrail.base.chart import BOTH, MARKERS, Band, Figure, HeatMap, Panel, Series, points
+from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, HeatMap, Panel, Series, points
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import counted, fixed, listed, megapascal, pressure, significant
 from commonrail.data.records import MICROSECOND, MM3, MPA
@@ -311,14 +311,17 @@ def _band_sentences(m: InjectionMap) -> list[str]:
     ]
 
 
-def _band_about(m: InjectionMap, row: int, family: int, largest: float) -> tuple[Band, ...]:
-    """Area of the widest band about the curve of a rail pressure, up to the largest quantity that is drawn [m³]."""
+def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float) -> tuple[Band, ...]:
+    """Area of the widest band about the curve of a rail pressure, up to the largest quantity that is drawn [m³].
+
+    `step` is the pressure's number and how many are drawn.
+    """
     if m.bands is None:
         return ()
     low, high = (edge[row] for edge in m.bands.quantity[_widest(m.bands)])
     drawn = np.isfinite(low) & np.isfinite(high) & (m.volume[row] <= largest)
     x = points(m.axes.energising_time[drawn] * MICROSECOND)
-    return (Band("solid", x, points(low[drawn] * MM3), points(high[drawn] * MM3), family),) if x else ()
+    return (Band("solid", x, points(low[drawn] * MM3), points(high[drawn] * MM3), *step),) if x else ()
 
 
 def _chosen(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int]:
@@ -334,18 +337,20 @@ def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.in
     """Quantities over energising time, every simulated point; enlarged if there is a largest quantity."""
     series: list[Series] = []
     bands: list[Band] = []
-    for family, row in enumerate(_chosen(m, compared)):
-        bands += _band_about(m, row, family, largest)
+    chosen = _chosen(m, compared)
+    for family, row in enumerate(chosen):
+        step = family, len(chosen)
+        bands += _band_about(m, row, step, largest)
         line = m.lines[row]
         shown = np.flatnonzero(~(line.volume > largest))
         shown = shown[: int(np.argmax(np.diff(shown, append=-1) != 1)) + 1] if np.isfinite(largest) else shown
         x, y = line.time[shown] * MICROSECOND, line.volume[shown] * MM3
-        series.append(Series(pressure(line.rail_pressure), "solid", points(x), points(y), family=family))
+        series.append(Series(pressure(line.rail_pressure), "solid", points(x), points(y), LINES, *step))
         if compared is not None:
             measured = compared.measured
             at = np.isclose(measured.rail_pressure, line.rail_pressure) & (measured.volume <= largest)
             x, y = measured.energising_time[at] * MICROSECOND, measured.volume[at] * MM3
-            series.append(Series("", "measured", points(x), points(y), MARKERS, family))
+            series.append(Series("", "measured", points(x), points(y), MARKERS, *step))
     zoomed = np.isfinite(largest)
     return Figure(
         "Small quantities" if zoomed else "Quantity over energising time",

@@ -46,6 +46,11 @@ _DARK = {
     "#3a3a3a": "#c5ccd3",
     "#5b8fb9": "#97c6ee",
     "#a6312b": "#ffa8a0",
+    "#2c0594": "#8f7bf0",
+    "#6a00a8": "#b66ee0",
+    "#a82296": "#dc6cb4",
+    "#d3566d": "#f08a78",
+    "#ee7b51": "#f9b04e",
 }
 _FAMILY_LINES: dict[str, tuple[float, str]] = {
     "start": (1.2, "dot"),
@@ -53,6 +58,9 @@ _FAMILY_LINES: dict[str, tuple[float, str]] = {
     "measured": (1.8, "solid"),
 }
 FAMILIES = ("#0072b2", "#d55e00", "#00795c", "#8f4a7d", "#7a6a00", "#3a3a3a", "#5b8fb9", "#a6312b")
+# Of an ordered quantity, low to high: steps of matplotlib's plasma, whose lightness rises, so that they are told apart
+# in grey and by the colour-blind too; without its yellow, which white paper hides.
+RAMP = ("#2c0594", "#6a00a8", "#a82296", "#d3566d", "#ee7b51")
 DASHES = {"dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3", "longdashdot": "11 3 2 3"}
 # Filled disc, filled square, ring and frame: drawn as ends of lines, so that an enlarged panel does not enlarge them.
 _MARKERS = (("round", False), ("square", False), ("round", True), ("square", True))
@@ -60,19 +68,31 @@ SIZES = {"markers": 7.5, "lines+markers": 5.0}
 _KEEPS_ITS_WIDTH = 'vector-effect="non-scaling-stroke"'
 
 
-def dark_rules() -> str:
-    """Rules of CSS by which a page draws its figures in the colours of a dark page."""
+def dark_rules(within: str = "") -> str:
+    """Rules of CSS by which a page draws its figures in the colours of a dark page.
+
+    `within` is the selector of an element that contains the figures.
+    """
     rules = [
-        f'svg.figure[{what}="{light}"], .figure [{what}="{light}"] {{ {what}: {dark}; }}'
+        f'{within} svg.figure[{what}="{light}"], {within} .figure [{what}="{light}"] {{ {what}: {dark}; }}'
         for light, dark in _DARK.items()
         for what in ("fill", "stroke")
     ]
-    return "\n  ".join([*rules, f".figure .cell text {{ fill: {INK}; }}"])
+    return "\n  ".join([*rules, f"{within} .figure .cell text {{ fill: {INK}; }}"])
 
 
-def colour_of(look: str, family: int | None) -> str:
-    """Colour of a series, a band or boxes."""
-    return LOOKS[look][0] if family is None else FAMILIES[family % len(FAMILIES)]
+def colour_of(look: str, family: int | None, ordered: int = 0) -> str:
+    """Colour of a series, a band or boxes; that of an `ordered` number of families is a step of the ramp."""
+    if family is None:
+        return LOOKS[look][0]
+    if ordered:
+        return RAMP[round(family * (len(RAMP) - 1) / max(ordered - 1, 1))]
+    return FAMILIES[family % len(FAMILIES)]
+
+
+def _key(look: str, family: int | None) -> str:
+    """Attribute that an entry of a legend and what it stands for have in common."""
+    return f'data-key="{look if family is None else family}"'
 
 
 def line_of(series: Series) -> tuple[str, float, str]:
@@ -80,7 +100,7 @@ def line_of(series: Series) -> tuple[str, float, str]:
     if series.family is None:
         return LOOKS[series.look]
     width, dash = _FAMILY_LINES.get(series.look, (1.6, series.look))
-    return colour_of(series.look, series.family), width, dash
+    return colour_of(series.look, series.family, series.ordered), width, dash
 
 
 def pane_svg(panel: Panel, x: Axis, y: Axis) -> str:
@@ -98,7 +118,7 @@ def pane_svg(panel: Panel, x: Axis, y: Axis) -> str:
 
 def _series(series: Series, x: Axis, y: Axis) -> Iterator[str]:
     places = _places(series.x, series.y, x, y)
-    name = f' data-name="{escape(series.label)}"'
+    name = f' {_key(series.look, series.family)} data-look="{series.look}" data-name="{escape(series.label)}"'
     if "lines" in series.mode and (path := _path(places)):
         colour, width, dash = line_of(series)
         dashed = f' stroke-dasharray="{DASHES[dash]}"' if dash in DASHES else ""
@@ -125,9 +145,10 @@ def marker_path(series: Series, path: str, attributes: str = "") -> Iterator[str
     """
     colour, cap, size, hollow = marker_style(series)
     kept = f'fill="none" stroke-linecap="{cap}" {_KEEPS_ITS_WIDTH}'
+    key = _key(series.look, series.family)
     yield f'<path class="marks"{attributes} d="{path}" stroke="{colour}" stroke-width="{size:g}" {kept}/>'
     if hollow:
-        yield f'<path d="{path}" stroke="#fff" stroke-width="{size - 3.2:g}" {kept}/>'
+        yield f'<path {key} d="{path}" stroke="#fff" stroke-width="{size - 3.2:g}" {kept}/>'
 
 
 def _places(xs: Points, ys: Points, x: Axis, y: Axis) -> Floats:
@@ -175,7 +196,8 @@ def _band(band: Band, x: Axis, y: Axis) -> str:
     if not sound.any():
         return ""
     around = np.concatenate([low[sound], high[sound][::-1]])
-    return f'<path d="{_stretch(around)}z" fill="{colour_of(band.look, band.family)}" fill-opacity=".16"/>'
+    colour, key = colour_of(band.look, band.family, band.ordered), _key(band.look, band.family)
+    return f'<path class="band" {key} d="{_stretch(around)}z" fill="{colour}" fill-opacity=".16"/>'
 
 
 def _rect(x: float, y: float, width: float, height: float, colour: str) -> str:
@@ -305,7 +327,8 @@ def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "
     width, height = round(sheet.width), round(sheet.height)
     parts.append(_text(figure.x_title, middle, bottom, "middle"))
     return (
-        f'<svg class="figure {name}" viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg" '
+        f'<svg class="figure {name}" data-x-title="{escape(figure.x_title)}" viewBox="0 0 {width} {height}" '
+        'xmlns="http://www.w3.org/2000/svg" '
         f'font-family="{escape(FONT)}" font-size="{SIZE}" fill="{INK}" role="img" '
         f'aria-label="{escape(figure.title)}">{"".join(parts)}</svg>'
     )
@@ -396,13 +419,14 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
     zero += f"M{x.at(0.0):.1f} 0v{height:.1f}" if panel.rows and x.low < 0.0 < x.high else ""
     ends = f'data-x="{x.low!r} {x.high!r}" data-y="{y.low!r} {y.high!r}"'
     has_texts = ' data-texts=""' if labelled else ""
-    fixed = ' data-fixed=""' if panel.categories or panel.rows or y.logarithmic else ""
+    fixed = ' data-fixed=""' if panel.categories or panel.rows else ' data-log=""' if y.logarithmic else ""
+    fixed += f' data-scaled="{panel.scaled_by}"' if panel.scaled_by else ""
     view = f"0 0 {round(TENTHS * sheet.inner)} {round(TENTHS * height)}"
     texts = _x_texts(panel, [(x.at(v), text) for v, text in xs], height, sheet.inner) if labelled else []
     names = [_text(text, -6.0, y.at(v) + 4.0, "end") for v, text in ys]
     turned = f'<g transform="translate({12.0 - sheet.left:.1f} {height / 2:.1f}) rotate(-90)">'
     return (
-        f'<g class="panel" transform="translate({sheet.left:.1f} {top:.1f})">'
+        f'<g class="panel" transform="translate({sheet.left:.1f} {top:.1f})" data-title="{escape(panel.y_title)}">'
         f'<rect width="{sheet.inner:.1f}" height="{height:.1f}" fill="#fff"/>'
         f'<path class="grid" d="{grid}" stroke="{GRID}"/><path class="zero" d="{zero}" stroke="{INK}"/>'
         f'<svg class="pane" width="{sheet.inner:.1f}" height="{height:.1f}" viewBox="{view}" '
@@ -437,28 +461,29 @@ def _legend(figure: Figure, width: int) -> tuple[str, float]:
     """Entries in rows above the panels, and where the panels begin [px]."""
     x, y = 8.0, LINE
     parts = []
-    for key, text in _entries(figure):
+    for (key, text), sample in _entries(figure).items():
         text = cut(text, width - SAMPLE - 16.0)
         own = SAMPLE + text_width(text)
         if x > 8.0 and x + own > width - 8.0:
             x, y = 8.0, y + LINE
-        parts.append(f'<g transform="translate({x:.1f} {y:.1f})">{key}{_text(text, SAMPLE, 0.0)}</g>')
+        place = f'transform="translate({x:.1f} {y:.1f})"'
+        parts.append(f'<g class="entry" {key} {place}>{sample}{_text(text, SAMPLE, 0.0)}</g>')
         x += own + APART
     return "".join(parts), (y + 10.0 if parts else 12.0)
 
 
-def _entries(figure: Figure) -> list[tuple[str, str]]:
-    """Sample and text of each entry, each once."""
-    found: dict[str, str] = {}
+def _entries(figure: Figure) -> dict[tuple[str, str], str]:
+    """Sample of each entry by its key and text, each text once."""
+    found: dict[str, tuple[str, str]] = {}
     for panel in figure.panels:
         solid: list[Boxes | Bars] = [*panel.boxes, *panel.bars]
         for boxes in solid:
             colour = colour_of(boxes.look, None)
             square = f'<rect x="4" y="-10" width="12" height="11" fill="{colour}" fill-opacity=".3" stroke="{colour}"/>'
-            found.setdefault(boxes.label, square)
+            found.setdefault(boxes.label, ("", square))
         for series in panel.series:
-            found.setdefault(series.label, _sample(series))
-    return [(sample, text) for text, sample in found.items() if text]
+            found.setdefault(series.label, (_key(series.look, series.family), _sample(series)))
+    return {(key, text): sample for text, (key, sample) in found.items() if text}
 
 
 def _sample(series: Series) -> str:
