@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,9 +39,18 @@ class Outcome(NamedTuple):
 
 
 def run_study(
-    study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
+    study: Study,
+    folder: Path,
+    threads: int | None,
+    workers: Workers | None = None,
+    *,
+    strict: bool = False,
+    live: bool = True,
 ) -> Outcome:
-    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`."""
+    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`.
+
+    `live` as for `commonrail.report.page.write_report`.
+    """
     from commonrail.runs.fit import calibrate_into
 
     return reported(
@@ -49,15 +59,22 @@ def run_study(
         lambda listener: calibrate_into(
             folder, study, threads=threads, workers=workers, listener=listener, strict=strict
         ),
+        live=live,
     )
 
 
 def reported(
-    title: str, folder: Path, work: Callable[[Listener], object], stage: Callable[[Progress], Stage] | None = None
+    title: str,
+    folder: Path,
+    work: Callable[[Listener], object],
+    stage: Callable[[Progress], Stage] | None = None,
+    *,
+    live: bool = True,
 ) -> Outcome:
     """Run a fit of any kind in its folder, with its progress on stderr, and write its report.
 
-    `stage` says how far a search is for the bar with the title, by default `stage_of`.
+    `stage` says how far a search is for the bar with the title, by default `stage_of`. The report stands before what is
+    `live` in it is made, which compiles for some time where it is the first of its kind.
     """
     from commonrail.base.hooks import held_interrupts
     from commonrail.report.page import write_report
@@ -74,8 +91,11 @@ def reported(
                 if not (folder / RESULT).is_file():
                     raise
                 judged = False
-        report = write_report(folder)
-        return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
+        report = write_report(folder, live=False)
+    if live and kind_of(folder).still:
+        with suppress(KeyboardInterrupt):
+            write_report(folder)
+    return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
 
 
 def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: bool = False) -> None:

@@ -172,6 +172,7 @@ def _with_units(parts: list[str], option: str) -> list[str]:
 
 
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
+NoLive = Annotated[bool, Option("--no-live", help="Write the report without the chart that simulates in the browser.")]
 StudyFile = Annotated[Path, Argument(metavar="STUDY.toml", help="Study file.")]
 OutFile = Annotated[
     Path | None,

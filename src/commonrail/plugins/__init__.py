@@ -46,6 +46,7 @@ SHIPPED: dict[str, dict[str, str]] = {
     "study_keys": {"type": "commonrail.plugins.family.injector_type:with_type"},
     "workers": {"cluster": "commonrail.plugins.cluster.run:Cluster"},
     "pages": {"bench.html": "commonrail.plugins.page.page:page_of_run"},
+    "live": {"page": "commonrail.plugins.page.live:live_chart"},
     "inspectors": {"dcm": "commonrail.plugins.maps.dcm:facts_of"},
     "after_fit": {
         "certainty": "commonrail.plugins.certainty.run:judge",

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
+from commonrail.base import registry
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, StudyError
@@ -53,13 +56,15 @@ OPEN, LONG = 2, 12  # tables of errors that are not folded, and their rows at mo
 FEW = 10  # columns of a heat map that stands beside others
 
 
-def write_report(folder: str | Path) -> Path:
+def write_report(folder: str | Path, live: bool = True) -> Path:
     """Write ``report.html`` from what a run folder holds.
 
     Parameters
     ----------
     folder : str or Path
         Folder that ``commonrail calibrate``, ``family``, ``compare``, ``reproduce`` or a plug-in's verb left.
+    live : bool, optional
+        Whether the main chart of a calibration simulates in the page, where a plug-in can make it do so.
 
     Returns
     -------
@@ -83,13 +88,14 @@ def write_report(folder: str | Path) -> Path:
         )
     kind = kind_of(folder)
     with kind.refusing_broken(folder):
-        page = kind.page(kind.read(folder), folder)
+        make = kind.still if kind.still and not live else kind.page
+        page = make(kind.read(folder), folder)
     path = folder / "report.html"
     write_text(path, page)
     return path
 
 
-def _page(record: Record, folder: Path) -> str:
+def _page(record: Record, folder: Path, live: bool = True) -> str:
     refuse_foreign(folder, record)
     return report_html(
         record,
@@ -98,6 +104,7 @@ def _page(record: Record, folder: Path) -> str:
         bench=(folder / BENCH).is_file(),
         course=_course(folder),
         draws=_draws(folder),
+        live=Markup("").join(part.call(record, folder) for part in registry.entries("live").values()) if live else "",
     )
 
 
@@ -120,7 +127,7 @@ def _draws(folder: Path) -> dict[str, Floats]:
 
 
 KEYS = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
-CALIBRATION = ResultKind(RESULT, "calibration", "calibrate", _page, KEYS)
+CALIBRATION = ResultKind(RESULT, "calibration", "calibrate", _page, KEYS, still=partial(_page, live=False))
 
 
 def report_html(
@@ -130,12 +137,13 @@ def report_html(
     bench: bool = False,
     course: Floats | None = None,
     draws: Mapping[str, Floats] = {},
+    live: str = "",
 ) -> str:
     """Page of a calibration from its record and its curves by data set.
 
     `run` is the folder's name for the command lines in the page; with `bench` a page with sliders lies beside, to be
     linked. `course` are the best candidates after each generation (generations, d), `draws` those of a posterior by
-    parameter, both in SI.
+    parameter, both in SI. `live` is HTML that the page ends with, which lets its main chart simulate.
     """
     figures, heats = figures_of(record, traces), error_maps(record)
     checks = filter(None, [parity_figure(record), autocorrelation_figure(record, traces)])
@@ -157,6 +165,7 @@ def report_html(
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
         bench=BENCH if bench else "",
+        live=live,
         lines=headline(record),
         tables=[table for table, is_open in tables if is_open],
         folded=[table for table, is_open in tables if not is_open],

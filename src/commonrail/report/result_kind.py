@@ -40,6 +40,8 @@ class ResultKind(NamedTuple):
     extra : function of Path
         Makes the files of the folder that the page shows beside itself, those that are missing; returns an empty text,
         or a sentence on what it needs.
+    still : function of (record, Path), optional
+        The same page without what simulates in it; None where nothing does.
     """
 
     file: str
@@ -48,6 +50,7 @@ class ResultKind(NamedTuple):
     page: Callable[[Record, Path], str]
     keys: tuple[str, ...] = ()
     extra: Callable[[Path], str] = _nothing
+    still: Callable[[Record, Path], str] | None = None
 
     def read(self, folder: Path) -> Record:
         """Record of a folder; InputError if it cannot be read, or is of another kind or schema, or incomplete."""

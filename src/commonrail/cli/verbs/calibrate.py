@@ -11,6 +11,7 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     ClusterAddress,
     Json,
+    NoLive,
     StudyFile,
     Threads,
     WorkerCount,
@@ -42,6 +43,7 @@ def calibrate(
             "--strict", help="Treat warnings as errors: before the fit nothing is run, after it the exit status is 2."
         ),
     ] = False,
+    no_live: NoLive = False,
     full: Full = False,
     json: Json = False,
 ) -> None:
@@ -67,7 +69,9 @@ def calibrate(
     if seed is not None:
         loaded = replace(loaded, seed=seed)
     with open_workers(workers, cluster) as crew:
-        outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
+        outcome = run_study(
+            loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict, live=not no_live
+        )
     print_outcome(outcome, json, full=full, strict=strict)
 
 
@@ -87,6 +91,7 @@ def resume(
     threads: Threads = None,
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
+    no_live: NoLive = False,
     full: Full = False,
     json: Json = False,
 ) -> None:
@@ -127,5 +132,6 @@ def resume(
             lambda listener: go_on(
                 run, generations=generations, as_begun=as_begun, threads=threads, workers=crew, listener=listener
             ),
+            live=not no_live,
         )
     print_outcome(outcome, json, full=full)

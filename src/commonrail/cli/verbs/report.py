@@ -11,7 +11,7 @@ from commonrail.base import registry
 from commonrail.base.errors import InputError, PluginError
 from commonrail.cli.console import print_json, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json
+from commonrail.cli.options import Json, NoLive
 
 
 @verb
@@ -22,12 +22,15 @@ def report(
     page: Annotated[
         bool, Option("--page", help="Make further pages beside it: bench.html with sliders, and those of plug-ins.")
     ] = False,
+    no_live: NoLive = False,
     json: Json = False,
 ) -> None:
     """Make the report of a run folder again.
 
-    RUN/report.html is self-contained: it opens without a network and prints on A4. --page makes RUN/bench.html beside
-    it, as commonrail page does, and the pages of installed packages, for the run folder of commonrail calibrate.
+    RUN/report.html is self-contained: it opens without a network and prints on A4. The main chart of a calibration
+    simulates again while its parameters are dragged, where zig can compile that (pip install "commonrail[export]").
+    --page makes RUN/bench.html beside it, as commonrail page does, and the pages of installed packages, for the run
+    folder of commonrail calibrate.
 
     \b
     Example:
@@ -43,7 +46,7 @@ def report(
         browser()  # refuse before anything is written
     pages = _make_pages(run) if page else []
     lacking = kind_of(run).extra(run)
-    path = write_report(run)
+    path = write_report(run, live=not no_live)
     if lacking:
         say(lacking)
     printed = print_pdf(path) if pdf else None

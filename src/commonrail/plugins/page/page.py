@@ -64,21 +64,47 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
     `first` is the operating point of a page without data; of one with maps alone it is the measured point that lies
     nearest to this one. `version` is that of the program.
     """
-    injector, variant = subject.injector, variant_of(subject)
+    injector = subject.injector
     first = _first_measured(subject, first)
     limits = limits_of(subject, first)
     sliders, share = stable_sliders(subject, limits["rail"][1])
     nodes, at = _nodes(injector)
-    size = sizes(variant)
     simulator = Simulator(injector, (), subject.time_step)
-    data = [_data(d, simulator, nodes) for d in subject.data]
+    data = [curve_numbers(d, simulator, nodes) for d in subject.data]
     return {
+        **bench_numbers(subject, sliders, first),
         "title": subject.title,
         "injector": injector.name,
-        "variant": variant.label,
+        "variant": variant_of(subject).label,
         "version": version,
-        "dt": subject.time_step,
         "every": max(round(SAMPLE / subject.time_step), 1),
+        "temperature": {
+            "nodes": nodes,
+            "at": at,
+            "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
+        },
+        "density": _densities(injector, limits["cylinder"], nodes),
+        "limits": limits,
+        "narrowed": share,
+        "data": data,
+        "reference": {"label": "J of the fit" if subject.start else ""},
+        "fan": None if subject.fan is None else {**vars(subject.fan), "members": subject.fan.members.tolist()},
+        "presets": _presets(subject, first, data),
+        "traced": is_traced(injector),
+        "map": None if is_traced(injector) else _map(subject, limits["rail"]),
+        "maps": [map_numbers(d, simulator, nodes) for d in subject.maps],
+        "toml": injector_text(injector, {}, "Made by a bench page of commonrail."),
+        "present": dict(injector.values),
+        "units": {name: q.unit for name, q in injector.quantities.items()},
+    }
+
+
+def bench_numbers(subject: Subject, sliders: tuple[Slider, ...], first: OperatingPoint) -> dict[str, Any]:
+    """Numbers that the script simulates with, its parameters, and the run's constraints between them."""
+    variant = variant_of(subject)
+    size = sizes(variant)
+    return {
+        "dt": subject.time_step,
         "tail": TAIL,
         "quiet": CHECK_AFTER,
         "resting": RESTING,
@@ -89,28 +115,10 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "ring": _ring(subject, sliders, first),
         "channels": [c.name for c in channels(variant.actuation)],
         "figures": list(Outcome._fields),
-        "theta": _packed(candidate_matrix(injector, (), ONE)[0]),
-        "temperature": {
-            "nodes": nodes,
-            "at": at,
-            "coefficients": [_packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
-        },
-        "density": _densities(injector, limits["cylinder"], nodes),
-        "limits": limits,
-        "sliders": [_slider(injector, s) for s in sliders],
-        "narrowed": share,
+        "theta": packed(candidate_matrix(subject.injector, (), ONE)[0]),
+        "sliders": [_slider(subject.injector, s) for s in sliders],
         "constraints": [] if subject.space is None else _constraints(subject.space),
-        "columnOf": _columns(injector, subject, sliders),
-        "data": data,
-        "reference": {"label": "J of the fit" if subject.start else ""},
-        "fan": None if subject.fan is None else {**vars(subject.fan), "members": subject.fan.members.tolist()},
-        "presets": _presets(subject, first, data),
-        "traced": is_traced(injector),
-        "map": None if is_traced(injector) else _map(subject, limits["rail"]),
-        "maps": [_measured_map(d, simulator, nodes) for d in subject.maps],
-        "toml": injector_text(injector, {}, "Made by a bench page of commonrail."),
-        "present": dict(injector.values),
-        "units": {name: q.unit for name, q in injector.quantities.items()},
+        "columnOf": _columns(subject.injector, subject, sliders),
     }
 
 
@@ -184,7 +192,8 @@ def _ring(subject: Subject, sliders: tuple[Slider, ...], first: OperatingPoint) 
     return CoursePlan(longer, first, subject.time_step).ring
 
 
-def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, Any]:
+def curve_numbers(d: RateData, simulator: Simulator, nodes: Sequence[float]) -> dict[str, Any]:
+    """Injection curve as the script compares it, with its operating point and meter."""
     point, injector = d.point, simulator.injector
     cylinder = point.at_start(point.cylinder_pressure)
     traced = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
@@ -194,15 +203,15 @@ def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, An
         "origin": origin_of({"synthetic": d.synthetic}),
         "point": _point(point),
         "courses": [_course(course, point, simulator.time_step) for course in traced],
-        "bounds": _packed(d.bounds),
-        "rate": _packed(d.rate),
+        "bounds": packed(d.bounds),
+        "rate": packed(d.rate),
         "density": _densities_of(d.mass_density, d.meter, cylinder, injector, nodes),
         "meter": _meter(d, simulator.time_step),
         "reference": number(d.score(simulator).j),
     }
 
 
-def _measured_map(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -> dict[str, Any]:
+def map_numbers(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -> dict[str, Any]:
     """Rows of a map, each with the points that are simulated for it: itself, or three about a dead time.
 
     Densities [kg/m³] that make volumes of masses are given once for each cylinder pressure.
@@ -266,7 +275,7 @@ def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> s
         return None
     end = max(course.time[-1] - point.start, point.duration)
     begin: Floats = np.asarray(point.start + dt * np.arange(math.ceil(end / dt) + 1), float)
-    return _packed(course.mean(begin, np.asarray(begin + dt, float)))
+    return packed(course.mean(begin, np.asarray(begin + dt, float)))
 
 
 def _point(point: OperatingPoint) -> dict[str, Any]:
@@ -309,7 +318,7 @@ def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
 # Meters of the data: the responses of their filters, and their quantities, for the page's script.
 
 
-def _packed(values: ArrayLike) -> str:
+def packed(values: ArrayLike) -> str:
     """Base64 of little-endian doubles."""
     return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode()
 
@@ -339,7 +348,7 @@ def _filter(meter: Meter, cutoff: float, steps: int, dt: float) -> dict[str, Any
     impulse[steps - 1] = 1.0
     response = low_pass(impulse, dt, meter.law, meter.order, cutoff)
     used = np.flatnonzero(np.abs(response) > NEGLIGIBLE * np.max(np.abs(response)))
-    return {"first": int(used[0]) - (steps - 1), "response": _packed(response[used[0] : used[-1] + 1])}
+    return {"first": int(used[0]) - (steps - 1), "response": packed(response[used[0] : used[-1] + 1])}
 
 
 # The page itself: styles, scripts, numbers and the compiled module in one HTML file.
@@ -362,7 +371,7 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         title=subject.title,
         lead=_lead(subject, numbers),
         synthetic=subject.synthetic,
-        model=_embedded(numbers),
+        model=embedded(numbers),
         wasm=base64.b64encode(module).decode(),
         version=program,
     )
@@ -373,7 +382,7 @@ def page_of_run(folder: Path) -> str:
     return page_html(read_subject(str(folder)))
 
 
-def _embedded(numbers: dict[str, Any]) -> Markup:
+def embedded(numbers: dict[str, Any]) -> Markup:
     """JSON that no text in it can end as a script."""
     return Markup(json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 

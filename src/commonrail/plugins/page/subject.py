@@ -194,16 +194,16 @@ class Subject:
         return [d.point for d in self.data] + [point for d in self.maps for point in d.points]
 
 
-def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None) -> Subject:
+def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None, with_fan: bool = True) -> Subject:
     """Subject that the command line names: a run folder, an injector's file or a name of the catalogue.
 
-    `more` are dotted names of further parameters for sliders, `threads` simulate the fits near the best one. InputError
-    if it cannot be read, or there is no such parameter; ConfigurationError if the injector follows a measured voltage
-    or current, and there are no data that hold it.
+    `more` are dotted names of further parameters for sliders, `threads` simulate the fits near the best one, which a
+    run has `with_fan`. InputError if it cannot be read, or there is no such parameter; ConfigurationError if the
+    injector follows a measured voltage or current, and there are no data that hold it.
     """
     run = Path(text)
     if run.is_dir() and (run / RESULT).is_file():
-        return _of_run(run, more, threads)
+        return _of_run(run, more, threads, with_fan)
     named = read_model_name(text)
     if is_traced(named.injector):
         raise ConfigurationError(
@@ -219,7 +219,7 @@ def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = No
     return Subject(injector.title, injector, sliders, DEFAULT_STEP, {}, (), notes, fan)
 
 
-def _of_run(run: Path, more: tuple[str, ...], threads: int | None) -> Subject:
+def _of_run(run: Path, more: tuple[str, ...], threads: int | None, with_fan: bool) -> Subject:
     study, best = read_fit(run)
     own = {name: value for name, value in best.items() if not is_of_meter(name)}
     injector = study.injector.with_values(own)
@@ -233,7 +233,7 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None) -> Subject:
         )
     sliders = _with_more(injector, _bounded(study.space, own), more)
     start = {p.name: p.reference for p in study.space.parameters if p.name in own}
-    fan = near_fits(run, study, best, threads)
+    fan = near_fits(run, study, best, threads) if with_fan else None
     notes = tuple(dict.fromkeys(note for note in (injector.synthetic, *(d.synthetic for d in (*data, *maps))) if note))
     return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan, study.space, maps)
 

@@ -29,6 +29,8 @@ LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
     "mean": ("#0072b2", 1.6, "dash"),
     "paper": ("#00795c", 1.6, "dashdot"),
     "level": ("#6b7785", 1.2, "dot"),
+    "moved": ("#00795c", 2.4, "solid"),  # simulated in the page
+    "held": ("#6b7785", 1.4, "dash"),
 }
 # Colours on a dark page; those of the cells of heat maps stay.
 _DARK = {

@@ -161,6 +161,12 @@ const charts = (() => {
       this.show(was ? view.x : x, was ? view.y : y);
     }
 
+    // Makes room for drawn series that the vertical range does not hold.
+    include() {
+      const [low, high] = this.fit(this.view.x), [bottom, top] = this.view.y;
+      if (low < bottom || high > top) this.show(this.view.x, [Math.min(low, bottom), Math.max(high, top)]);
+    }
+
     // Draws series { key, name, x, y, colour, width, dash, marks, square, faint, still } in the units of the axes over what
     // the pane has; a still one keeps its arrays from one call to the next.
     draw(series) {
@@ -176,22 +182,26 @@ const charts = (() => {
           path._own = true;
         }
         const still = s.still && path._y === s.y && path._ends === this.x && path._heights === this.y;
-        if (!still) set(path, { d: this.trace(s) });
+        if (!still) this.trace(path, s);
         Object.assign(path, { _y: s.y, _ends: this.x, _heights: this.y });
       });
       if (cursor && cursor.title === this.chart.title) this.mark(cursor.x);
     }
 
-    trace({ x, y, marks }) {
+    trace(path, { x, y, marks }) {
       const fx = (10 * this.width) / (this.x[1] - this.x[0]), fy = (10 * this.height) / (this.y[1] - this.y[0]);
+      const points = [];
       let d = "", open = false;
       for (let i = 0; i < x.length; i++) {
         const px = Math.round(fx * (x[i] - this.x[0])), py = Math.round(fy * (this.y[1] - (this.log ? log10(y[i]) : y[i])));
-        if (!Number.isFinite(px + py)) { open = false; continue; }
+        if (!Number.isFinite(px + py)) { open = false; points.push(null); continue; }
+        points.push([px, py]);
         d += marks ? `M${px} ${py}h1` : `${open ? "L" : "M"}${px} ${py}`;
         open = true;
       }
-      return d || "M-99 -99";
+      set(path, { d });
+      path._drawn = d;
+      path._points = points;
     }
 
     // Line of the cursor and dots on the curves; returns names and values there.
@@ -251,7 +261,7 @@ const charts = (() => {
 
   class Chart {
     constructor(svg) {
-      Object.assign(this, { svg, title: svg.dataset.xTitle, off: new Set(), names: {}, pointers: new Map(), from: null, pinch: null, tapped: 0 });
+      Object.assign(this, { svg, title: svg.dataset.xTitle, off: new Set(), names: {}, pointers: new Map(), from: null, pinch: null, tapped: -Infinity });
       this.panels = all(svg, ".panel").map((group) => new Panel(group, this));
       this.group = svg.closest(".linked");
       if (!this.panels.some((panel) => !panel.fixed)) return;
@@ -322,7 +332,8 @@ const charts = (() => {
 
     cancel(event) {
       this.pointers.delete(event.pointerId);
-      this.from = this.pinch = null;
+      this.from = null;
+      if (!this.pointers.size) this.pinch = null; // the last finger of two that goes is no tap
       if (this.frame) { this.frame.remove(); this.frame = null; }
     }
 
@@ -478,5 +489,9 @@ const charts = (() => {
       setTimeout(() => { button.textContent = "copy"; }, 1500);
     });
   }
-  return { list, of: (holder) => list.filter((chart) => holder.contains(chart.svg)), offer };
+  // The one of a drawing's charts that is displayed, without laying out the page: `base.html` hides the other one.
+  const narrow = window.matchMedia("(max-width: 720px)");
+  const shown = (found) => found.find((chart) => chart.svg.classList.contains("narrow") === narrow.matches) || found[0];
+
+  return { list, shown, of: (holder) => list.filter((chart) => holder.contains(chart.svg)), offer };
 })();

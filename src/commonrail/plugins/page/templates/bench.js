@@ -500,20 +500,10 @@ class Slider {
   }
 }
 
-// Value of a parameter that keeps the run's linear constraints, as long as the others keep them.
 function ordered(name, value) {
-  const valueOf = (other) => state.values[other] ?? model.present[other];
-  let low = -Infinity, high = Infinity, below = "", above = "";
-  for (const { terms, floor, label } of model.constraints) {
-    if (!terms[name]) continue;
-    const rest = Object.entries(terms).reduce((sum, [other, share]) => (other === name ? sum : sum + share * valueOf(other)), 0);
-    const end = (floor - rest) / terms[name];
-    if (terms[name] > 0 && end > low) [low, below] = [end, label];
-    if (terms[name] < 0 && end < high) [high, above] = [end, label];
-  }
-  if (low > high || (value >= low && value <= high)) return value;
-  stopped = `${name} is stopped by the run's constraint ${value < low ? below : above}.`;
-  return value < low ? low : high;
+  const held = constrained(model, state.values, name, value);
+  if (held.stopped) stopped = held.stopped;
+  return held.value;
 }
 
 function pressureSlider(holder, id, label, key, column) {

@@ -14,6 +14,23 @@ function crossing({ points, quantity }, [low, middle, high], flattest) {
   return here + (quantity - middle) / Math.max(slope, quantity / flattest);
 }
 
+// Value of a parameter that keeps the run's linear constraints as long as the others keep them, and a sentence on what
+// has stopped it.
+function constrained(model, values, name, value) {
+  const valueOf = (other) => values[other] ?? model.present[other];
+  let low = -Infinity, high = Infinity, below = "", above = "";
+  for (const { terms, floor, label } of model.constraints) {
+    if (!terms[name]) continue;
+    const rest = Object.entries(terms).reduce((sum, [other, share]) => (other === name ? sum : sum + share * valueOf(other)), 0);
+    const end = (floor - rest) / terms[name];
+    if (terms[name] > 0 && end > low) [low, below] = [end, label];
+    if (terms[name] < 0 && end < high) [high, above] = [end, label];
+  }
+  if (low > high || (value >= low && value <= high)) return { value, stopped: "" };
+  const stopped = `${name} is stopped by the run's constraint ${value < low ? below : above}.`;
+  return { value: value < low ? low : high, stopped };
+}
+
 class Bench {
   constructor(model, module) {
     this.model = model;
@@ -111,10 +128,20 @@ class Bench {
     return { rate, j: rate.reduce((sum, y, i) => sum + Math.abs(y - d.rate[i]), 0) * 1e6 };
   }
 
+  // A data set at its operating point, as its meter shows it; null where the simulation fails.
+  score(d, temperature) {
+    const duration = d.point.duration + (d.meter ? d.meter.ahead : 0);
+    const { status } = this.run({ ...d.point, duration, courses: d.courses }, 0, true);
+    return status === "failed" || status === "not closed" ? null : this.compare(d, temperature);
+  }
+
+  quantities(m, temperature) {
+    return this.judged(m, m.rows.map((row) => this.valueOf(m, row, temperature)));
+  }
+
   // Values of the rows of a map, and its J: the sum of 2 (sqrt(1 + r^2) - 1) of the errors r over their tolerances. A
   // value is a quantity [m3] or, of a dead time that is judged as one, a time [s]; null where a simulation fails.
-  quantities(m, temperature) {
-    const values = m.rows.map((row) => this.valueOf(m, row, temperature));
+  judged(m, values) {
     const j = values.reduce((sum, value, i) => {
       const r = value === null ? NaN : (value - m.rows[i].target) / m.rows[i].tolerance;
       return sum + 2 * (Math.sqrt(1 + r * r) - 1);

@@ -6,11 +6,7 @@ let bench = null;
 // J of every data set at its own operating points, values of the maps, and the compared rate of the curve that is shown.
 function scores(state) {
   bench.setParameters(state.values, state.temperature);
-  const found = bench.data.map((d) => {
-    const duration = d.point.duration + (d.meter ? d.meter.ahead : 0);
-    const { status } = bench.run({ ...d.point, duration, courses: d.courses }, 0, true);
-    return status === "failed" || status === "not closed" ? null : bench.compare(d, state.temperature);
-  });
+  const found = bench.data.map((d) => bench.score(d, state.temperature));
   const maps = bench.model.maps.map((m) => bench.quantities(m, state.temperature));
   return { maps, j: found.map((one) => one && one.j), rate: state.data === null ? null : found[state.data] && found[state.data].rate };
 }
