@@ -34,6 +34,7 @@ def _environment(package: str = CORE) -> Environment:
     )
     environment.filters.update({f.__name__: f for f in (breakable, unbroken, print_size, is_long, css_text)})
     environment.globals["dark_figures"] = Markup(dark_rules())
+    environment.globals["dark_theme_figures"] = Markup(dark_rules(':root[data-theme="dark"]'))  # chosen in the page
     return environment
 
 

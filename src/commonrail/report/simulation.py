@@ -34,8 +34,8 @@ _PANELS = (
     ("current, A", 1.0, {"coil_current": "coil"}),
 )
 
-_ORDER = [key for panel in (_RATE, *_PANELS) for key in panel[2]]
-_DASHES = ("solid", "dash", "dot", "dashdot")
+ORDER = [key for panel in (_RATE, *_PANELS) for key in panel[2]]
+DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 def simulation_figure(
@@ -98,7 +98,7 @@ def course_figure(solutions: Mapping[str, Solution], shown: Mapping[str, Floats]
         if y_title == RATE:
             time = points(next(iter(solutions.values())).sample_time * MICROSECOND)
             series += tuple(
-                Series(f"rate by meter {name}", "dash", time, points(rate * scale), family=len(_ORDER) + i)
+                Series(f"rate by meter {name}", "dash", time, points(rate * scale), family=len(ORDER) + i)
                 for i, (name, rate) in enumerate(shown.items())
             )
         panels.append(Panel(y_title, series, share))
@@ -116,8 +116,8 @@ def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[s
             )
             yield Series(
                 f"{words}, {name}" if name else words,
-                _DASHES[index % len(_DASHES)],
+                DASHES[index % len(DASHES)],
                 points(time * MICROSECOND),
                 points(values * scale),
-                family=family if len(solutions) > 1 else _ORDER.index(key),
+                family=family if len(solutions) > 1 else ORDER.index(key),
             )

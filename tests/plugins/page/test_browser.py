@@ -201,10 +201,11 @@ def test_the_fan_shows_its_members(page: Browser, subject: Subject, run_folder: 
     settled(page)
     masses = page.evaluate("commonrail.fan().masses.map((m) => m[m.length - 1])")
     assert page.evaluate("commonrail.fan().drawn") is True
-    fan_pixels = """(() => { const { data } = charts.rate.back.getContext("2d").getImageData(0, 0, 2000, 2000);
-        let n = 0; for (let i = 0; i < data.length; i += 4) n += data[i + 3] > 20 && data[i + 2] - data[i] > 100;
-        return n; })()"""
-    assert page.evaluate(fan_pixels) > 100  # of the fan's blue, behind the curve
+    drawn = page.evaluate(
+        "[...document.querySelectorAll('#rate svg.wide .pane [data-key=fan]')].map((p) => p._points.length)"
+    )
+    assert len(drawn) >= len(masses)
+    assert sorted(drawn)[-len(masses)] > 100  # points of each curve; the entry of the legend has none
     assert subject.fan is not None
     assert len(masses) == len(subject.fan.members)
     (first, *_) = subject.data
@@ -361,17 +362,55 @@ def test_the_longest_values_and_units_of_sliders_are_not_cut(page: Browser, widt
     assert cut == []
 
 
-def test_curves_stay_on_their_axes_where_nothing_is_drawn_anew(page: Browser) -> None:
-    """As on paper, which is laid out in another width and printed before the page can draw."""
-    shares = page.evaluate(
-        "(() => { const area = document.querySelector('#rate .area'), svg = area.querySelector('svg');"
-        "const share = () => { const a = area.getBoundingClientRect(), s = svg.getBoundingClientRect();"
-        "return [(s.left - a.left) / a.width, s.width / a.width]; };"
-        "const before = share(); area.style.width = '300px'; const after = share(); area.style.width = '';"
-        "return [...before, ...after, svg.getAttribute('preserveAspectRatio')]; })()"
+def test_measured_curves_of_another_point_are_marked(page: Browser) -> None:
+    legend = "document.querySelector('#rate svg.wide').textContent"
+    assert "another operating point" not in page.evaluate(legend)
+    slide(page, "rail", 84.0)
+    assert "another operating point" in page.evaluate(legend)
+
+
+def test_parameters_stand_by_component_and_effect_and_are_filtered(browser: Browser, tmp_path: Path) -> None:
+    """Of an injector without a run the page finds the effects itself."""
+    subject = read_subject("virtual-lino-2016", ("nozzle.hole_diameter", "nozzle.discharge_maximum", "valve.lift"))
+    (tmp_path / "page.html").write_text(page_html(subject), encoding="utf-8")
+    browser.complaints.clear()
+    opened(browser, tmp_path / "page.html")
+    groups = browser.evaluate("[...document.querySelectorAll('#parameter-sliders section')].map((g) => g.dataset.part)")
+    assert len(groups) == len(set(groups)) == len({s.name.partition(".")[0] for s in subject.sliders})
+    effects = browser.evaluate("Object.fromEntries(commonrail.model.sliders.map((p) => [p.name, p.effect]))")
+    order = browser.evaluate("[...document.querySelectorAll('#parameter-sliders input[type=range]')].map((r) => r.id)")
+    for group in {name.partition(".")[0] for name in order}:
+        own = [effects[name] for name in order if name.partition(".")[0] == group]
+        assert own == sorted(own, reverse=True)
+    assert effects[order[0]] == max(effects.values()) > 0.0
+    act(browser, "const f = document.getElementById('filter'); f.value = 'VALVE'; f.dispatchEvent(new Event('input'))")
+    seen = browser.evaluate(
+        "[...document.querySelectorAll('#parameter-sliders .slider')].filter((s) => s.offsetHeight).map((s) => "
+        "s.querySelector('input').id)"
     )
-    assert shares[2:4] == pytest.approx(shares[:2], abs=0.01)  # whole pixels of 300
-    assert shares[4] == "none"
+    assert seen == [name for name in order if "valve" in name]
+    assert browser.complaints == []
+
+
+def test_the_status_line_moves_no_chart(page: Browser) -> None:
+    top = "document.getElementById('rate').getBoundingClientRect().top"
+    before = page.evaluate(top)
+    slide(page, "plunger_needle.k2", 200.0)
+    assert "stopped" in page.evaluate("document.getElementById('status').textContent")
+    assert page.evaluate(top) == before
+
+
+def test_one_cursor_crosses_all_charts_over_time(page: Browser) -> None:
+    page.evaluate(
+        "(() => { const panel = document.querySelector('#rate svg.wide .panel'), box = panel.querySelector('rect')"
+        ".getBoundingClientRect(); panel.dispatchEvent(new PointerEvent('pointermove', { bubbles: true, "
+        "pointerType: 'mouse', clientX: box.left + 0.4 * box.width, clientY: box.top + 9 })); })()"
+    )
+    page.evaluate("window.scrollTo(0, 300)")
+    told = page.evaluate("document.querySelector('.readout').textContent")
+    assert "simulated" in told
+    marked = page.evaluate("charts.list.filter((c) => c.svg.querySelector('.reader[d^=M]')).map((c) => c.title)")
+    assert set(marked) == {"time, µs"}
 
 
 def test_dark_and_light(page: Browser) -> None:
@@ -412,7 +451,7 @@ def test_curves_are_compared_as_their_meters_show_them(run_folder: Path, browser
     assert browser.evaluate("commonrail.scores().j") == pytest.approx([score.j for score in scores], rel=1e-9)
     shown_rate = np.array(browser.evaluate("Array.from(commonrail.scores().rate)"))
     assert np.max(np.abs(shown_rate - scores[0].values)) <= ROUNDING * np.max(scores[0].values)
-    assert "as bench shows it" in browser.evaluate("document.getElementById('rate').innerText")
+    assert "as bench shows it" in browser.evaluate("document.getElementById('rate').textContent")
     assert browser.complaints == []
 
 

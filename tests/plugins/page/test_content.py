@@ -43,7 +43,7 @@ def test_the_free_parameters_of_a_run_are_its_sliders(of_run: Subject, run_folde
         # 0.9 + 1.0 × (lower − 0.9): the ends have a rounding of their own
         assert (slider["low"], slider["high"]) == pytest.approx((parameter.lower, parameter.upper), rel=1e-12)
         assert slider["value"] == best[slider["name"]]
-        assert slider["unit"] == "N/um"
+        assert slider["unit"] == "N/µm"
 
 
 def test_the_full_vector_is_that_of_the_engine(of_run: Subject) -> None:

@@ -16,11 +16,13 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from commonrail.base.arrays import Floats
+from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.hooks import ALL_ENTRIES, lasting
-from commonrail.base.text import number
+from commonrail.base.text import in_print, number
 from commonrail.base.units import convert, to_text
 from commonrail.calibration.space import Space
 from commonrail.data.curves.data import RateData
+from commonrail.data.curves.page import RATE
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.dead_times import FLATTEST, neighbours
 from commonrail.data.records import origin_of
@@ -47,7 +49,11 @@ from commonrail.plugins.page.subject import (
     variant_of,
 )
 from commonrail.readers.injector.file import injector_text
+from commonrail.report.draw.axis import INK
+from commonrail.report.draw.figure import DASHES, LOOKS, colour_of, figure_html, line_of, small_html
 from commonrail.report.html import render
+from commonrail.report.simulation import DASHES as CHANNEL_DASHES
+from commonrail.report.simulation import ORDER
 
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
 RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees needle and valve alone
@@ -55,6 +61,7 @@ SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
 NEGLIGIBLE = 1e-13  # share of the largest value of a response; what is smaller at its ends is left out
+RATE_HEIGHT = 330  # of the drawing of the rate [px]
 MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
 
 
@@ -87,6 +94,8 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "limits": limits,
         "narrowed": share,
         "data": data,
+        "looks": {look: _drawn_as(*LOOKS[look]) for look in LOOKS} | {"ink": INK},
+        "lines": _lines(),
         "reference": {"label": "J of the fit" if subject.start else ""},
         "fan": None if subject.fan is None else {**vars(subject.fan), "members": subject.fan.members.tolist()},
         "presets": _presets(subject, first, data),
@@ -116,7 +125,7 @@ def bench_numbers(subject: Subject, sliders: tuple[Slider, ...], first: Operatin
         "channels": [c.name for c in channels(variant.actuation)],
         "figures": list(Outcome._fields),
         "theta": packed(candidate_matrix(subject.injector, (), ONE)[0]),
-        "sliders": [_slider(subject.injector, s) for s in sliders],
+        "sliders": [{**_slider(subject.injector, s), "effect": subject.effects.get(s.name)} for s in sliders],
         "constraints": [] if subject.space is None else _constraints(subject.space),
         "columnOf": _columns(subject.injector, subject, sliders),
     }
@@ -157,7 +166,7 @@ def _slider(injector: Injector, s: Slider) -> dict[str, Any]:
     return {
         "name": s.name,
         "meaning": q.meaning,
-        "unit": unit,
+        "unit": in_print(unit),
         "factor": convert(1.0, q.unit, unit) if unit else 1.0,
         "low": s.low,
         "high": s.high,
@@ -312,7 +321,12 @@ def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
     pressures = np.round(np.linspace(rail[0], rail[1], MAP_PRESSURES) / 1e6) * 1e6
     if len(measured):
         pressures = measured[np.unique(np.linspace(0, len(measured) - 1, MAP_PRESSURES).round().astype(int))]
-    return {"pressures": pressures.tolist(), "times": np.linspace(100e-6, longest, MAP_TIMES).tolist()}
+    colours = [colour_of("best", i, len(pressures)) for i in range(len(pressures))]
+    return {
+        "colours": colours,
+        "pressures": pressures.tolist(),
+        "times": np.linspace(100e-6, longest, MAP_TIMES).tolist(),
+    }
 
 
 # Meters of the data: the responses of their filters, and their quantities, for the page's script.
@@ -369,6 +383,7 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         "bench.html",
         package=__package__,
         title=subject.title,
+        drawings=_drawings(subject),
         lead=_lead(subject, numbers),
         synthetic=subject.synthetic,
         model=embedded(numbers),
@@ -380,6 +395,63 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
 def page_of_run(folder: Path) -> str:
     """Page of a calibration's run folder, beside whose report it lies."""
     return page_html(read_subject(str(folder)))
+
+
+# Drawings of the page, whose curves the script draws; and the looks of these.
+
+_TIME, _ENERGISING = "time, µs", "energising time, µs"
+_PANELS = {
+    "lift": ("lift, µm", 1e6, {"needle_lift": "needle", "valve_lift": "valve", "armature_lift": "armature"}),
+    "pressure": (
+        "pressure, MPa",
+        1e-6,
+        {
+            "accumulation_pressure": "accumulation",
+            "control_pressure": "control chamber",
+            "sac_pressure": "SAC",
+            "return_pressure": "return",
+        },
+    ),
+    "current": ("current, A", 1.0, {"coil_current": "coil"}),
+}
+
+
+def _drawn_as(colour: str, width: float, dash: str) -> dict[str, Any]:
+    return {"colour": colour, "width": width, "dash": DASHES.get(dash, "")}
+
+
+def _lines() -> dict[str, list[dict[str, Any]]]:
+    """Channels of each drawing with their looks, which are those of `commonrail simulate --plot`."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for key, (_, scale, names) in _PANELS.items():
+        for i, (channel, name) in enumerate(names.items()):
+            family = ORDER.index(channel) if channel in ORDER else len(ORDER)
+            look = _drawn_as(*line_of(Series(name, CHANNEL_DASHES[i], (), (), family=family)))
+            found.setdefault(key, []).append({"channel": channel, "name": name, "scale": scale, **look})
+    return found
+
+
+def _drawings(subject: Subject) -> dict[str, tuple[str, Markup]]:
+    """Title and empty drawing of each chart, with room for the entries of its legend and for numbers of four digits."""
+
+    def empty(y_title: str, x_title: str, names: Iterable[str]) -> Figure:
+        room = Series("", "level", (0.0, 1.0), (0.0, 1000.0))
+        return Figure(y_title, "", x_title, (Panel(y_title, (room, *(Series(n, "best", (), ()) for n in names))),))
+
+    rate = ["simulated", "held", *(["members of the fan"] if subject.fan else [])]
+    rate += ["measured, with the name of its curve", "as its meter shows it"] if subject.data else []
+    found = {"rate": ("Rate of injection", figure_html(empty(RATE, _TIME, rate), "drawing-rate", RATE_HEIGHT))}
+    for key, (y_title, _, names) in _PANELS.items():
+        title = f"{y_title.partition(',')[0].capitalize()}"
+        found[key] = title, small_html(empty(y_title, _TIME, names.values()), f"drawing-{key}")
+    rails = ["200 MPa"] * MAP_PRESSURES + ["points: synthetic"] * bool(subject.maps)
+    numbered = [f"{name} {i}" for i, name in enumerate(rails)]
+    for key, title, y_title in (
+        ("map", "Quantity over energising time", "quantity, mm³"),
+        ("residual", "Residual of the quantity", "residual, mm³"),
+    ):
+        found[key] = title, small_html(empty(y_title, _ENERGISING, numbered), f"drawing-{key}")
+    return found
 
 
 def embedded(numbers: dict[str, Any]) -> Markup:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.hooks import note as warn
+from commonrail.base.text import number
 from commonrail.calibration.influence import around
 from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.parameter import Priors
@@ -31,7 +32,7 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import is_of_meter
 from commonrail.physics.variants import Variant
 from commonrail.plugins.certainty.posterior.file import RefusedDrawsError, read_posterior
-from commonrail.runs.folder import POSTERIOR, RESULT, read_fit
+from commonrail.runs.folder import POSTERIOR, RESULT, read_fit, read_result
 from commonrail.runs.model_name import read_model_name
 
 # Fan of a page: several fits that explain the data almost as well as the best one, or parts that scatter.
@@ -174,7 +175,8 @@ class Subject:
     The injector has the calibrated values of a run, whose free parameters are the first sliders and have the `start`
     values [SI]; `start` is empty for a model. `time_step` is in s. `synthetic` says what is not measured, `fan` are
     fits near the best one; a run's `space` has the linear constraints that its sliders keep. `data` are a run's
-    injection curves, `maps` its quantity maps without those of the quantity that returns.
+    injection curves, `maps` its quantity maps without those of the quantity that returns. `effects`
+    of parameters on the fitted data order the sliders, where the run has them.
     """
 
     title: str
@@ -187,6 +189,7 @@ class Subject:
     fan: Fan | None
     space: Space | None = None
     maps: tuple[QuantityData, ...] = ()
+    effects: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def points(self) -> list[OperatingPoint]:
@@ -233,9 +236,10 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None, with_fan: boo
         )
     sliders = _with_more(injector, _bounded(study.space, own), more)
     start = {p.name: p.reference for p in study.space.parameters if p.name in own}
+    effects = {str(p["name"]): e for p in read_result(run)["parameters"] if (e := number(p.get("effect"))) is not None}
     fan = near_fits(run, study, best, threads) if with_fan else None
     notes = tuple(dict.fromkeys(note for note in (injector.synthetic, *(d.synthetic for d in (*data, *maps))) if note))
-    return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan, study.space, maps)
+    return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan, study.space, maps, effects)
 
 
 def _curves(data: tuple[DataSet, ...]) -> tuple[RateData, ...]:

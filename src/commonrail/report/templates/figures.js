@@ -173,7 +173,7 @@ const charts = (() => {
       while (this.own.length < series.length) this.own.push(element("path", { fill: "none", "stroke-linejoin": "bevel", "vector-effect": "non-scaling-stroke" }, this.pane));
       while (this.own.length > series.length) this.own.pop().remove();
       series.forEach((s, i) => {
-        const path = this.own[i], style = [s.key, s.name, s.colour, s.width, s.dash, s.marks, s.faint, this.chart.off.has(String(s.key))].join("|");
+        const path = this.own[i], style = [s.key, s.name, s.colour, s.width, s.dash, s.marks, s.square, s.faint, this.chart.off.has(String(s.key))].join("|");
         if (path._style !== style) {
           set(path, { class: s.marks ? "marks" : "curve", "data-key": s.key ?? "", "data-name": s.name ?? "", stroke: s.colour, "stroke-width": s.width,
             "stroke-dasharray": s.dash || "none", "stroke-linecap": s.marks ? (s.square ? "square" : "round") : "butt", opacity: s.faint ? 0.45 : 1 });
@@ -493,5 +493,5 @@ const charts = (() => {
   const narrow = window.matchMedia("(max-width: 720px)");
   const shown = (found) => found.find((chart) => chart.svg.classList.contains("narrow") === narrow.matches) || found[0];
 
-  return { list, shown, of: (holder) => list.filter((chart) => holder.contains(chart.svg)), offer };
+  return { list, narrow, shown, of: (holder) => list.filter((chart) => holder.contains(chart.svg)), offer };
 })();

@@ -152,26 +152,54 @@ function simulateNow({ asked, stamp }) {
 async function start() {
   const { instance } = await WebAssembly.instantiate(moduleBytes(), {});
   bench = new Bench(model, instance);
+  measureEffects();
+  build();
   if (waiting) simulateNow(waiting);
 }
 
 // --- Curves --------------------------------------------------------------------------------------------------------
 
-const charts = {
-  rate: new Plot(byId("rate"), { title: "Rate of injection", unit: "mm³/ms", height: window.innerWidth < 820 ? 190 : 270, xUnit: "µs", x: "time, µs" }),
-  lift: new Plot(byId("lift"), { title: "Lifts", unit: "µm", xUnit: "µs" }),
-  pressure: new Plot(byId("pressure"), { title: "Pressures", unit: "MPa", xUnit: "µs" }),
-  current: new Plot(byId("current"), { title: "Coil current", unit: "A", xUnit: "µs" }),
-  map: new Plot(byId("map"), { title: "Quantity over energising time", unit: "mm³", xUnit: "µs", x: "energising time, µs" }),
-  residual: new Plot(byId("residual"), { title: "Residual of the quantity", unit: "mm³", xUnit: "µs", x: "energising time, µs" }),
-};
+// Curves of one of the page's drawings, which has a panel: those of a wide page or those of a telephone.
+class View {
+  constructor(id) {
+    this.figures = charts.of(byId(id));
+    for (const { panels } of this.figures) for (const panel of panels) panel.pane.replaceChildren();
+    this.heights = null;
+  }
+
+  // The former range stays while the curves fill more than half of it.
+  settle(series) {
+    let low = 0, high = 0;
+    for (const s of series) {
+      for (const y of s.y) {
+        if (y < low) low = y;
+        if (y > high) high = y;
+      }
+    }
+    if (!(high > low)) high = low + 1;
+    const span = high - low, kept = this.heights, step = niceStep(span * 1.04, 4);
+    if (kept && kept[0] <= low && kept[1] >= high && span > 0.45 * (kept[1] - kept[0])) return kept;
+    return (this.heights = [low < -0.08 * span ? Math.floor(low / step) * step : Math.min(low, 0) * 1.1, Math.ceil((high * 1.02) / step) * step]);
+  }
+
+  // series: { key, name, x, y, colour, width, dash, marks, faint, still }; x and y are arrays of one length, x ascending
+  show(series, range) {
+    const chart = charts.shown(this.figures), [panel] = chart.panels;
+    this.last = [series, range];
+    panel.range(range, this.settle(series));
+    panel.draw(series);
+    chart.legend(series.filter((s) => s.name));
+  }
+}
+
+function niceStep(range, count) {
+  const raw = range / Math.max(count, 1), power = 10 ** Math.floor(Math.log10(raw)), share = raw / power;
+  return power * (share > 5 ? 10 : share > 2 ? 5 : share > 1 ? 2 : 1);
+}
+
+const views = Object.fromEntries(["rate", "lift", "pressure", "current", "map", "residual"].map((id) => [id, new View(id)]));
 const at = Object.fromEntries(model.channels.map((name, i) => [name, i]));
-const PANELS = {
-  lift: [["needle", "needle_lift", MICRO, "--c1"], ["valve", "valve_lift", MICRO, "--c2"], ["armature", "armature_lift", MICRO, "--c2"]],
-  pressure: [["accumulation", "accumulation_pressure", 1e-6, "--c1"], ["control chamber", "control_pressure", 1e-6, "--c2"], ["sac", "sac_pressure", 1e-6, "--c3"], ["return", "return_pressure", 1e-6, "--c4"]],
-  current: [["coil", "coil_current", 1, "--c4"]],
-};
-const COLOURS = ["--c1", "--c2", "--c3", "--c4", "--c5"];
+const { looks } = model;
 const NEAR = 0.01; // share of a rail pressure within which a measured point is drawn beside the curve at it
 let shown = null; // last course
 let fanned = null; // last fan: mass injected of its members, and the state that it belongs to
@@ -217,43 +245,26 @@ function measuredOf(d) {
   return d;
 }
 
-function keysOf(id, title, series) {
-  const text = series.filter((s) => s.name).map((s) => `${s.name}|${s.colour}`).join();
-  const chart = charts[id];
-  if (chart.keys === text) return;
-  chart.keys = text;
-  let head = byId(id).querySelector("h3");
-  if (!head) byId(id).prepend((head = document.createElement("h3")));
-  head.replaceChildren(title);
-  for (const s of series.filter((one) => one.name)) {
-    const key = document.createElement("span");
-    key.className = "key";
-    key.style.setProperty("--k", s.colour.startsWith("--") ? `var(${s.colour})` : s.colour);
-    key.textContent = s.name;
-    head.append(key);
-  }
-}
-
 function rangeOf({ state: asked, course }) {
   return [asked.point.start * MICRO, endOf(asked, course) * MICRO];
 }
 
 function drawRate(answer) {
   const { state: asked, course } = answer, { start } = asked.point, series = [];
-  if (state.fan && fanned) series.push(...fanned.series, { name: model.fan.short, x: [], y: [], colour: "--fan" });
+  if (state.fan && fanned) series.push(...fanned.series, { ...looks.start, key: "fan", name: model.fan.short, dash: "", x: [], y: [] });
   if (asked.data !== null) {
     const d = measuredOf(model.data[asked.data]);
-    series.push({ name: `${d.origin} ${d.name}`, x: d.x, y: d.y, colour: "--measured", dots: true, still: true });
+    const away = !isAtData(asked); // measured at another point than the one that is simulated
+    series.push({ ...looks.measured, key: "measured", name: `${d.origin} ${d.name}${away ? ": another operating point" : ""}`, x: d.x, y: d.y, marks: true, square: true, faint: away, still: true });
   }
-  if (held) series.push({ name: "held", ...held, colour: "--soft", dash: [5, 4], width: 1.4, still: true });
+  if (held) series.push({ ...looks.held, key: "held", name: "held", ...held, still: true });
   if (asked.data !== null && model.data[asked.data].meter && scored && scored.rate && scored.data === asked.data && isAtData(asked)) {
     const d = measuredOf(model.data[asked.data]);
-    series.push({ name: `as ${d.meter.name} shows it`, x: d.x, y: scored.rate.map((value) => value * MICRO), colour: "--c1", width: 2.2 });
+    series.push({ ...looks.paper, key: "meter", name: `as ${d.meter.name} shows it`, x: d.x, y: scored.rate.map((value) => value * MICRO) });
   }
   const rate = rateOf(thinned(course.injected, asked.every), asked.every, start, asked.density);
-  series.push({ name: "simulated", ...rate, colour: "--accent", width: 2.2 });
-  keysOf("rate", "Rate of injection, mm³/ms", series);
-  charts.rate.show(series, rangeOf(answer));
+  series.push({ ...looks.best, key: "best", name: "simulated", ...rate });
+  views.rate.show(series, rangeOf(answer));
   return rate;
 }
 
@@ -282,7 +293,7 @@ function note(list, stamp, work) {
 // The fan that is drawn belongs to the state before while a slider moves: it follows the curve as fast as it can.
 function takeFan({ state: asked, stamp, fan }) {
   const series = fan.filter(Boolean).map((mass) => ({
-    ...rateOf(mass, asked.fanEvery, asked.point.start, asked.density), colour: "--fan", width: 1, faint: true, still: true,
+    ...rateOf(mass, asked.fanEvery, asked.point.start, asked.density), ...looks.start, dash: "", key: "fan", width: 1, faint: true, still: true,
   }));
   fanned = { state: asked, masses: fan, series, stamp };
   if (shown && state.fan && !panelling) panelling = requestAnimationFrame(drawPanels);
@@ -302,14 +313,13 @@ function drawPanels(now) {
   panelled = now;
   const { state: asked, course } = shown, { start } = asked.point, width = model.channels.length;
   const range = rangeOf(shown), x = timesOf(course.rows + 1, course.every, start);
-  for (const [id, lines] of Object.entries(PANELS)) {
-    const series = lines.filter(([, channel]) => channel in at).map(([name, channel, scale, colour]) => {
+  for (const [id, lines] of Object.entries(model.lines)) {
+    const series = lines.filter(({ channel }) => channel in at).map((line) => {
       const y = new Float64Array(course.rows + 1);
-      for (let i = 0; i <= course.rows; i++) y[i] = course.channels[i * width + at[channel]] * scale;
-      return { name, x, y, colour };
+      for (let i = 0; i <= course.rows; i++) y[i] = course.channels[i * width + at[line.channel]] * line.scale;
+      return { ...line, key: line.channel, x, y };
     });
-    keysOf(id, `${charts[id].options.title}, ${charts[id].options.unit}`, series);
-    charts[id].show(series, range);
+    views[id].show(series, range);
   }
   drawFigures(shown);
 }
@@ -402,7 +412,7 @@ function pointsAt(rail, share, value) {
     .filter(([row]) => nearestRail(pointOfRow(row).rail) === rail && Math.abs(pointOfRow(row).rail - rail) <= share * rail)
     .map(([row, simulated]) => [pointOfRow(row).pulses[0][1] * MICRO, value(row, simulated)])
     .filter(([, y]) => y !== null).sort((one, other) => one[0] - other[0]);
-  return { x: points.map(([x]) => x), y: points.map(([, y]) => y), dots: true, size: 5 };
+  return { x: points.map(([x]) => x), y: points.map(([, y]) => y), marks: true };
 }
 
 function nearestRail(rail) {
@@ -417,11 +427,11 @@ function pointOfRow(row) {
 function drawResiduals() {
   if (!model.maps.length) return;
   const series = model.map.pressures.map((rail, i) => ({
-    name: `${+(rail * 1e-6).toPrecision(3)} MPa`, colour: COLOURS[i % COLOURS.length],
+    key: i, name: `${+(rail * 1e-6).toPrecision(3)} MPa`, colour: model.map.colours[i], width: 5, square: i % 2 === 1,
     ...pointsAt(rail, Infinity, (row, simulated) => (row.dead || simulated === null ? null : (simulated - row.target) * 1e9)),
   }));
-  keysOf("residual", `Simulated − ${originOfMaps()}, mm³, at the points of the maps`, series);
-  charts.residual.show(series, [0, model.map.times[model.map.times.length - 1] * MICRO]);
+  byId("residual").querySelector("h3").textContent = `Simulated − ${originOfMaps()}, mm³, at the points of the maps`;
+  views.residual.show(series, [0, model.map.times[model.map.times.length - 1] * MICRO]);
 }
 
 function originOfMaps() {
@@ -432,17 +442,16 @@ function drawMap({ map }) {
   mapped = map;
   const x = map.times.map((t) => t * MICRO);
   const series = map.pressures.map((rail, i) => ({
-    name: `${+(rail * 1e-6).toPrecision(3)} MPa`, x, y: map.quantity[i].map((m) => (m / map.density) * 1e9), colour: COLOURS[i % COLOURS.length],
+    key: i, name: `${+(rail * 1e-6).toPrecision(3)} MPa`, x, y: map.quantity[i].map((m) => (m / map.density) * 1e9), colour: model.map.colours[i], width: 1.8,
   }));
   if (shown && shown.state.point.pulses.length === 1) {
-    series.push({ x: [shown.state.point.pulses[0][1] * MICRO], y: [(shown.course.figures.injected / shown.state.density) * 1e9], colour: "--ink", dots: true, size: 7 });
+    series.push({ x: [shown.state.point.pulses[0][1] * MICRO], y: [(shown.course.figures.injected / shown.state.density) * 1e9], colour: looks.ink, marks: true, width: 9 });
   }
   if (model.maps.length) {
-    map.pressures.forEach((rail, i) => series.push({ ...pointsAt(rail, NEAR, (row) => row.quantity * 1e9), colour: COLOURS[i % COLOURS.length], still: true }));
-    series.push({ name: `points: ${originOfMaps()}`, x: [], y: [], colour: "--soft" });
+    map.pressures.forEach((rail, i) => series.push({ key: i, colour: model.map.colours[i], width: 6, square: i % 2 === 1, ...pointsAt(rail, NEAR, (row) => row.quantity * 1e9) }));
+    series.push({ ...looks.measured, key: "measured", name: `points: ${originOfMaps()}`, x: [], y: [], marks: true, width: 6 });
   }
-  keysOf("map", "Quantity, mm³, over energising time", series);
-  charts.map.show(series, [0, x[x.length - 1]]);
+  views.map.show(series, [0, x[x.length - 1]]);
 }
 
 // --- Sliders -------------------------------------------------------------------------------------------------------
@@ -545,6 +554,43 @@ function setCount(count) {
   }
 }
 
+// Effects of the parameters where the run has none: change of the rate, of the state that the page opens with, for a
+// hundredth of the range.
+function measureEffects() {
+  if (model.sliders.every((p) => p.effect !== null)) return;
+  const asked = request(stateOf(first)), rateAt = (values) => thinned(bench.course({ ...asked, every: 0, values }).injected, 3 * model.every);
+  const present = rateAt(asked.values);
+  for (const p of model.sliders) {
+    const step = 0.01 * (p.high - p.low), at = p.value + step > p.high ? p.value - step : p.value + step;
+    const moved = rateAt([...asked.values, [model.columnOf[p.name], at]]);
+    p.effect = present.reduce((sum, y, i) => sum + Math.abs(y - (moved[i] ?? y)), 0) || 0;
+  }
+}
+
+// Parameters by component, those of the largest effect first.
+function byEffect() {
+  const strongest = {}, partOf = (p) => p.name.split(".")[0];
+  for (const p of model.sliders) strongest[partOf(p)] = Math.max(strongest[partOf(p)] || 0, p.effect || 0);
+  return [...model.sliders].sort((a, b) => strongest[partOf(b)] - strongest[partOf(a)] || partOf(a).localeCompare(partOf(b)) || b.effect - a.effect);
+}
+
+function groupOf(holder, p) {
+  const part = p.name.split(".")[0].replaceAll("_", " "), last = holder.lastElementChild;
+  if (last && last.dataset.part === part) return last;
+  const group = document.createElement("section"), head = document.createElement("h3");
+  head.textContent = group.dataset.part = part;
+  group.append(head);
+  holder.append(group);
+  return group;
+}
+
+// Hides the parameters whose names and meanings lack what was typed.
+function filter() {
+  const words = byId("filter").value.toLowerCase();
+  for (const slider of document.querySelectorAll("#parameter-sliders .slider")) slider.hidden = !slider.firstChild.textContent.toLowerCase().includes(words);
+  for (const group of byId("parameter-sliders").children) group.hidden = !group.querySelector(".slider:not([hidden])");
+}
+
 function build() {
   sliders.length = 0;
   const point = byId("point-sliders"), parameters = byId("parameter-sliders");
@@ -559,13 +605,14 @@ function build() {
     id: "temperature", label: "Fuel temperature", unit: "°C", factor: 1, offset: -273.15, low: nodes[0], high: nodes[nodes.length - 1], step,
     get: () => nodes[state.temperature], set: (value) => { state.temperature = Math.min(Math.max(Math.round((value - nodes[0]) / step), 0), nodes.length - 1); },
   });
-  for (const p of model.sliders) {
-    new Slider(parameters, {
-      id: p.name, label: p.meaning, soft: p.name, unit: p.unit.replace(/\bu([ms])\b/, "µ$1"), factor: p.factor, low: p.low, high: p.high,
+  for (const p of byEffect()) {
+    new Slider(groupOf(parameters, p), {
+      id: p.name, label: p.meaning, soft: p.name, unit: p.unit, factor: p.factor, low: p.low, high: p.high,
       get: () => state.values[p.name] ?? p.value, set: (value) => { state.values[p.name] = ordered(p.name, value); },
       moved: () => state.values[p.name] !== undefined && state.values[p.name] !== p.value,
     });
   }
+  filter();
   byId("count").value = String(state.pulses.length);
   byId("data").value = state.data === null ? "" : String(state.data);
   byId("fanned").setAttribute("aria-pressed", String(state.fan));
@@ -658,9 +705,7 @@ function hold() {
 
 function setTheme(dark) {
   document.documentElement.dataset.theme = dark ? "dark" : "light";
-  palette = new Map();
   byId("theme").textContent = dark ? "Light" : "Dark";
-  for (const chart of Object.values(charts)) chart.draw();
 }
 
 // --- Files ---------------------------------------------------------------------------------------------------------
@@ -702,14 +747,6 @@ function floating(value) {
   return /[.e]/.test(text) ? text.replace(/^(-?\d+)e/, "$1.0e") : `${text}.0`;
 }
 
-function offer(name, text, kind) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: kind }));
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-}
-
 async function copyLink() {
   history.replaceState(null, "", `#${address()}`);
   try {
@@ -733,6 +770,8 @@ byId("fanned").hidden = !model.fan;
 byId("count-bar").hidden = model.traced;
 byId("map").hidden = !model.map;
 byId("residual").hidden = !model.maps.length;
+byId("filter").addEventListener("input", filter);
+charts.narrow.addEventListener("change", () => Object.values(views).forEach((view) => view.last && view.show(...view.last)));
 byId("preset").addEventListener("change", () => take(stateOf(model.presets[+byId("preset").value])));
 byId("data").addEventListener("change", () => {
   const chosen = byId("data").value;
@@ -749,11 +788,11 @@ byId("reset").addEventListener("click", actions.r);
 byId("fanned").addEventListener("click", actions.f);
 byId("held").addEventListener("click", actions.h);
 byId("theme").addEventListener("click", actions.d);
-byId("csv").addEventListener("click", () => shown && offer("bench.csv", csv(), "text/csv"));
-byId("toml").addEventListener("click", () => offer(`${model.injector}.toml`, toml(), "application/toml"));
+byId("csv").addEventListener("click", () => shown && charts.offer("bench.csv", new Blob([csv()], { type: "text/csv" })));
+byId("toml").addEventListener("click", () => charts.offer(`${model.injector}.toml`, new Blob([toml()], { type: "application/toml" })));
 byId("link").addEventListener("click", copyLink);
 document.addEventListener("keydown", (event) => {
-  const typing = event.target.matches("input[type=number], select, textarea");
+  const typing = event.target.matches("input[type=number], input[type=search], select, textarea");
   if (!typing && !event.ctrlKey && !event.metaKey && !event.altKey && actions[event.key]) actions[event.key]();
 });
 window.addEventListener("hashchange", () => take(fromAddress(location.hash.slice(1))));
