@@ -438,8 +438,7 @@ def _drawings(subject: Subject) -> dict[str, tuple[str, Markup]]:
         room = Series("", "level", (0.0, 1.0), (0.0, 1000.0))
         return Figure(y_title, "", x_title, (Panel(y_title, (room, *(Series(n, "best", (), ()) for n in names))),))
 
-    rate = ["simulated", "held", *(["members of the fan"] if subject.fan else [])]
-    rate += ["measured, with the name of its curve", "as its meter shows it"] if subject.data else []
+    rate = ["simulated", "held", "members of the fan", *(["measured, with the name"] if subject.data else [])]
     found = {"rate": ("Rate of injection", figure_html(empty(RATE, _TIME, rate), "drawing-rate", RATE_HEIGHT))}
     for key, (y_title, _, names) in _PANELS.items():
         title = f"{y_title.partition(',')[0].capitalize()}"

@@ -80,7 +80,7 @@ const live = (() => {
   function tell() {
     const moved = Object.keys(values).length;
     const texts = Object.entries(reference).filter(([name]) => name in now).map(([name, before]) => `${name}: J ${now[name] === null ? "–" : now[name].toFixed(1)}${before ? ` (calibrated ${before.toFixed(1)})` : ""}`);
-    told.firstElementChild.textContent = moved ? [stopped, curve < 0 ? "" : "Green: moved", ...texts].filter(Boolean).join(" · ") : "Drag a point, or move it by the arrow keys: the chart is simulated again.";
+    told.firstElementChild.textContent = moved ? [stopped, curve < 0 ? "" : "Thick line: moved", ...texts].filter(Boolean).join(" · ") : "Drag a point, or move it by the arrow keys: the chart is simulated again.";
     told.lastElementChild.hidden = !moved;
   }
 
