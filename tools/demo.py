@@ -12,7 +12,7 @@ import click
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
 from commonrail.cli.console import print_lines, print_table, say
-from commonrail.cli.fit import Outcome, run_study
+from commonrail.cli.fit import Outcome, make_live, run_study
 from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED, guarded
 from commonrail.cli.options import Threads
@@ -46,6 +46,7 @@ def demo(
     study = run_reproduction(TRUTH, QUICK_SEEDS, out / STUDY, threads, quick=True)
     for outcome in outcomes:
         _print(outcome)
+        make_live(outcome)
     click.echo(f"The paper's whole study, {QUICK_SEEDS} repetitions: {verdicts(study.record)}\n")
     click.echo(f"all took {time.perf_counter() - begin:.0f} s; open in a browser:")
     for outcome in (*outcomes, study):

@@ -18,6 +18,7 @@ from commonrail.report.pdf import browser
 # Drags over the middle half of the first panel, reads off in the middle, and returns by a double click.
 SCRIPT = """<script>
 var panel = document.querySelector("svg.wide .panel"), pane = panel.querySelector(".pane"), told = [];
+var TEXTS = panel.querySelector("[data-log]") ? ".ys text" : ".xs text";
 panel.setPointerCapture = function () {};
 function at(kind, across, down) {
   var box = panel.querySelector("rect").getBoundingClientRect();
@@ -25,7 +26,7 @@ function at(kind, across, down) {
   panel.dispatchEvent(new PointerEvent(kind, Object.assign({ pointerType: "mouse", button: 0, bubbles: true }, place)));
 }
 function texts() {
-  return Array.from(panel.querySelectorAll(".xs text")).map(function (t) { return t.textContent; }).join(",");
+  return Array.from(panel.querySelectorAll(TEXTS)).map(function (t) { return t.textContent; }).join(",");
 }
 told.push(texts());
 at("pointermove", 0.5, 0.5);
@@ -48,10 +49,9 @@ def command() -> str:
         pytest.skip("no Chromium, Chrome or Edge on this machine")
 
 
-@pytest.mark.process
-def test_a_figure_is_enlarged_read_off_and_returned(command: str, tmp_path: Path) -> None:
-    line = Series("straight", "best", (0.0, 1000.0), (0.0, 100.0))
-    figure = Figure("f", "", "x", (Panel("y", (line,)),))
+def told(command: str, tmp_path: Path, panel: Panel) -> list[str]:
+    """Texts of the axis, values in the middle, texts and view of the enlarged panel, and texts after a double click."""
+    figure = Figure("f", "", "x", (panel,))
     made = render("picture.html", title="t", kind="Figures", synthetic=[], figures=[(figure, figure_html(figure, "f"))])
     page = tmp_path / "page.html"
     page.write_text(made.replace("</body>", SCRIPT), encoding="utf-8")
@@ -61,7 +61,13 @@ def test_a_figure_is_enlarged_read_off_and_returned(command: str, tmp_path: Path
         [command, *options, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=120, check=False
     )
     (title,) = re.findall(r"<title>(.*?)</title>", done.stdout)
-    first, read, enlarged, box, again = title.split(" | ")
+    return title.split(" | ")
+
+
+@pytest.mark.process
+def test_a_figure_is_enlarged_read_off_and_returned(command: str, tmp_path: Path) -> None:
+    line = Series("straight", "best", (0.0, 1000.0), (0.0, 100.0))
+    first, read, enlarged, box, again = told(command, tmp_path, Panel("y", (line,)))
     assert first == again == "0,200,400,600,800,1000"
     # a straight line through the middle: 50 at 500, to a tenth of a pixel of some 200
     assert re.match(r"x 500 / y /   straight (49\.9|50\.0|50\.1)", read), read
@@ -69,3 +75,13 @@ def test_a_figure_is_enlarged_read_off_and_returned(command: str, tmp_path: Path
     x, y, width, height = map(int, box.split())
     assert width == pytest.approx(2 * x, abs=2)  # the middle half of the panel
     assert height == pytest.approx(2 * y, abs=2)
+
+
+@pytest.mark.process
+def test_a_logarithmic_axis_is_read_off_and_keeps_its_ticks(command: str, tmp_path: Path) -> None:
+    line = Series("decades", "best", (0.0, 1000.0), (1.0, 10_000.0))
+    first, read, *_, again = told(command, tmp_path, Panel("y", (line,), logarithmic=True))
+    assert first == again
+    found = re.search(r"decades ([\d.]+)", read)
+    assert found
+    assert float(found[1]) == pytest.approx(100.0, rel=0.01)  # a tenth of a pixel of some 50 px a decade is 0.5 %

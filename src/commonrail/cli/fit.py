@@ -39,18 +39,9 @@ class Outcome(NamedTuple):
 
 
 def run_study(
-    study: Study,
-    folder: Path,
-    threads: int | None,
-    workers: Workers | None = None,
-    *,
-    strict: bool = False,
-    live: bool = True,
+    study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
 ) -> Outcome:
-    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`.
-
-    `live` as for `commonrail.report.page.write_report`.
-    """
+    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
     return reported(
@@ -59,22 +50,15 @@ def run_study(
         lambda listener: calibrate_into(
             folder, study, threads=threads, workers=workers, listener=listener, strict=strict
         ),
-        live=live,
     )
 
 
 def reported(
-    title: str,
-    folder: Path,
-    work: Callable[[Listener], object],
-    stage: Callable[[Progress], Stage] | None = None,
-    *,
-    live: bool = True,
+    title: str, folder: Path, work: Callable[[Listener], object], stage: Callable[[Progress], Stage] | None = None
 ) -> Outcome:
-    """Run a fit of any kind in its folder, with its progress on stderr, and write its report.
+    """Run a fit of any kind in its folder, with its progress on stderr, and write its report, without a live chart.
 
-    `stage` says how far a search is for the bar with the title, by default `stage_of`. The report stands before what is
-    `live` in it is made, which compiles for some time where it is the first of its kind.
+    `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
     from commonrail.base.hooks import held_interrupts
     from commonrail.report.page import write_report
@@ -92,14 +76,13 @@ def reported(
                     raise
                 judged = False
         report = write_report(folder, live=False)
-    if live and kind_of(folder).still:
-        with suppress(KeyboardInterrupt):
-            write_report(folder)
-    return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
+        return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
 
 
-def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: bool = False) -> None:
+def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: bool = False, live: bool = True) -> None:
     """Print the verdict of a run, with `full` its tables too, or its record; exit status 130 if it was stopped.
+
+    With `live` the main chart of its report is made one that simulates, unless it was stopped.
 
     `StudyError` if `strict` and the run has given a warning; its files are written.
     """
@@ -115,11 +98,26 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
         _print_card(record, str(outcome.folder))
         click.echo(f"report: {outcome.report}{_mention(warnings)}")
     end_if_stopped(outcome)
+    if live:
+        make_live(outcome)
     if strict and warnings:
         raise StudyError(
             f"{outcome.folder} is written, and has {counted(len(warnings), 'warning')}; the first: "
             f"{warnings[0]['sentence']}"
         )
+
+
+def make_live(outcome: Outcome) -> None:
+    """Write the report of a run again with a main chart that simulates, where it can; Ctrl-C leaves it as it is.
+
+    The first of a variant is compiled for some time, so the verdict and a report without it are there before.
+    """
+    from commonrail.report.page import write_report
+    from commonrail.report.result_kind import kind_of
+
+    if outcome.report.is_file() and kind_of(outcome.folder).still:
+        with suppress(KeyboardInterrupt):
+            write_report(outcome.folder)
 
 
 def _print_tables(record: Mapping[str, Any]) -> None:

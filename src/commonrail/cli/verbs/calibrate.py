@@ -69,10 +69,8 @@ def calibrate(
     if seed is not None:
         loaded = replace(loaded, seed=seed)
     with open_workers(workers, cluster) as crew:
-        outcome = run_study(
-            loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict, live=not no_live
-        )
-    print_outcome(outcome, json, full=full, strict=strict)
+        outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
+    print_outcome(outcome, json, full=full, strict=strict, live=not no_live)
 
 
 # commonrail resume: resume a stopped run, of a family or an FMU too, or extend a finished one by generations.
@@ -132,6 +130,5 @@ def resume(
             lambda listener: go_on(
                 run, generations=generations, as_begun=as_begun, threads=threads, workers=crew, listener=listener
             ),
-            live=not no_live,
         )
-    print_outcome(outcome, json, full=full)
+    print_outcome(outcome, json, full=full, live=not no_live)
