@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
+from itertools import pairwise
 from xml.etree import ElementTree
 
 import pytest
 
 from commonrail.base.chart import MARKERS, Band, Bars, Boxes, Figure, HeatMap, Panel, Series
 from commonrail.report.draw.axis import SIZE, Axis, text_width
-from commonrail.report.draw.figure import NARROW, WIDE, figure_html, figure_svg
+from commonrail.report.draw.figure import _DARK, NARROW, RAMP, WIDE, colour_of, figure_html, figure_svg
 from commonrail.report.draw.heat_map import SMALLEST, heat_map_svg
 from commonrail.report.fit.figures import figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
@@ -106,6 +108,26 @@ def test_curves_differ_in_more_than_colour(looks: tuple[str, ...]) -> None:
     curves = re.findall(r'<path class="curve"[^>]*>', figure_svg(figure(Panel("", series))))
     styles = [re.findall(r'stroke-(?:width|dasharray)="[^"]*"', curve) for curve in curves]
     assert len({tuple(style) for style in styles}) == len(looks)
+
+
+def lightness(colour: str) -> float:
+    """L* of CIE 1976 from the relative luminance of sRGB."""
+    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    red, green, blue = (v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in parts)
+    return 116.0 * math.cbrt(0.2126 * red + 0.7152 * green + 0.0722 * blue) - 16.0
+
+
+@pytest.mark.parametrize("colours", [RAMP, tuple(_DARK[colour] for colour in RAMP)])
+def test_an_ordered_quantity_rises_in_lightness_which_nobody_is_blind_to(colours: tuple[str, ...]) -> None:
+    found = [lightness(colour) for colour in colours]
+    assert all(after - before > 5.0 for before, after in pairwise(found))  # of 100; 1 is just seen
+
+
+def test_rail_pressures_have_the_ends_of_the_ramp_however_many_they_are() -> None:
+    for count in (2, 4, 9):
+        colours = [colour_of("best", family, count) for family in range(count)]
+        assert (colours[0], colours[-1]) == (RAMP[0], RAMP[-1])
+        assert [RAMP.index(colour) for colour in colours] == sorted(RAMP.index(colour) for colour in colours)
 
 
 def test_a_name_cannot_become_markup_in_a_legend() -> None:

@@ -13,7 +13,8 @@ from markupsafe import Markup
 from commonrail.base import registry
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import InputError, StudyError
+from commonrail.base.errors import InputError, PluginError, StudyError
+from commonrail.base.hooks import note
 from commonrail.base.input import opened
 from commonrail.base.output import check_sum, write_text
 from commonrail.base.text import significant
@@ -104,8 +105,19 @@ def _page(record: Record, folder: Path, live: bool = True) -> str:
         bench=(folder / BENCH).is_file(),
         course=_course(folder),
         draws=_draws(folder),
-        live=Markup("").join(part.call(record, folder) for part in registry.entries("live").values()) if live else "",
+        live=_live(record, folder) if live else "",
     )
+
+
+def _live(record: Record, folder: Path) -> str:
+    """HTML of the parts that make the page simulate; a note tells of one of an installed package that fails."""
+    made = ""
+    for part in registry.entries("live").values():
+        try:
+            made += part.call(record, folder)
+        except PluginError as error:
+            note(str(error))
+    return Markup(made)
 
 
 def _course(folder: Path) -> Floats | None:

@@ -266,7 +266,7 @@ const charts = (() => {
       this.group = svg.closest(".linked");
       if (!this.panels.some((panel) => !panel.fixed)) return;
       list.push(this);
-      set(svg, { tabindex: 0 });
+      set(svg, { tabindex: 0, role: "group" });
       svg.classList.add("active");
       for (const kind of ["down", "move", "up", "cancel"]) svg.addEventListener(`pointer${kind}`, (event) => this[kind](event));
       svg.addEventListener("pointerleave", (event) => { if (event.pointerType !== "touch") leave(); });
