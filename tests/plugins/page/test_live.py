@@ -6,6 +6,7 @@ import importlib.util
 import json
 import shutil
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into
 from commonrail.runs.folder import TRACES, read_fit
 from commonrail.runs.traces import read_traces
+from tests.map_study import map_study
 from tools.browser import CHROMIUM, Browser, browsing
 
 ROOT = Path(__file__).parents[3]
@@ -230,3 +232,39 @@ def test_without_a_compiler_the_figure_stands_still(run: Path, monkeypatch: pyte
     monkeypatch.setattr(live, "wasm_module", refuse)
     record = json.loads((run / "result.json").read_text(encoding="utf-8"))
     assert live.live_chart(record, run) == ""
+
+
+def test_a_dragged_point_simulates_a_map_and_its_j(browser: Browser, tmp_path: Path) -> None:
+    """Four quantities of two rail pressures, those of the injector's own simulation changed by some percent."""
+    text = map_study().replace('"cri2-16"', '"virtual-lino-2016"')
+    lower, upper = (f"{share * 100:.0f} %" for share in (0.8, 1.2))
+    text = text.replace('lower = "190 um"', f'below = "{lower}"').replace('upper = "240 um"', f'above = "{upper}"')
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    rails, times = (120.0, 80.0), (500.0, 900.0)
+    injector = cr.load_injector("virtual-lino-2016")
+    lines = ["rail_pressure [MPa],energising_time [us],quantity [mm3]"]
+    for rail, time in product(rails, times):
+        point = cr.OperatingPoint(rail * 1e6, time * 1e-6, 0.5e6, 0.1e6)
+        lines.append(f"{rail},{time},{1.03e9 * cr.simulate(injector, point).injected_volume}")
+    (tmp_path / "map.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    calibrate_into(tmp_path / "run", cr.load_study(tmp_path / "study.toml"))
+    write_report(tmp_path / "run")
+    browser.complaints.clear()
+    browser.resize(1280, 900)
+    opened(browser, tmp_path / "run")
+    name = "control_chamber.a_hole_diameter"
+    drag(browser, f'.forest .forest-bar[data-name="{name}"]', (0.5, 0.5), (0.7, 0.5))
+    browser.until("live.settled()")
+    study, _ = read_fit(tmp_path / "run")
+    (data,) = study.data
+    assert isinstance(data, cr.QuantityData)
+    moved = study.injector.with_values({name: browser.evaluate(f"live.values['{name}']")})
+    values = data.simulated(Simulator(moved, (), study.time_step), np.empty((1, 0)))[0]
+    assert browser.evaluate("live.now.map") == pytest.approx(float(data.misfit(values)), rel=1e-4)
+    drawn = browser.evaluate("""charts.shown(charts.of(document.getElementById('figure-0'))).panels[0].own.map((path) =>
+        path._points.map(([, y]) => charts.list[0].panels[0].value(y)))""")
+    found: dict[float, list[float]] = {}
+    for point, value in zip(data.points, values, strict=True):
+        found.setdefault(point.initial_pressures()[0], []).append(1e9 * value)
+    assert np.array(drawn) == pytest.approx(np.array([found[80e6], found[120e6]]), abs=0.1)  # a tenth of a pixel: 0.05
+    assert browser.complaints == []
