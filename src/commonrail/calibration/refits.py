@@ -13,8 +13,7 @@ from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.study import NO_JUDGEMENT, Judgement, Study
 from commonrail.data.base import DataSet, Role
 from commonrail.data.quantities.baselines import interpolated
-from commonrail.data.quantities.cross_validation import Fold, folded_record, levels, without
-from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.data import Fold, QuantityData, folded_record, levels, without
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.data.registry import of_role
 

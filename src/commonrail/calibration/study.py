@@ -33,8 +33,7 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.stable_time_step import step_for_all
 from commonrail.data.base import DataSet, Role
 from commonrail.data.metering import check_meters, meters_of
-from commonrail.data.quantities.cross_validation import levels
-from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.data import QuantityData, levels
 from commonrail.data.registry import of_role
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import Injector

@@ -17,8 +17,7 @@ import numpy as np
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import convert, fits, to_text
-from commonrail.readers.channels import TIME, ChannelSheet
-from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, unit_of
+from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, unit_of
 from commonrail.readers.grid import Grid, GridSheet, read_grid
 from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in

@@ -18,8 +18,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.units import compatible, convert, fits
-from commonrail.readers.channels import ChannelSheet
-from commonrail.readers.columns import Column, Sheet, unit_of
+from commonrail.readers.columns import ChannelSheet, Column, Sheet, unit_of
 from commonrail.readers.grid import Grid, numbers_of
 
 MOST_HEADER = 30  # rows in which the header of a table is looked for

@@ -14,8 +14,7 @@ import numpy as np
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
-from commonrail.readers.channels import Channel, ChannelSheet
-from commonrail.readers.columns import PLAIN, FileForm
+from commonrail.readers.columns import PLAIN, Channel, ChannelSheet, FileForm
 from commonrail.readers.location import MOST_VALUES, Place, check_columns, read_lines
 
 _MAGIC, _END, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"

@@ -13,8 +13,7 @@ import numpy as np
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
-from commonrail.readers.channels import Channel, ChannelSheet
-from commonrail.readers.columns import PLAIN, FileForm
+from commonrail.readers.columns import PLAIN, Channel, ChannelSheet, FileForm
 from commonrail.readers.guarded import read_apart
 
 
