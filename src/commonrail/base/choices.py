@@ -37,6 +37,11 @@ class Drive(Enum):
     CURRENT = "current trace"
     FREE_WHEEL = "free-wheel"
 
+    @property
+    def is_trace(self) -> bool:
+        """True if it is a measured voltage or current."""
+        return self in (Drive.VOLTAGE, Drive.CURRENT)
+
 
 class Laws(Enum):
     """Set of laws that a kernel computes.

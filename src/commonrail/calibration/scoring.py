@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonrail.base.choices import Body, Drive
+from commonrail.base.choices import Body
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.study import Study
@@ -65,7 +65,7 @@ def check_drive(injector: Injector, study: Study, label: str) -> None:
     `label` is what messages call the injector.
     """
     drive = injector.variant.drive
-    for data in study.data if drive in (Drive.CURRENT, Drive.VOLTAGE) else ():
+    for data in study.data if drive.is_trace else ():
         if study.injector.variant.drive is not drive or any(point.drive is None for point in data.points):
             raise ConfigurationError(
                 f'{label}: the injector is driven by a {drive.value}, and the data set "{data.name}" has none; '

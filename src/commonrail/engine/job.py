@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.arrays import Floats, Ints
-from commonrail.base.choices import Drive, Precision
+from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.table import REAL, WHOLE, Array, address, floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, Trace, courses
@@ -293,7 +293,7 @@ def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
 
 def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
     """True if a pressure changes with time, or a trace drives the injector."""
-    driven = injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
+    driven = injector.variant.drive.is_trace
     if driven and point.drive is None:
         raise ConfigurationError(
             f"{injector.name} is driven by a {injector.variant.drive.value}, but the operating point gives none; "

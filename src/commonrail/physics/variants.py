@@ -268,7 +268,6 @@ _READERS = {
     CHAIN: 'variant = "flexible" (@flexible)',
 }
 _CHAIN = (*(f"k{i}" for i in range(1, 8)), "joint_stiffness", "damping_ratio")  # deformation of plunger and needle
-_TRACED = (Drive.VOLTAGE, Drive.CURRENT)
 _REGULATED = ("boost_voltage", "peak_current", "peak_duration", "hold_current", "regulator_gain")
 _READ_OF_DRIVE = {  # fields of `drive.Parameters` that each law of the drive reads
     Drive.REGULATED: (*_REGULATED, "quench_voltage"),
@@ -285,12 +284,11 @@ def unread_inputs(variant: Variant) -> tuple[str, ...]:
     Returns tuple of str: of "rail_pressure" (that at rest is always read), "return_pressure", "drive" (a measured
     voltage or current) and "command" (energisings; with a measured drive they only say where an injection begins).
     """
-    traced = variant.drive in _TRACED
     unread = {
         RAIL: variant.boundary is Boundary.VOLUME,
         RETURN: variant.actuation is Actuation.DIRECT,
-        DRIVE: not traced,
-        COMMAND: traced,
+        DRIVE: not variant.drive.is_trace,
+        COMMAND: variant.drive.is_trace,
     }
     return tuple(name for name, is_unread in unread.items() if is_unread)
 

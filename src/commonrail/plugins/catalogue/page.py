@@ -24,7 +24,6 @@ from commonrail.report.simulation import course_figure
 # The direct-acting one is shown at the pressures and the cylinder pressure of the traces that it was fitted to.
 SERVO = tuple(OperatingPoint(p, 700e-6, 5e6) for p in (40e6, 80e6, 120e6, 160e6))
 DIRECT = tuple(OperatingPoint(p, 1e-3, 0.1e6, 0.1e6) for p in (10e6, 20e6, 30e6))
-_TRACED = (Drive.VOLTAGE, Drive.CURRENT)
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def exhibit(name: str, injector: Injector) -> Exhibit:
     """
     notes = [injector.synthetic] if injector.synthetic else []
     shown, drive = injector, injector.variant.drive
-    if drive in _TRACED:
+    if drive.is_trace:
         shown = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
         notes.append(
             f"The injector follows a measured {drive.value}, which the catalogue does not hold; the curves are those "
@@ -89,7 +88,7 @@ def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
 
 def _commands(e: Exhibit) -> list[str]:
     """Command lines that use the injector; one that follows a trace needs data that hold it."""
-    if e.injector.variant.drive in _TRACED:
+    if e.injector.variant.drive.is_trace:
         return []
     rail, time = quantity(e.points[-1].initial_pressures()[0], "Pa"), quantity(e.points[-1].pulses[0][1], "s")
     point = f"--rail-pressure {rail} --energising-time {time}".replace(" MPa", "MPa").replace(" us", "us")

@@ -42,7 +42,6 @@ from commonrail.plugins.page.subject import (
     ONE,
     Slider,
     Subject,
-    is_traced,
     limits_of,
     read_subject,
     stable_sliders,
@@ -309,7 +308,7 @@ def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str
     found += [{"name": f"at {d['name']}", "point": d["point"], "data": i} for i, d in enumerate(data) if i]
     main = _point(point)
     pilot = [[0.0, 250e-6], [1000e-6, 600e-6]]
-    if not is_traced(subject.injector):
+    if not subject.injector.variant.drive.is_trace:
         found.append({"name": "pilot and main", "point": main | {"pulses": pilot, "start": 0.0}})
     return found
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
-from commonrail.base.choices import Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.hooks import note as warn
 from commonrail.base.text import number
@@ -208,7 +207,7 @@ def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = No
     if run.is_dir() and (run / RESULT).is_file():
         return _of_run(run, more, threads, with_fan)
     named = read_model_name(text)
-    if is_traced(named.injector):
+    if named.injector.variant.drive.is_trace:
         raise ConfigurationError(
             f"{named.injector.name} follows a measured {named.injector.variant.drive.value}, which the file does not "
             "hold; make the page from a run folder, whose data have it."
@@ -228,8 +227,8 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None, with_fan: boo
     injector = study.injector.with_values(own)
     meters = [d.meter.with_best(best) for d in study.data if d.meter is not None]
     metered = with_meters(study.data, meters)
-    data, maps = _curves(metered), () if is_traced(injector) else _maps(metered)
-    if is_traced(injector) and not data:
+    data, maps = _curves(metered), () if injector.variant.drive.is_trace else _maps(metered)
+    if injector.variant.drive.is_trace and not data:
         raise ConfigurationError(
             f"{injector.name} follows a measured {injector.variant.drive.value}, and the run has no injection curve "
             "that holds it; a page of this run cannot be made."
@@ -257,11 +256,6 @@ def _maps(data: tuple[DataSet, ...]) -> tuple[QuantityData, ...]:
 def _is_plain(point: OperatingPoint) -> bool:
     courses = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
     return len(point.pulses) == 1 and not any(isinstance(course, Trace) for course in courses)
-
-
-def is_traced(injector: Injector) -> bool:
-    """Return whether the coil follows a measured voltage or current."""
-    return injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
 
 
 def _bounded(space: Space, best: dict[str, float]) -> tuple[Slider, ...]:
@@ -361,5 +355,7 @@ def stable_sliders(subject: Subject, rail: float) -> tuple[tuple[Slider, ...], f
 
 def _reached(subject: Subject, rail: float) -> float:
     """Largest lift [m] of the injector as it is, at the highest rail pressure."""
-    points = [d.point for d in subject.data] if is_traced(subject.injector) else [OperatingPoint(rail, LONG)]
+    points = (
+        [d.point for d in subject.data] if subject.injector.variant.drive.is_trace else [OperatingPoint(rail, LONG)]
+    )
     return float(np.nanmax(simulate_batch(subject.injector, points, time_step=subject.time_step).greatest_lift))

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, PlainValidator, create_model
 
 from commonrail.base.arguments import source_of
-from commonrail.base.choices import Body, Boundary, Drive
+from commonrail.base.choices import Body, Boundary
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.output import write_csv
@@ -204,7 +204,7 @@ def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
         raise (at / "friction").error(
             f"the injector {injector.name} has a rigid body, and friction acts on nine masses"
         )
-    if injector.variant.drive in (Drive.CURRENT, Drive.VOLTAGE):
+    if injector.variant.drive.is_trace:
         raise (at / "injector").error(
             f"{injector.name} is driven by a measured trace, and the bench has none; "
             'choose an injector with drive_kind = "pwm", "regulated" or "free-wheel"'

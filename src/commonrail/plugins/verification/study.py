@@ -187,9 +187,7 @@ def _long_dwells(injector: Injector) -> list[Task]:
     """Of any actuation, the current of one that is driven by a trace regulated instead."""
     direct = injector.variant.actuation is Actuation.DIRECT
     pressures, times = (DIRECT_AT, (DIRECT_PILOT, DIRECT_MAIN)) if direct else (TWO, (PILOT, MAIN))
-    driven = (
-        _driven(injector, Drive.REGULATED) if injector.variant.drive in (Drive.CURRENT, Drive.VOLTAGE) else injector
-    )
+    driven = _driven(injector, Drive.REGULATED) if injector.variant.drive.is_trace else injector
     group = f"{injector.name}, pilot and main injection, dwells of 600 to 1200 us"
     return [
         Task(group, driven, _pair(pressure, dwell, *times), PAIR, method="lsoda" if direct else "explicit")
