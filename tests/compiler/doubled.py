@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from commonrail.compiler import cache
+from commonrail.compiler.cache import Source
 from commonrail.compiler.load import Kernel
-from commonrail.compiler.lower import Source
 from commonrail.compiler.table import REAL, Array, floats
 from commonrail.physics.law import physics
 

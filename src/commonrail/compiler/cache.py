@@ -18,6 +18,7 @@ import stat
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from commonrail.base.hooks import compiling, note
 from commonrail.compiler.target import package_version
@@ -240,6 +241,34 @@ def stamp_of(module: str) -> str:
         return sources_stamp()
     found = importlib.util.find_spec(module)
     return _digest([sources_stamp().encode(), _meaning((Path(found.origin),)).encode()])  # type: ignore[union-attr, arg-type]
+
+
+class Source(NamedTuple):
+    """Functions to be compiled.
+
+    Attributes
+    ----------
+    maker : str
+        ``module:function`` that returns {name: (function, Numba's signature)}; imported in the child alone.
+    words : tuple of str
+        Its arguments.
+    kind : str
+        "f64", "f32" or "exact": see `laws.FASTMATH`.
+    key : str
+        What else decides over the text, such as a digest of a law from another package.
+    """
+
+    maker: str
+    words: tuple[str, ...]
+    kind: str
+    key: str = ""
+
+    @property
+    def digest(self) -> str:
+        """Name of the text: of all that decides over it."""
+        module = self.maker.partition(":")[0]
+        key = repr((*self, stamp_of(module), platform.machine()))
+        return hashlib.sha256(key.encode()).hexdigest()[:24]
 
 
 def _sources() -> tuple[Path, ...]:

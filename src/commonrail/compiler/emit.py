@@ -4,31 +4,9 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
-from commonrail.compiler.target import Processor
-
-
-class System(NamedTuple):
-    """Processor with its system.
-
-    Attributes
-    ----------
-    triple : str
-        Architecture, vendor and system as LLVM names them; "" for this machine's.
-    name, features : str
-        As of `target.Processor`.
-    """
-
-    triple: str
-    name: str
-    features: str = ""
-
-    @classmethod
-    def here(cls, processor: Processor) -> System:
-        """This machine's system with a processor; its widest vectors are used, where LLVM would prefer half of them."""
-        wide = "-prefer-256-bit" if processor.is_wide else ""
-        return cls("", processor.name, ",".join(filter(None, (processor.features, wide))))
+from commonrail.compiler.target import System
 
 
 def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, visibility: str = "default") -> bytes:

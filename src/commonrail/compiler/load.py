@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.compiler.cache import ENDING, kept_or_made
-from commonrail.compiler.emit import System, emit
-from commonrail.compiler.lower import Source, texts
+from commonrail.compiler.cache import ENDING, Source, kept_or_made
 from commonrail.compiler.table import address, fill
-from commonrail.compiler.target import Processor, may_compile, own_processor
+from commonrail.compiler.target import Processor, System, may_compile, own_processor
 
 # function (result, exception, table) -> int of addresses: it returns 0 and does not write the exception; the result
 # receives what the function returns
@@ -30,6 +28,9 @@ def object_of(source: Source, names: Mapping[str, str], processor: Processor) ->
     made = []
 
     def make() -> bytes:
+        from commonrail.compiler.emit import emit  # slow to import, and seldom needed
+        from commonrail.compiler.lower import texts
+
         made.append(True)
         return emit(texts(source), names, system)
 

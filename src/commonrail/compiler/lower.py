@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import hashlib
 import json
 import os
-import platform
 import re
 import subprocess
 import sys
@@ -19,10 +17,10 @@ import tempfile
 import threading
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.compiler.cache import kept_or_made, stamp_of
+from commonrail.compiler.cache import Source, kept_or_made
 from commonrail.compiler.target import may_compile
 
 # Level 1 without vectors: at 0 the text is fourteen times as long and takes a quarter more time, at 3 it is that of a
@@ -39,34 +37,6 @@ _NUMBA = {
 # Counts of an array's owners: those of a kernel are views, which have none.
 _COUNTS = re.compile(r"^ *(?:tail )?call void @NRT_(?:in|de)cref\(.*\n", re.MULTILINE)
 _IDLE = 300.0  # after which a child, of some 300 MB, ends [s]: another would have to type all laws anew
-
-
-class Source(NamedTuple):
-    """Functions to be compiled.
-
-    Attributes
-    ----------
-    maker : str
-        ``module:function`` that returns {name: (function, Numba's signature)}; imported in the child alone.
-    words : tuple of str
-        Its arguments.
-    kind : str
-        "f64", "f32" or "exact": see `laws.FASTMATH`.
-    key : str
-        What else decides over the text, such as a digest of a law from another package.
-    """
-
-    maker: str
-    words: tuple[str, ...]
-    kind: str
-    key: str = ""
-
-    @property
-    def digest(self) -> str:
-        """Name of the text: of all that decides over it."""
-        module = self.maker.partition(":")[0]
-        key = repr((*self, stamp_of(module), platform.machine()))
-        return hashlib.sha256(key.encode()).hexdigest()[:24]
 
 
 def texts(source: Source) -> dict[str, str]:

@@ -88,6 +88,28 @@ OF_LEVEL_3 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 OF_LEVEL_4 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
 
 
+class System(NamedTuple):
+    """Processor with its system.
+
+    Attributes
+    ----------
+    triple : str
+        Architecture, vendor and system as LLVM names them; "" for this machine's.
+    name, features : str
+        As of `Processor`.
+    """
+
+    triple: str
+    name: str
+    features: str = ""
+
+    @classmethod
+    def here(cls, processor: Processor) -> System:
+        """This machine's system with a processor; its widest vectors are used, where LLVM would prefer half of them."""
+        wide = "-prefer-256-bit" if processor.is_wide else ""
+        return cls("", processor.name, ",".join(filter(None, (processor.features, wide))))
+
+
 def own_processor() -> Processor:
     """Processor that this process compiles for; without llvmlite, which it loads, the level that the system states."""
     llvm = _llvm()

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
+from commonrail.compiler.cache import Source
 from commonrail.compiler.load import Kernel
-from commonrail.compiler.lower import Source
 from commonrail.compiler.table import WHOLE, floats
 from commonrail.engine.block import Memory, copy_number, make_advance, make_begin, make_wave_transport
 from commonrail.engine.job import MAXIMUM_STEPS
@@ -106,7 +106,7 @@ def make_loop(variant: Variant) -> Loop:
 
 
 def entries(*words: str) -> dict[str, Any]:
-    """The loop over steps of one lane, of the `Variant` of the `words`; for `lower.Source`."""
+    """The loop over steps of one lane, of the `Variant` of the `words`; for `cache.Source`."""
     from commonrail.compiler.laws import TABLE, exchange_rounding, of_table
 
     variant = Variant(*words)

@@ -12,17 +12,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base.choices import Precision
-from commonrail.compiler import emit, lower
-from commonrail.compiler.cache import files_stamp, sources_stamp
-from commonrail.compiler.emit import System
+from commonrail.compiler.cache import Source, files_stamp, sources_stamp
 from commonrail.compiler.load import Call, callable_at, load
 from commonrail.compiler.load import object_of as compiled_object
-from commonrail.compiler.lower import Source
 from commonrail.compiler.target import (
     LEVEL_3,
     LEVEL_4,
     SWITCH,
     Processor,
+    System,
     exact_processor,
     is_x86,
     kernels_switch,
@@ -182,6 +180,8 @@ def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:
 
 def assembly(variant: Variant, vector: Vector, processor: Processor) -> str:
     """Assembly text of a loop, to be read."""
+    from commonrail.compiler import emit, lower
+
     names = {"lanes": symbol_of(variant, vector.precision, processor.exact)}
     return emit.assembly(lower.texts(source_of(variant, vector, processor.exact)), names, System.here(processor))
 

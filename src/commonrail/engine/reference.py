@@ -17,8 +17,8 @@ from scipy.integrate import solve_ivp
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.base.errors import ConfigurationError
+from commonrail.compiler.cache import Source
 from commonrail.compiler.load import Kernel
-from commonrail.compiler.lower import Source
 from commonrail.compiler.table import floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, courses, segments, value_at, values_at
 from commonrail.engine.plan import coefficients_at, reference_density
@@ -104,7 +104,7 @@ def _compiled_rates(variant: Variant) -> Kernel:
 
 
 def entries(*words: str) -> dict[str, Any]:
-    """The right-hand side of the `Variant` of the `words`; for `lower.Source`."""
+    """The right-hand side of the `Variant` of the `words`; for `cache.Source`."""
     from commonrail.compiler.laws import TABLE, of_table
 
     rates = physics(make_rates(Variant(*words)))

@@ -17,8 +17,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
+from commonrail.compiler.cache import Source
 from commonrail.compiler.load import Kernel
-from commonrail.compiler.lower import Source
 from commonrail.compiler.table import REAL, floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, courses, knots, segments, value_at
 from commonrail.physics.components.drive import turned
@@ -136,7 +136,7 @@ def compiled_march(variant: Variant) -> Callable[..., int]:
 
 
 def entries(*words: str) -> dict[str, Any]:
-    """The loop of the `Variant` of the `words`; for `lower.Source`."""
+    """The loop of the `Variant` of the `words`; for `cache.Source`."""
     from commonrail.compiler.laws import TABLE, of_table
 
     return {"march": (of_table(physics(_make_march(Variant(*words))), _MARCH), TABLE)}

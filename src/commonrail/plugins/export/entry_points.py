@@ -105,7 +105,7 @@ def sizes(variant: Variant) -> Sizes:
 
 
 def entries(*words: str) -> dict[str, tuple[Law, Any]]:
-    """Functions and Numba's signatures of a wiring by the name of the entry; for `compiler.lower.Source`.
+    """Functions and Numba's signatures of a wiring by the name of the entry; for `compiler.cache.Source`.
 
     `words`: those of a `Variant`.
     """
@@ -223,7 +223,7 @@ LANES = 8  # numbers in the widest registers there are, and cylinders of most en
 
 
 def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:
-    """Functions and Numba's signatures of a wiring's block by the name of the entry; for `compiler.lower.Source`.
+    """Functions and Numba's signatures of a wiring's block by the name of the entry; for `compiler.cache.Source`.
 
     `words`: those of a `Variant`.
     """

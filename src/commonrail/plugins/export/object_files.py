@@ -18,8 +18,8 @@ from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.compiler import emit as compiler
 from commonrail.compiler import lower
-from commonrail.compiler.emit import System
-from commonrail.compiler.lower import Source
+from commonrail.compiler.cache import Source
+from commonrail.compiler.target import System
 from commonrail.physics.variants import Variant, kernel_name
 
 # Numbers as pointers, pointers in memory, what one processor or Python alone has.
