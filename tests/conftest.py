@@ -100,6 +100,13 @@ def wired(variant: Variant) -> Injector:
     return replace(load_injector(DRAWN), variant=variant)
 
 
+@pytest.fixture(autouse=True)
+def still_reports(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports have still charts but in tests of the page: a chart that simulates is compiled once for each wiring."""
+    if "plugins/page" not in request.node.nodeid:
+        monkeypatch.setattr("commonrail.report.page._live", lambda record, folder: "")
+
+
 @pytest.fixture(scope="module")
 def forked_workers() -> Iterator[None]:
     """Workers that the tests of a module start are forked."""
