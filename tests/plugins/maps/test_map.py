@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
+import commonrail as cr
 from commonrail.base.errors import InputError
 from commonrail.cli.options import read_axis
 from commonrail.plugins.maps.dcm import read_dcm
@@ -81,6 +83,50 @@ def test_json_is_one_object_and_axes_come_from_a_file(command: Command, tmp_path
     assert found["inverse"]["state"][0][0] == "ZERO"
 
 
+# Another program's: Latin-1, CRLF, masses on the x axis, times with one decimal, and a curve that is none of ours.
+OF_AN_ECU = """* Kalibrierstand 7
+KONSERVIERUNG_FORMAT 2.0
+
+FESTKENNFELD InjVlv_tiET_MAP 3 2
+   LANGNAME "Ansteuerdauer \xfcber Menge und Raildruck"
+   EINHEIT_X "mg/Hub"
+   EINHEIT_Y "bar"
+   EINHEIT_W "ms"
+   ST/X\t2.00\t5.25\t10.00
+   ST/Y   800.0
+   WERT   0.30000   0.40000   0.50000
+   ST/Y   1600.0
+   WERT   0.20000   0.30000   0.40000
+END
+
+KENNLINIE Other 2
+   ST/X   1.0   2.0
+   WERT   3.0   4.0
+END
+"""
+
+
+def test_a_map_of_a_control_unit_comes_back_with_new_numbers_alone(command: Command, tmp_path: Path) -> None:
+    source, out, csv = tmp_path / "ecu.dcm", tmp_path / "new.dcm", tmp_path / "new.csv"
+    before = OF_AN_ECU.replace("\n", "\r\n").encode("latin-1")
+    source.write_bytes(before)
+    done = command("map", "virtual-lino-2016", "--axes", source, "--out", out, "--out", csv, "--threads", "1")
+    assert done.status == 0, done.err
+    after = out.read_bytes()
+    lines = [line for line in after.split(b"\n") if line.endswith(b"\r") and b"WERT   0." not in line]
+    assert lines == [line for line in before.split(b"\n") if line.endswith(b"\r") and b"WERT   0." not in line]
+    assert b"reference density" in after
+    assert len(re.findall(rb"\s0\.\d{5}\b", after)) == 6
+    (found,) = read_dcm(out)
+    injector = cr.load_injector("virtual-lino-2016")
+    for pressure, row in zip((80e6, 160e6), found.values, strict=True):
+        for mass, time in zip((2.0, 5.25, 10.0), row.tolist(), strict=True):
+            solution = cr.simulate(injector, cr.OperatingPoint(pressure, time * 1e-3, 5e6, 0.5e6))
+            # 0.01 mm³ of the search, and half of the last digit: 5 ns at some 50 mg/ms
+            assert solution.injected_mass * 1e6 == pytest.approx(mass, abs=0.012)
+    assert "quantity [mg/Hub],rail_pressure [bar],energising_time [ms],state" in csv.read_text(encoding="utf-8")
+
+
 def test_two_models_are_compared_cell_by_cell(command: Command, tmp_path: Path) -> None:
     report = tmp_path / "two.html"
     done = command(
@@ -112,7 +158,8 @@ def test_a_measured_map_is_set_beside_the_model(command: Command, tmp_path: Path
         (("--bands", "laplace"), "--bands: virtual-lino-2016 is no run folder"),
         (("--measured", "nothing.csv"), "there is no such file"),
         (("--axes", "nothing.dcm"), "there is no such file"),
-        (("--axes", "et.dcm", "--rail-pressure", "80MPa", "--quantity", "1mm3"), "omit one of the three"),
+        (("--axes", "et.dcm", "--rail-pressure", "80MPa"), "--rail-pressure: --axes et.dcm gives axes and units"),
+        (("--axes", "et.dcm", "--out", "a.dcm", "--time-unit", "ms"), "--time-unit: --axes et.dcm gives axes"),
     ],
 )
 def test_options_are_checked_before_the_work(

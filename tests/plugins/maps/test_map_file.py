@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.plugins.maps.dcm import MOST_MAPS, axes_of_dcm, number_text, read_dcm
+from commonrail.plugins.maps.dcm import MOST_MAPS, map_of_dcm, number_text, read_dcm
 from commonrail.plugins.maps.file import ENDINGS, write_map_file
-from commonrail.plugins.maps.table import MapTable
+from commonrail.plugins.maps.table import MapTable, axes_of
 from tests.plugins.maps.tables import table
 
 GAP = [[0.0] * 7, [float("nan")] + [1.0] * 6, [2.0] * 7]
@@ -103,7 +103,7 @@ def test_a_file_of_very_many_maps_is_refused_where_they_are_too_many(tmp_path: P
 
 
 def test_axes_come_from_a_dcm_file(tmp_path: Path) -> None:
-    pressure, quantity = axes_of_dcm(written(tmp_path, ".dcm", [table()]), 800.0)
+    pressure, quantity = axes_of(map_of_dcm(written(tmp_path, ".dcm", [table()])), 800.0)
     assert pressure.tolist() == pytest.approx([1e7, 2e7, 4e7, 8e7, 1e8, 1.2e8, 1.8e8])
     assert quantity.tolist() == pytest.approx([0.0, 0.75e-9, 10e-9])
 
@@ -111,7 +111,7 @@ def test_axes_come_from_a_dcm_file(tmp_path: Path) -> None:
 def test_axes_by_mass_are_divided_by_the_density(tmp_path: Path) -> None:
     by_mass = table()
     by_mass = replace(by_mass, y=by_mass.y._replace(unit="mg/inj"))
-    _, quantity = axes_of_dcm(written(tmp_path, ".dcm", [by_mass]), 800.0)
+    _, quantity = axes_of(map_of_dcm(written(tmp_path, ".dcm", [by_mass])), 800.0)
     assert quantity.tolist() == pytest.approx([0.0, 0.75e-6 / 800.0, 10e-6 / 800.0])
 
 
@@ -119,7 +119,7 @@ def test_a_file_without_such_axes_is_refused(tmp_path: Path) -> None:
     other = table()
     other = replace(other, y=other.y._replace(unit="rpm"))
     with pytest.raises(InputError, match="no map in it has an axis of pressure"):
-        axes_of_dcm(written(tmp_path, ".dcm", [other]), 800.0)
+        map_of_dcm(written(tmp_path, ".dcm", [other]))
 
 
 def test_cdfx_holds_axes_units_and_values(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from commonrail.plugins.maps.dcm import read_dcm
@@ -71,9 +72,36 @@ def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -
     assert "Correction of the energising time at 160 MPa" in report.read_text(encoding="utf-8")
 
 
+def test_the_change_over_dwell_and_pressure_is_one_map(command: Command, tmp_path: Path) -> None:
+    """Of the quantity and of the energising time: one is that of the other sweep's numbers."""
+    quantity, time, csv = tmp_path / "dq.dcm", tmp_path / "dt.dcm", tmp_path / "t.csv"
+    vary = ("--vary", "dwell=1500,2500,3500us", "--vary", "rail_pressure=100,160MPa", *TWO[:4])
+    label = ("--change", "--label", "InjWave")
+    assert command("sweep", "virtual-lino-2016", *vary, *label, "--out", quantity).status == 0
+    done = command("sweep", "virtual-lino-2016", *vary, "--json")
+    second = np.array(done.record["second_volume"])
+    alone = command("sweep", "virtual-lino-2016", *vary[2:4], *TWO[2:4], "--json").record["injected_volume"]
+    (found,) = read_dcm(quantity)
+    assert (found.label, found.x.unit, found.y.unit, found.unit) == ("InjWave", "us", "hPa", "mm^3/inj")
+    assert found.values == pytest.approx((second - np.array(alone)).T * 1e9, abs=6e-4)  # three decimals
+    held = ("--hold", "5mm3", "--longest", "600us")
+    assert command("sweep", "virtual-lino-2016", *vary, *held, *label, "--out", time).status == 0
+    assert command("sweep", "virtual-lino-2016", *vary, *held, "--out", csv).status == 0
+    rows = [line.split(",") for line in csv.read_text(encoding="utf-8").splitlines() if line[0].isdigit()]
+    differences = np.array([float(row[3]) - float(row[4]) for row in rows]).reshape(3, 2)
+    (corrected,) = read_dcm(time)
+    assert corrected.values == pytest.approx(differences.T, abs=6e-4)
+    # More quantity where less time is needed, but for changes within what the search leaves, 0.01 mm³.
+    clear = np.abs(found.values) > 0.05
+    assert np.any(clear)
+    assert np.all(np.sign(found.values[clear]) == -np.sign(corrected.values[clear]))
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
+        (("--vary", "energising_time=1ms", "--out", "a.csv", "--change"), "vary rail_pressure and dwell alone"),
+        (("--vary", "energising_time=1ms", "--change"), "--change: without --out FILE it does nothing"),
         (("--vary", "dwell"), "expected NAME=VALUES"),
         (("--vary", "dwel=1ms"), "There is no variable"),
         (("--vary", "dwell=1,2ms"), "give the energising time of the first one too"),
@@ -86,7 +114,7 @@ def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -
         (("--vary", "energising_time=1ms", "--out", "-"), "name a file or folder"),
         (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),
         (("--vary", "energising_time=1ms", "--longest", "3ms"), "--longest: without --hold it does nothing"),
-        (("--vary", "energising_time=1ms", "--label", "ti"), "--label: without --hold and a file of --out"),
+        (("--vary", "energising_time=1ms", "--label", "ti"), "--label: without --hold or --change and a file of --out"),
     ],
 )
 def test_a_sweep_that_cannot_be_done_is_refused_with_one_sentence(

@@ -10,17 +10,19 @@ import math
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.output import write_text
-from commonrail.base.units import convert, fits
-from commonrail.plugins.maps.table import Axis, MapTable
-from commonrail.readers.location import read_text
+from commonrail.base.input import read_plain
+from commonrail.base.output import replacing, write_text
+from commonrail.base.units import fits
+from commonrail.plugins.maps.table import Axis, MapTable, is_turned
+from commonrail.readers.location import read_bytes
 
 NUMBERS = 6  # in a line
 LARGEST = 20_000_000  # [bytes]
@@ -35,6 +37,34 @@ def write_dcm(path: Path, tables: Sequence[MapTable]) -> None:
     for table in tables:
         table.require_numbers("A DCM file")
     write_text(path, "\n".join(_lines(tables)) + "\n")
+
+
+def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> None:
+    """Write a DCM file with the values of one of its maps replaced; all other characters of it stay, notes precede it.
+
+    `label` names the map in `source`; the values of `table` have its order, and its label takes the place of that.
+    InputError if a cell has no number.
+    """
+    table.require_numbers("A DCM file")
+    values, inside, done = iter(table.values.ravel().tolist()), False, False
+    lines = read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf").decode("latin-1").split("\n")  # keeps each byte
+    for i, line in enumerate(lines):
+        words = line.split()
+        if not done and _is_map(words) and words[1] == label:
+            inside = done = True
+            lines[i] = re.sub(r"(KENNFELD\s+)\S+", rf"\g<1>{table.label}", line, count=1)
+        elif inside and words[:1] == ["WERT"]:
+            head, word, rest = line.partition("WERT")
+            numbers = re.sub(r"\S+", lambda _: f"{next(values) + 0.0:.{table.decimals}f}", rest)
+            lines[i] = head + word + numbers
+        inside &= words[:1] != ["END"]
+    notes = "".join(f"* {_plain(note)}\n" for note in ("written by commonrail", *table.notes))
+    with replacing(path, "wb") as stream:
+        stream.write((notes + "\n".join(lines)).encode("latin-1"))
+
+
+def _is_map(words: Sequence[str]) -> bool:
+    return len(words) > 1 and re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]) is not None
 
 
 def _lines(tables: Sequence[MapTable]) -> Iterator[str]:
@@ -80,9 +110,15 @@ def _plain(text: str) -> str:
 def read_dcm(path: Path) -> list[MapTable]:
     """Maps of a DCM 2.0 file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; whatever else it holds is passed over.
 
-    InputError if it is not DCM in UTF-8 or ASCII, or a map in it is damaged; the message names the line.
+    A file that is no UTF-8 is read as Latin-1. InputError if it is not DCM, or a map in it is damaged; the message
+    names the line.
     """
-    lines = enumerate(read_text(path, LARGEST).splitlines(), start=1)
+    data = read_bytes(path, LARGEST)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    lines = enumerate(text.split("\n"), start=1)
     content = ((n, line.strip()) for n, line in lines if line.strip() and line.strip()[0] not in "*!.")
     first = next(content, (1, ""))
     if not re.fullmatch(rf"{_FORMAT}\s+2\.\d", first[1]):
@@ -107,15 +143,18 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
     if not 0 < nx * ny <= MOST_VALUES:
         raise InputError(f"{path}, line {start}: the map has {nx} × {ny} values, and 1 to {MOST_VALUES} are read.")
     texts: dict[str, str] = {}
+    decimals = 0
     counts = {"ST/X": nx, "ST/Y": ny, "WERT": nx * ny}
     numbers: dict[str, list[float]] = {word: [] for word in counts}
     for number, line in content:
         word, _, rest = line.partition(" ")
         word, _, rest = line.partition("\t") if "\t" in word else (word, "", rest)
         if word == "END":
-            return _checked(path, start, words[1], (nx, ny), (texts, numbers))
+            return replace(_checked(path, start, words[1], (nx, ny), (texts, numbers)), decimals=decimals)
         if word in numbers:
             numbers[word] += _floats(path, number, rest)
+            if word == "WERT":
+                decimals = max([decimals, *(-int(Decimal(text).as_tuple().exponent) for text in rest.split())])
             if len(numbers[word]) > counts[word]:  # or a file of such lines is read to its end
                 raise InputError(
                     f"{path}, line {number}: the {word} lines of the map {words[1]} hold more than the {counts[word]} "
@@ -155,18 +194,15 @@ def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: t
     return MapTable(label, texts.get("LANGNAME", ""), "value", texts.get("EINHEIT_W", ""), x, y, values, states)
 
 
-def axes_of_dcm(path: Path, density: float) -> tuple[Floats, Floats]:
-    """Rail pressures [Pa] and quantities [m³] of the first map of a DCM file that has such axes.
+def map_of_dcm(path: Path) -> MapTable:
+    """First map of a DCM file over rail pressure and quantity, the first of those of times if there is one.
 
-    InputError if none has. Quantities by mass are divided by the reference density [kg/m³].
+    InputError if no map has such axes.
     """
-    for table in read_dcm(path):
-        for pressure, quantity in ((table.x, table.y), (table.y, table.x)):
-            by_mass = fits(quantity.unit, "kg")
-            if fits(pressure.unit, "Pa") and (by_mass or fits(quantity.unit, "m3")):
-                values = convert(quantity.values, quantity.unit, "kg" if by_mass else "m3")
-                return convert(pressure.values, pressure.unit, "Pa"), values / density if by_mass else values
-    raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units.")
+    found = [table for table in read_dcm(path) if is_turned(table) is not None]
+    if not found:
+        raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units.")
+    return next((table for table in found if fits(table.unit, "s")), found[0])
 
 
 def facts_of(file: Path) -> dict[str, str]:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
     from commonrail.plugins.maps.compensation import Compensation
     from commonrail.plugins.maps.sweep import Base, Sweep, Variable
+    from commonrail.plugins.maps.table import MapTable
 
 
 @verb
@@ -61,6 +62,13 @@ def sweep(
             "rail pressures and dwells.",
         ),
     ] = None,
+    change: Annotated[
+        bool,
+        Option(
+            help="Write the change against the second injection alone, over dwell and rail pressure: of its energising "
+            "time with --hold (a map for each quantity), else of its quantity.",
+        ),
+    ] = False,
     cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
     return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
     longest: Annotated[str, Option(help="Longest energising time of --hold.")] = "2ms",
@@ -68,10 +76,12 @@ def sweep(
     set_: Annotated[
         tuple[str, ...], Option("--set", metavar="PATH=VALUE", help="Value of a parameter; repeatable.")
     ] = (),
-    label: Annotated[str, Option(help="Label of the maps of --hold, to which each dwell is added.")] = "tiSecond",
+    label: Annotated[
+        str, Option(help="Label of the maps of --hold and --change; the dwell or quantity is added to several.")
+    ] = "tiSecond",
     out: Annotated[
         tuple[Path, ...],
-        Option(metavar="FILE", help="File: .csv; of --hold also .xlsx .mat .json .dcm .cdfx; repeatable."),
+        Option(metavar="FILE", help="File: .csv; of --hold and --change also .xlsx .mat .json .dcm .cdfx; repeatable."),
     ] = (),
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the curves.")] = None,
     threads: Threads = None,
@@ -88,6 +98,8 @@ def sweep(
           --first-energising-time 350us --energising-time 500us --report dwell.html
       commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary dwell=400,800,1600us \\
           --first-energising-time 350us --hold 1,2,5,10mm3 --out second.dcm
+      commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary dwell=1000:3000:100us \\
+          --first-energising-time 350us --hold 5mm3 --change --label InjWave_dtiET_MAP --out wave.dcm
     """
     from commonrail.plugins.maps.file import check_map_file
     from commonrail.plugins.maps.sweep import Base
@@ -99,18 +111,21 @@ def sweep(
         {
             "longest": (hold is not None, "--hold"),
             "label": (
-                hold is not None and any(path.suffix.lower() != ".csv" for path in out),
-                "--hold and a file of --out with labels (no CSV)",
+                (hold is not None or change) and any(path.suffix.lower() != ".csv" for path in out),
+                "--hold or --change and a file of --out with labels (no CSV)",
             ),
+            "change": (bool(out), "--out FILE"),
         }
     )
     _refuse_varied(vary)
     for path in out:
         check_file(path, "--out")
-        if hold is not None:
+        if hold is not None or change:
             check_map_file(path)
         elif path.suffix.lower() != ".csv":
-            raise InputError(f"--out: {path}: a sweep is written as .csv; for all numbers as JSON give --json.")
+            raise InputError(
+                f"--out: {path}: a sweep is written as .csv, with --change also as a map; all numbers: --json."
+            )
     check_file(report, "--report")
     check_distinct(*out, report)
     base = Base(
@@ -123,13 +138,14 @@ def sweep(
     injector = with_overrides(read_model_name(model).injector, set_)
     refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
+    check_label(label)
     if hold is None:
+        tables = _change(injector, variables, base, label) if change else None
         say(SIMULATING)
-        outcome = _swept(run(injector, variables, base))
+        outcome = _swept(run(injector, variables, base), tables)
     else:
-        check_label(label)
         second = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
-        outcome = _compensated(second, label)
+        outcome = _compensated(second, label, change)
     for path in out:
         outcome.write(path)
     if report is not None:
@@ -163,14 +179,28 @@ def _variable(text: str) -> Variable:
     return Variable(full, unit, read_axis(values, unit, f"--vary {name}"))
 
 
-def _swept(found: Sweep) -> _Outcome:
+def _change(injector: Injector, variables: list[Variable], base: Base, label: str) -> Callable[[Sweep], MapTable]:
+    """Table of the change of a second quantity; InputError if other variables than dwell and pressure are varied."""
+    from commonrail.plugins.maps.sweep import sweep as run
+    from commonrail.plugins.maps.table import change_table
+
+    pressures = [v for v in variables if v.name == "rail_pressure"]
+    if {v.name for v in variables} != {"dwell", "rail_pressure"} or not base.first_energising_time:
+        raise InputError("--change: vary rail_pressure and dwell alone, and give --first-energising-time.")
+    return lambda found: change_table(
+        found, run(injector, pressures, base._replace(first_energising_time=0.0)).volume, label
+    )
+
+
+def _swept(found: Sweep, table: Callable[[Sweep], MapTable] | None) -> _Outcome:
+    from commonrail.plugins.maps.file import write_map_file
     from commonrail.plugins.maps.sweep_file import sweep_record, write_sweep
     from commonrail.plugins.maps.sweep_page import fusion_table, sweep_html, sweep_lines
 
     fusion = _fusion(found)
     tables = [fusion_table(fusion)] if fusion else []
     return _Outcome(
-        lambda path: write_sweep(path, found),
+        lambda path: write_map_file(path, [table(found)]) if table else write_sweep(path, found),
         lambda: sweep_html(found, fusion),
         lambda: sweep_record(found, fusion),
         lambda: print_text(sweep_lines(found), tables),
@@ -208,14 +238,16 @@ def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, 
     return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
 
 
-def _compensated(found: Compensation, label: str) -> _Outcome:
+def _compensated(found: Compensation, label: str, change: bool) -> _Outcome:
     from commonrail.plugins.maps.file import write_map_file
     from commonrail.plugins.maps.sweep_file import compensation_record, write_compensation
     from commonrail.plugins.maps.sweep_page import compensation_html, compensation_table
-    from commonrail.plugins.maps.table import compensation_tables
+    from commonrail.plugins.maps.table import compensation_tables, correction_tables
 
     def write(path: Path) -> None:
-        if path.suffix.lower() == ".csv":
+        if change:
+            write_map_file(path, correction_tables(found, label))
+        elif path.suffix.lower() == ".csv":
             write_compensation(path, found)
         else:
             write_map_file(path, compensation_tables(found, label))

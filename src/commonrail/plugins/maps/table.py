@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,10 +11,13 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.units import compatible, convert
+from commonrail.base.units import compatible, convert, fits
+from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
+from commonrail.plugins.maps.response import Conditions, density_at
 from commonrail.plugins.maps.run import Edges, InjectionMap
+from commonrail.plugins.maps.sweep import Sweep
 from commonrail.readers.quantity_matrix import BAND
 
 LONGEST_LABEL = 128
@@ -24,11 +28,12 @@ DECIMALS = 3  # of energising times and quantities
 
 
 class MapUnits(NamedTuple):
-    """Units of a file: of rail pressure, quantity (a volume or a mass) and energising time."""
+    """Units of a file: of rail pressure, quantity (a volume or a mass) and energising time; decimals of values."""
 
     pressure: str = "hPa"
     quantity: str = "mm^3/inj"
     time: str = "us"
+    decimals: int = DECIMALS
 
 
 ECU_UNITS = MapUnits()
@@ -56,7 +61,8 @@ class MapTable:
 
     `label` is its name in the control unit, `title` what it is, `name` and `unit` are those of its values (y, x), which
     are rounded to what is written and NaN where there is no number. `states` (y, x) are words, `notes` tell model,
-    conditions and rules, `layers` are edges of bands, where a fit tells them; DCM and CDFX hold none.
+    conditions and rules, `layers` are edges of bands, where a fit tells them; DCM and CDFX hold none. `decimals` are
+    those of the values.
     """
 
     label: str
@@ -69,6 +75,7 @@ class MapTable:
     states: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
     layers: tuple[Layer, ...] = ()
+    decimals: int = DECIMALS
 
     def require_numbers(self, what: str) -> None:
         """Raise an InputError that names the first cell without a number, which a format cannot hold."""
@@ -118,11 +125,55 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
         units.time,
         _pressure_axis(found, units),
         Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
-        np.round(convert(inverse.energising_time.T, "s", units.time), DECIMALS),
+        np.round(convert(inverse.energising_time.T, "s", units.time), units.decimals),
         tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.delivered, units),
+        units.decimals,
     )
+
+
+def is_turned(table: MapTable) -> bool | None:
+    """Whether the pressures of a map are its y axis; None if its axes are not pressure and quantity."""
+    for turned, pressure, quantity in ((False, table.x, table.y), (True, table.y, table.x)):
+        if fits(pressure.unit, "Pa") and (fits(quantity.unit, "kg") or fits(quantity.unit, "m3")):
+            return turned
+    return None
+
+
+def axes_of(table: MapTable, density: float) -> tuple[Floats, Floats]:
+    """Rail pressures [Pa] and quantities [m³] of a map; those by mass are divided by the reference density [kg/m³]."""
+    pressure, quantity = (table.y, table.x) if is_turned(table) else (table.x, table.y)
+    by_mass = fits(quantity.unit, "kg")
+    values = convert(quantity.values, quantity.unit, "kg" if by_mass else "m3")
+    return convert(pressure.values, pressure.unit, "Pa"), values / density if by_mass else values
+
+
+def units_of(like: MapTable) -> MapUnits:
+    """Units and decimals of a map over rail pressure and quantity; microseconds if its values are no times.
+
+    Decimals are at least those that tell microseconds: a map of round numbers says nothing of the others.
+    """
+    x, y = (like.y, like.x) if is_turned(like) else (like.x, like.y)
+    if not fits(like.unit, "s"):
+        return MapUnits(x.unit, y.unit)
+    fewest = math.ceil(-math.log10(convert(1e-6, "s", like.unit)) - 1e-9)
+    return MapUnits(x.unit, y.unit, like.unit, max(like.decimals, fewest))
+
+
+def shaped_like(table: MapTable, like: MapTable) -> MapTable:
+    """Table with the title of another map, and its axes as they are written, in its order."""
+    if is_turned(like):
+        table = replace(
+            table,
+            values=table.values.T,
+            states=tuple(zip(*table.states, strict=True)),
+            layers=tuple(layer._replace(values=layer.values.T) for layer in table.layers),
+            x=table.y,
+            y=table.x,
+        )
+    x, y = like.x._replace(name=table.x.name), like.y._replace(name=table.y.name)
+    return replace(table, title=like.title or table.title, x=x, y=y)
 
 
 def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
@@ -141,6 +192,60 @@ def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_U
         name = check_label(f"{label}_{dwell * 1e6:g}us".replace(".", "_"))
         tables.append(replace(table, label=name, title=title, notes=(*table.notes, f"second injection: {pause}")))
     return tables
+
+
+def correction_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
+    """Energising time of the second injection less that of one alone, over dwell (x) and rail pressure (y).
+
+    A table for each quantity; where there are several, the quantity joins the label. InputError as `inverse_table`.
+    """
+    alone = found.alone
+    change = convert(found.energising_time - alone.inverse.energising_time, "s", units.time)
+    states = np.vectorize(_state, otypes=[object])(np.array([inverse.state for inverse in found.inverses]), False)
+    volumes = _quantities(alone, alone.axes.quantity, units).tolist()
+    pause = f"first injection: {found.first_energising_time * 1e6:g} us; dwell: from its end to the start of the second"
+    return [
+        MapTable(
+            check_label(f"{label}_{volume:g}".replace(".", "_") if len(volumes) > 1 else label),
+            f"Correction of the energising time of a second injection of {volume:g} {units.quantity}",
+            "correction",
+            units.time,
+            Axis("dwell", units.time, _rounded(convert(found.dwell, "s", units.time))),
+            _pressure_axis(alone, units),
+            np.round(change[:, :, j].T, DECIMALS),
+            tuple(map(tuple, states[:, :, j].T.tolist())),
+            (*notes_of(alone), pause),
+        )
+        for j, volume in enumerate(volumes)
+    ]
+
+
+def change_table(found: Sweep, alone: Floats, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
+    """Quantity of the second of two injections less that of it alone, over dwell (x) and rail pressure (y).
+
+    `found` varies dwell and rail pressure, `alone` (pressures,) [m³]. InputError if the label cannot be used.
+    """
+    axes = {v.name: v.values for v in found.variables}
+    turned = found.variables[0].name == "rail_pressure"
+    second, fused = (part if turned else part.T for part in (found.second, found.fused))
+    change = convert(second - alone[:, None], "m3", units.quantity)
+    states = np.where(fused, "fused", np.where(np.isfinite(change), "reached", "failed"))
+    base = found.base
+    pause = (
+        f"first injection: {base.first_energising_time * 1e6:g} us, second: {base.energising_time * 1e6:g} us; dwell: "
+        "from the end of the first to the start of the second"
+    )
+    return MapTable(
+        check_label(label),
+        f"Change of the quantity of a second injection of {found.injector.name}",
+        "change",
+        units.quantity,
+        Axis("dwell", units.time, _rounded(convert(axes["dwell"], "s", units.time))),
+        Axis("rail_pressure", units.pressure, _rounded(convert(axes["rail_pressure"], "Pa", units.pressure))),
+        np.round(change, DECIMALS),
+        tuple(map(tuple, states.tolist())),
+        (*_conditions(found.injector, base.conditions), pause),
+    )
 
 
 def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
@@ -176,19 +281,25 @@ def _layers(found: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, 
 
 def notes_of(found: InjectionMap) -> tuple[str, ...]:
     """Model, conditions and rules of a map, a line each."""
-    injector, conditions = found.injector, found.conditions
-    synthetic = f"synthetic: {injector.synthetic}" if injector.synthetic else ""
+    rules = (
+        f"several energising times: the {found.rules.several.value}; "
+        f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}"
+    )
+    bands = [f"bands of measured quantities: {found.bands.estimator}"] if found.bands else []
+    return (*_conditions(found.injector, found.conditions), rules, *bands)
+
+
+def _conditions(injector: Injector, conditions: Conditions) -> tuple[str, ...]:
+    """Model, pressures and fuel, a line each."""
     lines = (
         f"simulated by commonrail, not measured: {injector.name} ({injector.variant.label})",
-        synthetic,
+        f"synthetic: {injector.synthetic}" if injector.synthetic else "",
         f"cylinder pressure {conditions.cylinder_pressure * 1e-6:g} MPa, return pressure "
         f"{conditions.return_pressure * 1e-6:g} MPa, fuel {injector.fuel.name} at "
-        f"{injector.values['fuel.temperature'] - 273.15:g} degC, reference density {found.density:.1f} kg/m3",
-        f"several energising times: the {found.rules.several.value}; "
-        f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}",
+        f"{injector.values['fuel.temperature'] - 273.15:g} degC, reference density "
+        f"{density_at(injector, conditions):.1f} kg/m3",
     )
-    bands = f"bands of measured quantities: {found.bands.estimator}" if found.bands else ""
-    return tuple(line for line in (*lines, bands) if line)
+    return tuple(line for line in lines if line)
 
 
 _BEYOND = {

@@ -19,6 +19,7 @@ from commonrail.cli.options import (
     Threads,
     check_distinct,
     check_file,
+    is_given,
     read_axis,
     refuse_return_pressure,
     refuse_unused,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.response import Conditions
     from commonrail.plugins.maps.run import InjectionMap
-    from commonrail.plugins.maps.table import MapUnits
+    from commonrail.plugins.maps.table import MapTable, MapUnits
     from commonrail.runs.model_name import NamedModel
 
 
@@ -77,7 +78,12 @@ def map_(
         Option(help="Energising times; the last is the longest simulated. [default: 20 from 100 us to 2 ms]"),
     ] = None,
     axes: Annotated[
-        Path | None, Option(metavar="FILE.dcm", help="DCM file whose first map gives pressures and quantities.")
+        Path | None,
+        Option(
+            metavar="FILE.dcm",
+            help="DCM file whose first map of times gives pressures, quantities, units, label and number format; a DCM "
+            "file of --out is that file with new times.",
+        ),
     ] = None,
     cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
     return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
@@ -105,7 +111,9 @@ def map_(
         tuple[Path, ...],
         Option(metavar="FILE", help="File for the quantity map, in the same formats; repeatable."),
     ] = (),
-    label: Annotated[str, Option(help="Label of the inverse map.")] = INVERSE,
+    label: Annotated[
+        str | None, Option(help=f"Label of the inverse map. [default: that of --axes, or {INVERSE}]")
+    ] = None,
     quantity_label: Annotated[str, Option(help="Label of the quantity map.")] = QUANTITY,
     pressure_unit: Annotated[
         str | None, Option(help="Unit of pressures in files. [default: hPa in DCM and CDFX, else MPa]")
@@ -129,17 +137,18 @@ def map_(
       commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
       commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
     """
+    from commonrail.plugins.maps.dcm import map_of_dcm
     from commonrail.plugins.maps.difference import compare_with, read_measured_map
     from commonrail.plugins.maps.file import check_map_file, map_record, write_map_file
     from commonrail.plugins.maps.inverse import Rules
     from commonrail.plugins.maps.page import map_html, map_lines, map_tables
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import injection_map
-    from commonrail.plugins.maps.table import check_label, inverse_table, quantity_table
+    from commonrail.plugins.maps.table import check_label, quantity_table
 
     _refuse_unused(out, quantity_out)
-    if axes is not None and rail_pressure is not None and quantity is not None:
-        raise InputError(f"--axes {axes}: --rail-pressure and --quantity give all axes; omit one of the three.")
+    if axes is not None:
+        _refuse_beside_axes(axes)
     for path in (*out, *quantity_out):
         check_file(path, "--out")
         check_map_file(path)
@@ -147,21 +156,22 @@ def map_(
     check_distinct(*out, *quantity_out, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")
-    units = {path: _units(path, (pressure_unit, quantity_unit, time_unit)) for path in (*out, *quantity_out)}
-    check_label(label), check_label(quantity_label)
+    like = None if axes is None else map_of_dcm(axes)
+    units = {path: _units(path, (pressure_unit, quantity_unit, time_unit), like) for path in (*out, *quantity_out)}
+    check_label(label or INVERSE), check_label(quantity_label)
     conditions = read_conditions(cylinder_pressure, return_pressure, time_step, threads)
     named = _named(models, set_)
     injector = named[0].injector
     for model in named:
         refuse_return_pressure(model.injector)
-    wanted = _axes(injector, conditions, (rail_pressure, quantity, energising_time), axes)
+    wanted = _axes(injector, conditions, (rail_pressure, quantity, energising_time), like)
     points = None if measured is None else read_measured_map(measured, density_at(injector, conditions))
     fit = _fit(named[0], bands)
     rules = Rules(several, unreachable)
     found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
     first = found[named[0].label] = _with_bands(found[named[0].label], fit, bands)
     for path in out:
-        write_map_file(path, [inverse_table(first, label, units[path])])
+        _write_inverse(path, first, label, units[path], (axes, like))
     for path in quantity_out:
         write_map_file(path, [quantity_table(first, quantity_label, units[path])])
     compared = None if points is None else compare_with(first, points, str(measured))
@@ -194,6 +204,32 @@ def _named(models: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
     if not settings:
         return named
     return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in named]
+
+
+def _refuse_beside_axes(axes: Path) -> None:
+    """Refuse options that state what the map of a file states."""
+    for name in ("rail_pressure", "quantity", "pressure_unit", "quantity_unit", "time_unit"):
+        if is_given(name):
+            raise InputError(f"--{name.replace('_', '-')}: --axes {axes} gives axes and units; omit one of the two.")
+
+
+def _write_inverse(
+    path: Path, found: InjectionMap, label: str | None, units: MapUnits, file: tuple[Path | None, MapTable | None]
+) -> None:
+    """Write the inverse, in the shape of a map of times in a DCM file where there is one."""
+    from commonrail.plugins.maps.dcm import write_into_dcm
+    from commonrail.plugins.maps.file import write_map_file
+    from commonrail.plugins.maps.table import inverse_table, shaped_like
+
+    axes, like = file
+    if axes is None or like is None or not fits(like.unit, "s"):
+        write_map_file(path, [inverse_table(found, label or INVERSE, units)])
+        return
+    table = shaped_like(inverse_table(found, label or like.label, units), like)
+    if path.suffix.lower() == ".dcm":
+        write_into_dcm(path, axes, like.label, table)
+    else:
+        write_map_file(path, [table])
 
 
 def _refuse_unused(out: Sequence[Path], quantity_out: Sequence[Path]) -> None:
@@ -254,19 +290,19 @@ def _with_bands(
 
 
 def _axes(
-    injector: Injector, conditions: Conditions, texts: tuple[str | None, str | None, str | None], file: Path | None
+    injector: Injector, conditions: Conditions, texts: tuple[str | None, str | None, str | None], like: MapTable | None
 ) -> MapAxes:
-    """Axes of a control unit, those of a file, those of the command line: the later ones count."""
+    """Axes of a control unit, those of a map of a file, those of the command line: the later ones count."""
     from commonrail.plugins.maps.axes import MapAxes
-    from commonrail.plugins.maps.dcm import axes_of_dcm
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import usual_axes
+    from commonrail.plugins.maps.table import axes_of
 
     usual = usual_axes(injector)
     pressure, wanted, time = usual.rail_pressure, usual.quantity, usual.energising_time
     density = density_at(injector, conditions)
-    if file is not None:
-        pressure, wanted = axes_of_dcm(file, density)
+    if like is not None:
+        pressure, wanted = axes_of(like, density)
     if texts[0] is not None:
         pressure = read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
     if texts[1] is not None:
@@ -284,9 +320,12 @@ def read_quantities(text: str, density: float, option: str) -> Floats:
     return read_axis(text, "m3", option, increasing=True)
 
 
-def _units(path: Path, given: tuple[str | None, str | None, str | None]) -> MapUnits:
-    """Units of a file: those that were asked for, or that suit its format."""
-    from commonrail.plugins.maps.table import ECU_UNITS, MapUnits, check_units
+def _units(path: Path, given: tuple[str | None, str | None, str | None], like: MapTable | None) -> MapUnits:
+    """Units of a file: those of the map of --axes, those that were asked for, or that suit its format."""
+    from commonrail.plugins.maps.table import ECU_UNITS, MapUnits, check_units, units_of
 
-    usual = ECU_UNITS if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
-    return check_units(MapUnits(*(one or default for one, default in zip(given, usual, strict=True))))
+    if like is not None:
+        return units_of(like)
+    usual = ECU_UNITS[:3] if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
+    pressure, quantity, time = (one or default for one, default in zip(given, usual, strict=True))
+    return check_units(MapUnits(pressure, quantity, time))
