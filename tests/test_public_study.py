@@ -35,8 +35,8 @@ def test_it_is_run_judged_and_reported(study: cr.Study, tmp_path: Path) -> None:
     assert found.cost <= found.start_cost
     run = cr.create_run_folder(tmp_path / "run")
     cr.write_run(run, found, cr.identify(found))
-    (judged,) = cr.validate(study, found.injector)
-    assert judged["J"]["best"] == pytest.approx(found.cost, rel=1e-9)
+    (judged,) = cr.compare({"best": found.injector}, study).scores["best"]
+    assert judged.j == pytest.approx(found.cost, rel=1e-9)
     assert "two stiffnesses" in cr.write_report(run).read_text(encoding="utf-8")
 
 

@@ -219,12 +219,10 @@ def test_what_is_no_study_is_refused(value: Any, study: cr.Study, tmp_path: Path
         lambda: cr.calibrate(value),
         lambda: cr.check_study(value),
         lambda: cr.calibrate_into(tmp_path / "run", value),
-        lambda: cr.validate(value, INJECTOR),
         lambda: cr.compare({"a": INJECTOR}, value),
         lambda: cr.compare({"a": INJECTOR}, [value]),
     ):
         refused(call, "stud")
-    refused(lambda: cr.validate(study, value), "injector")
     refused(lambda: cr.compare(value, study), "models")
     refused(lambda: cr.compare({"a": value}, study), "injector")
     assert not (tmp_path / "run").exists()
@@ -238,7 +236,6 @@ def test_settings_of_a_run_are_refused_before_anything_is_written(study: cr.Stud
             lambda how=threads: cr.check_study(study, how),
             lambda how=threads: cr.calibrate_into(into, study, threads=how),
             lambda how=threads: cr.resume(into, threads=how),
-            lambda how=threads: cr.validate(study, INJECTOR, how),
             lambda how=threads: cr.compare({"a": INJECTOR}, study, threads=how),
             lambda how=threads: cr.reproduce(bench, [1], threads=how),
         ):

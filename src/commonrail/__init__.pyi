@@ -69,9 +69,6 @@ from .calibration.parameter import (
 from .calibration.plausibility import (
     Finding as Finding,
 )
-from .calibration.result import (
-    validate as validate,
-)
 from .calibration.run import (
     Calibration as Calibration,
 )

@@ -58,26 +58,26 @@ def test_the_calibrated_injector_can_be_simulated(command: Command, finished: di
     assert record["injected_volume"] == pytest.approx(best, rel=1e-3)
 
 
-def test_validating_the_run_gives_its_own_figures(command: Command, finished: dict[str, Any]) -> None:
-    done = command("validate", finished["study"], "--run", finished["run"], "--json")
+def test_comparing_the_run_gives_its_own_figures(command: Command, finished: dict[str, Any]) -> None:
+    done = command("compare", f"best={finished['run']}", "--data", finished["study"], "--json")
     own = json.loads(finished["out"])["result"]["data"][0]
     (data,) = done.record["data"]
-    assert data["J"] == {"best": pytest.approx(own["J"]["best"], rel=1e-9)}
+    assert data["J"]["best"] == pytest.approx(own["J"]["best"], rel=1e-9)
 
 
-def test_validating_prints_a_table_and_what_is_synthetic(command: Command, finished: dict[str, Any]) -> None:
-    done = command("validate", finished["study"], "--injector", finished["run"] / "calibrated.toml")
+def test_comparing_prints_a_table_and_what_is_synthetic(command: Command, finished: dict[str, Any]) -> None:
+    done = command("compare", finished["run"] / "calibrated.toml", "--data", finished["study"])
     assert done.status == 0
     assert "SYNTHETIC: " in done.out
     assert "Error J of the injection curves" in done.out
 
 
-def test_validating_tells_what_is_implausible(command: Command, study: Path) -> None:
-    done = command("validate", study, "--injector", "virtual-lino-2016", "--json")
+def test_comparing_tells_what_is_implausible(command: Command, study: Path) -> None:
+    done = command("compare", "virtual-lino-2016", "--data", study, "--json")
     assert done.record["warnings"] == []
     text = study.read_text(encoding="utf-8")
     study.write_text(text.replace('energising_time = "700 us"', 'energising_time = "0.7 us"'), encoding="utf-8")
-    done = command("validate", study, "--injector", "virtual-lino-2016", "--json")
+    done = command("compare", "virtual-lino-2016", "--data", study, "--json")
     assert [w["code"] for w in done.record["warnings"]] == ["energising", "quantity"]
     assert all(f"warning: {w['sentence']}\n" in done.err for w in done.record["warnings"])
 
@@ -228,21 +228,6 @@ def test_a_study_that_cannot_be_read_ends_with_2(command: Command, tmp_path: Pat
     assert done.status == 2
     assert "none.toml" in done.sentence
     assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ((), "Give either --injector FILE or --run RUN"),
-        (("--injector", "cri2-16", "--run", "."), "Give either --injector FILE or --run RUN"),
-        (("--run", "nowhere"), "nowhere: no calibrated.toml there"),
-        (("--injector", "nothing"), 'no injector "nothing"'),
-    ],
-)
-def test_validate_says_what_it_needs(command: Command, study: Path, options: tuple[str, ...], words: str) -> None:
-    done = command("validate", study, *options)
-    assert (done.status, done.out) == (2, "")
-    assert words in done.sentence
 
 
 def test_report_says_which_command_makes_a_fleet_s(command: Command, tmp_path: Path) -> None:

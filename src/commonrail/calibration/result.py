@@ -6,23 +6,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from commonrail.base.arguments import instance, instances, thread_count
 from commonrail.base.text import number
 from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration
-from commonrail.calibration.scoring import score_all
 from commonrail.calibration.search import Searched, SearchResult
 from commonrail.calibration.study import Method, Study
 from commonrail.compiler.target import describe, package_versions
 from commonrail.data.base import DataSet, Role, Score
-from commonrail.data.metering import meter_records, with_meters
+from commonrail.data.metering import meter_records
 from commonrail.data.records import JUDGED, LABELS
 from commonrail.data.registry import of_role
-from commonrail.physics.injector import Injector
-from commonrail.physics.meters import Meter, known_quantity
+from commonrail.physics.meters import known_quantity
 
 SCHEMA = 1
 CERTAINTY = "certainty"  # likelihood, intervals, profiles and verdicts; written again by a later look at the same fit
@@ -104,32 +101,6 @@ def _files(study: Study) -> list[dict[str, str]]:
 def warning_records(warnings: Iterable[Finding]) -> list[dict[str, str]]:
     """One record for each finding: its code, subject and sentence."""
     return [finding._asdict() for finding in warnings]
-
-
-def validate(
-    study: Study, injector: Injector, threads: int | None = None, meters: Sequence[Meter] = ()
-) -> list[dict[str, Any]]:
-    """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best".
-
-    Parameters
-    ----------
-    study : Study
-    injector : Injector
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-    meters : sequence of Meter
-        Replace those of the study with the same names, such as the calibrated ones, `Calibration.meters`.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, or the injector's drive does not fit the data.
-    """
-    instance(study, Study, "study")
-    instance(injector, Injector, "injector")
-    data = with_meters(study.data, instances(meters, Meter, "meters"))
-    threads = thread_count(threads)
-    return data_records(data, {"best": score_all(study, injector, threads, data)})
 
 
 def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> list[dict[str, Any]]:

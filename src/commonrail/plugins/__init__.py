@@ -57,7 +57,6 @@ SHIPPED: dict[str, dict[str, str]] = {
         "calibrate": "commonrail.cli.verbs.calibrate:calibrate",
         "resume": "commonrail.cli.verbs.calibrate:resume",
         "runs": "commonrail.cli.verbs.runs:runs",
-        "validate": "commonrail.cli.verbs.validate:validate",
         "certainty": "commonrail.plugins.certainty.verb:certainty",
         "next": "commonrail.plugins.next.verb:next_",
         "predict": "commonrail.plugins.prediction.verb:predict",

@@ -92,8 +92,8 @@ def test_adopted_values_are_those_of_all_of_the_run_and_stay_so(run: Path, tmp_p
     assert record["certainty"]["gain"] == 0.0
     assert record["convergence"]["converged"] == record["certainty"]["settled"]
     study = cr.load_study(own / "study.toml")
-    scored = cr.validate(study, calibrated, 1)
-    assert [d["J"]["best"] for d in scored] == pytest.approx([d["J"]["best"] for d in record["data"]], rel=1e-9)
+    scored = cr.compare({"best": calibrated}, study, threads=1).scores["best"]
+    assert [score.j for score in scored] == pytest.approx([d["J"]["best"] for d in record["data"]], rel=1e-9)
     assert run_command("resume", own, "--threads", 1).status == 0
     assert result_of(own) == record
     longer = run_command("resume", own, "--generations", 30, "--threads", 1)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from commonrail.base.choices import Drive
 from commonrail.readers.injector.file import dump_injector, load_injector
 from tests.cli.conftest import Command, check_made_again, run_command
 
@@ -53,6 +55,14 @@ def test_j_can_be_computed_again_from_the_curves_alone(done: dict[str, Any]) -> 
             # every number has all its digits: what is left is the rounding of sums of 520
             assert j == pytest.approx(d["J"][label], rel=1e-12)
         assert {row["weak [mm3/ms]"] for row in own} == {""}
+
+
+def test_a_drive_that_the_data_do_not_have_is_refused(command: Command, tmp_path: Path) -> None:
+    own = load_injector(NAME)
+    dump_injector(replace(own, variant=own.variant._replace(drive=Drive.VOLTAGE)), tmp_path / "driven.toml")
+    found = command("compare", tmp_path / "driven.toml", "--data", CASE)
+    assert (found.status, found.out) == (2, "")
+    assert 'driven by a voltage trace, and the data set "160 MPa" has none' in found.sentence
 
 
 def test_stdout_has_the_tables_and_what_is_synthetic(done: dict[str, Any]) -> None:

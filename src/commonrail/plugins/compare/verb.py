@@ -16,6 +16,7 @@ from commonrail.cli.options import Json, Threads
 
 if TYPE_CHECKING:
     from commonrail.plugins.compare.run import Comparison
+    from commonrail.runs.model_name import NamedModel
 
 
 @verb
@@ -39,10 +40,11 @@ def compare(
     """Compare models on the data of studies, without fitting.
 
     Each model is simulated at every point of the data. A simulation that fails gives no number; the last
-    table lists its reason. Without --out nothing is written.
+    table lists its reason. What is implausible is said, of a run as of a fit. Without --out nothing is written.
 
     \b
     Examples:
+      commonrail compare runs/paper-1 --data cases/paper/study.toml
       commonrail compare virtual-lino-2016 rigid=virtual-lino-2016@rigid --data cases/paper/study.toml
       commonrail compare runs/a runs/b --data cases/cri2-16/study.toml --out runs/a-or-b
     """
@@ -81,7 +83,25 @@ def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None)
         first = next(f for of_model in comparison.failures.values() for failures in of_model for f in failures)
         raise SimulationError(f"No model could be simulated on any of the data. {first.sentence}")
     texts = {model.label: model.text for model in named}
-    return comparison, comparison_record(comparison, texts, [str(file) for file in files])
+    record = comparison_record(comparison, texts, [str(file) for file in files])
+    return comparison, record | {"warnings": _warnings(comparison, named)}
+
+
+def _warnings(comparison: Comparison, named: Sequence[NamedModel]) -> list[dict[str, str]]:
+    """What is implausible, each finding once: errors, shifts and gains of the models that were fitted too."""
+    from commonrail.calibration.plausibility.check import of_model
+    from commonrail.calibration.result import warning_records
+
+    found = {}
+    for model in named:
+        scores = iter(comparison.scores[model.label])
+        for study in comparison.studies:
+            own = [next(scores) for _ in study.data]
+            for finding in of_model(study, model.injector, own, fitted=model.run is not None):
+                found[finding] = None
+    for finding in found:
+        say(f"warning: {finding.sentence}")
+    return warning_records(found)
 
 
 def _print(record: dict[str, Any]) -> None:

@@ -113,7 +113,7 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     return [
         ("Calibrate again", f"commonrail calibrate {shlex.quote(f'{run}/study.toml')}"),
         ("Add generations", f"commonrail resume {folder} --generations 50"),
-        ("Judge on other data", f"commonrail validate OTHER-STUDY.toml --run {folder}"),
+        ("Judge on other data", f"commonrail compare {folder} --data OTHER-STUDY.toml"),
         (
             "Simulate the calibrated injector",
             " ".join(filter(None, ["commonrail simulate", injector, point, _options(record, _STEP)])),
