@@ -79,7 +79,7 @@ format: $(VENV)/.dev
 	$(BIN)/ruff format --check
 
 verify: $(VENV)/.dev line-coverage fuzz soak attack fleet disk ## check the claims: the verification study, the slow tests and all trials below
-	$(BIN)/commonrail verify
+	$(BIN)/commonrail lab verify
 	$(BIN)/python -m pytest -q tests -m slow
 
 fuzz: $(VENV)/.dev ## feed 100,000 damaged files to every reader

@@ -1,7 +1,7 @@
-"""Write the figures of docs/reproduction.md from two folders of `commonrail reproduce`, and from a study of friction.
+"""Write figures of docs/reproduction.md from two folders of `commonrail lab reproduce`, and from a study of friction.
 
-    commonrail reproduce --seeds 20 --out runs/paper-study
-    commonrail reproduce --seeds 20 --truth virtual-lino-2016-ideal --out runs/ideal
+    commonrail lab reproduce --seeds 20 --out runs/paper-study
+    commonrail lab reproduce --seeds 20 --truth virtual-lino-2016-ideal --out runs/ideal
     python -m tools.reproduction_tables runs/paper-study runs/ideal
 
 Everything between ``<!-- NAME -->`` and ``<!-- end -->`` in the page is replaced. The text around it holds no figure of
@@ -171,7 +171,7 @@ def filled(page: str, found: dict[str, str]) -> str:
 def main() -> None:
     """Read the command line and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="folder of commonrail reproduce")
+    parser.add_argument("run", type=Path, help="folder of commonrail lab reproduce")
     parser.add_argument("ideal", type=Path, help="folder of the same with --truth virtual-lino-2016-ideal")
     given = parser.parse_args()
     records = [RESULT.read(folder) for folder in (given.run, given.ideal)]

@@ -17,14 +17,15 @@ HEAVY = ["jinja2", "numba", "numpy", "matplotlib", "pydantic", "scipy", "tomlkit
 def test_the_help_lists_every_verb_in_full(command: Command) -> None:
     done = command("--help")
     assert done.status == 0
-    listed = [line.split() for line in done.out.split("Commands:")[1].splitlines() if line.strip()]
-    assert [words[0] for words in listed] == list(VERBS)
+    headings = done.out.split("exit.\n")[1].split("\n\n")
+    listed = [line.split() for part in headings for line in part.strip().splitlines()[1:]]
+    assert sorted(words[0] for words in listed) == sorted(name for name in VERBS if " " not in name)
     assert not any(words[-1].endswith("...") for words in listed)
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", [name for name in VERBS if name != "lab"])
 def test_every_verb_has_an_example_and_json(command: Command, verb: str) -> None:
-    done = command(verb, "--help")
+    done = command(*verb.split(), "--help")
     assert done.status == 0
     assert f"commonrail {verb}" in done.out.split("Example")[1]
     assert "--json" in done.out

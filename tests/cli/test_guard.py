@@ -10,7 +10,7 @@ import pytest
 from commonrail.base import errors
 from commonrail.cli.grammar import Verbs, cli
 from commonrail.cli.guard import MEMORY
-from tests.cli.conftest import Done, run_command
+from tests.cli.conftest import Command, Done, run_command
 
 
 def end_with(error: BaseException, *words: str, name: str = "runs") -> Done:
@@ -69,11 +69,23 @@ def test_a_traceback_is_shown_on_demand(monkeypatch: pytest.MonkeyPatch, words: 
     assert done.err.splitlines()[-1].startswith("commonrail: internal fault")
 
 
-@pytest.mark.parametrize(("error", "status"), [(click.exceptions.Exit(5), 5), (click.BadParameter("no"), 2)])
-def test_what_click_raises_is_left_to_click(error: Exception, status: int) -> None:
-    done = end_with(error)
-    assert done.status == status
+def test_an_end_of_click_is_left_to_click() -> None:
+    done = end_with(click.exceptions.Exit(5))
+    assert done.status == 5
     assert "commonrail:" not in done.err
+
+
+def test_a_mistaken_option_ends_with_one_sentence(command: Command) -> None:
+    for words, told in (
+        (("map", "cri2-16", "--cylinder-presure", "5MPa"), "--cylinder-pressure"),
+        (("simulate", "cri2-16", "--rail-pressure"), "commonrail simulate --help"),
+        (("--trace",), "--traceback"),
+        (("lab", "verfy"), "verify"),
+    ):
+        done = command(*words)
+        assert done.status == 2
+        assert told in done.sentence
+        assert "Usage" not in done.err
 
 
 @pytest.mark.parametrize("name", MEMORY)

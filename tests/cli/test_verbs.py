@@ -80,7 +80,7 @@ def test_new_overwrites_nothing(command: Command, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize("verb", ["new", "virtual-bench"])
+@pytest.mark.parametrize("verb", ["new", "lab virtual-bench"])
 def test_a_folder_that_cannot_be_written_ends_with_3(
     command: Command, verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,7 +88,7 @@ def test_a_folder_that_cannot_be_written_ends_with_3(
         raise PermissionError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
-    done = command(verb, tmp_path / "x")
+    done = command(*verb.split(), tmp_path / "x")
     assert done.status == 3
     assert "cannot be written (Permission denied)" in done.sentence
 
@@ -100,14 +100,14 @@ def test_the_virtual_bench_passes_folder_and_seed_on(
         return [folder / f"seed-{seed}.csv"]
 
     monkeypatch.setattr("commonrail.plugins.paper.bench_file.write_bench_data", write)
-    done = command("virtual-bench", tmp_path, "--seed", "5", "--json")
+    done = command("lab", "virtual-bench", tmp_path, "--seed", "5", "--json")
     assert done.record == {
         "kind": "virtual-bench",
         "seed": 5,
         "truth": "virtual-lino-2016",
         "files": [str(tmp_path / "seed-5.csv")],
     }
-    assert command("virtual-bench", tmp_path).out == f"{tmp_path / 'seed-1.csv'}\n"
+    assert command("lab", "virtual-bench", tmp_path).out == f"{tmp_path / 'seed-1.csv'}\n"
 
 
 GOOD, BAD = check("a", 0.1, 0.2, "%", "why"), check("b", math.nan, 0.2, "%", "why")
@@ -128,7 +128,7 @@ def patch_checks(monkeypatch: pytest.MonkeyPatch, *checks: Any) -> None:
 
 def test_verify_passes_with_0(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     patch_checks(monkeypatch, GOOD)
-    done = command("verify", "--quick")
+    done = command("lab", "verify", "--quick")
     assert done.status == 0
     assert "passed" in done.out
     assert done.err.splitlines() == ["comparing", "all 1 checks passed"]
@@ -136,7 +136,7 @@ def test_verify_passes_with_0(command: Command, monkeypatch: pytest.MonkeyPatch)
 
 def test_verify_fails_with_1_and_names_the_check(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     patch_checks(monkeypatch, GOOD, BAD)
-    done = command("verify", "--quick")
+    done = command("lab", "verify", "--quick")
     assert done.status == 1
     assert "FAILED" in done.out
     assert done.sentence == "1 of 2 checks failed: b."
@@ -144,7 +144,7 @@ def test_verify_fails_with_1_and_names_the_check(command: Command, monkeypatch: 
 
 def test_verify_as_json_has_null_for_what_is_not_finite(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     patch_checks(monkeypatch, GOOD, BAD)
-    record = command("verify", "--quick", "--json").record
+    record = command("lab", "verify", "--quick", "--json").record
     assert record["passed"] is False
     assert [c["value"] for c in record["checks"]] == [0.1, None]
     assert [c["limit"] for c in record["checks"]] == [0.2, 0.2]

@@ -71,7 +71,7 @@ def test_engines_agree_where_the_return_line_cavitates() -> None:
     fast = simulate(injector, point, time_step=2.5e-7)
     exact = simulate_reference(injector, point, 3e-6, Resolution(method="explicit"))
     assert fast.channels["return_pressure"].min() < 1e3  # [Pa]
-    # 0.01 % at this step; the limit is that of two injections in `commonrail verify`
+    # 0.01 % at this step; the limit is that of two injections in `commonrail lab verify`
     assert fast.injected_volume == pytest.approx(exact.injected_volume, rel=3e-3)
 
 
@@ -89,7 +89,7 @@ def test_engines_agree_where_the_current_free_wheels(regulated: Injector) -> Non
     point = OperatingPoint(60e6, 700e-6, horizon=2.7e-3)
     lanes, reference = (simulate(wheeling, point, engine, sample_interval=3e-6) for engine in ("lanes", "reference"))
     found = difference(lanes, reference)
-    # the limits of main injections in `commonrail verify`
+    # the limits of main injections in `commonrail lab verify`
     assert abs(found.rate) < 0.1  # L1 [%]
     assert abs(found.volume) < 0.05  # [%]
     assert abs(found.opening) < 0.5  # [us]

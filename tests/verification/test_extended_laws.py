@@ -28,7 +28,7 @@ POINT = OperatingPoint(100e6, 500e-6, horizon=2e-3)
 
 @pytest.mark.parametrize("law", ["all", *(pytest.param(law, marks=pytest.mark.slow) for law in LAWS)])
 def test_engines_agree_with_each_law(regulated: Injector, law: str) -> None:
-    """Volume within 0.05 %, instants within 0.5 us: limits that `commonrail verify` sets for the paper's laws."""
+    """Volume within 0.05 %, instants within 0.5 us: limits that `commonrail lab verify` sets for the paper's laws."""
     plain = simulate(regulated, POINT)
     injector = regulated.with_values(ALL if law == "all" else LAWS[law])
     fast, exact = simulate(injector, POINT), simulate_reference(injector, POINT, resolution=Resolution((60, 30)))

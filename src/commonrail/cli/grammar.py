@@ -20,6 +20,13 @@ from commonrail.base.registry import entries, find
 from commonrail.cli.console import say
 from commonrail.cli.guard import check_paths, guarded, raise_interrupts
 
+HEADINGS = {
+    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "certainty", "next", "report"),
+    "Use a model": ("simulate", "map", "sweep", "features", "predict", "page", "export"),
+    "Many parts": ("fleet", "type", "adapt", "tolerance"),
+    "Judge and look up": ("compare", "sensitivity", "catalogue", "doctor", "lab"),
+}
+
 
 class Option:
     """Declaration of an option in the annotation of a parameter: ``Annotated[type, Option(...)]``.
@@ -110,12 +117,16 @@ def _parameter(parameter: inspect.Parameter) -> click.Parameter:
 
 
 class Verbs(click.Group):
-    """Group of the registered verbs."""
+    """Group of the registered verbs whose names begin with `prefix`, such as "lab "."""
+
+    def __init__(self, *args: Any, prefix: str = "", **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.prefix = prefix
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the verbs, those that ship first; one that cannot be loaded is named on stderr instead."""
         names = []
-        for name in entries("verbs"):
+        for name in self._names():
             try:
                 self.get_command(ctx, name)
             except PluginError as error:
@@ -129,20 +140,41 @@ class Verbs(click.Group):
 
         Raises `PluginError` if that of an installed package cannot be loaded, or is no command of click.
         """
-        entry = find("verbs", cmd_name)
+        entry = find("verbs", self.prefix + cmd_name)
         if entry is None:
             return None
         return entry.part(click.Command, "a command of click")
+
+    def _names(self) -> list[str]:
+        names = [name.removeprefix(self.prefix) for name in entries("verbs") if name.startswith(self.prefix)]
+        return [name for name in names if " " not in name]
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Import the verb that is called, and let Ctrl-C raise an exception from then on."""
-        if find("verbs", args[0]) is None:
-            ctx.fail(f"No such command '{args[0]}'{nearest(args[0], entries('verbs'))}.")
+        if find("verbs", self.prefix + args[0]) is None:
+            ctx.fail(f"No such command '{args[0]}'{nearest(args[0], self._names())}.")
         resolved = super().resolve_command(ctx, args)
         raise_interrupts()
         return resolved
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the verbs under the headings of `HEADINGS`, the others, such as those of installed packages, last."""
+        names = self.list_commands(ctx)
+        placed = {name for own in HEADINGS.values() for name in own}
+        for heading, own in (*HEADINGS.items(), ("Other", [name for name in names if name not in placed])):
+            commands = [(name, self.get_command(ctx, name)) for name in own if name in names]
+            width = formatter.width - 6 - max((len(name) for name in names), default=0)
+            rows = [(name, command.get_short_help_str(width)) for name, command in commands if command is not None]
+            if rows:
+                with formatter.section(heading if self.prefix == "" else "Commands"):
+                    formatter.write_dl(rows)
+
+    def make_context(self, *args: Any, **settings: Any) -> click.Context:
+        """Read the options of the command itself; a mistake in them becomes a sentence."""
+        with guarded():
+            return super().make_context(*args, **settings)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the verb that is called; its exceptions become sentences."""
@@ -165,3 +197,16 @@ def cli(traceback: bool) -> None:
       commonrail calibrate my-injector/study.toml
       commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us
     """
+
+
+lab = Verbs(
+    "lab",
+    prefix="lab ",
+    help="""Check the program, and repeat the study of a paper.
+
+    \b
+    Examples:
+      commonrail lab verify --quick
+      commonrail lab reproduce --quick
+    """,
+)

@@ -26,7 +26,7 @@ MEMORY = {
     "calibrate": "lower --workers or --threads, or the members of the study's [optimiser]",
     "resume": "lower --workers or --threads",
     "compare": "lower --threads, or name fewer models or studies",
-    "reproduce": "lower --threads or --seeds",
+    "lab reproduce": "lower --threads or --seeds",
     "sensitivity": "lower --threads or --samples, or name fewer parameters or features",
     "tolerance": "lower --threads or --parts",
     "fleet": "lower --workers, or divide the fleet's table",
@@ -76,12 +76,23 @@ def guarded() -> Iterator[None]:
     except MemoryError:
         _end(f"not enough memory; {MEMORY.get(_state()[0], OTHERS)}.", UNUSABLE)
     except Exception as error:
-        if type(error).__module__.partition(".")[0] == "click":  # an end, or a mistake for click to show
+        if type(error).__module__.partition(".")[0] == "click":  # an end, or a mistake on the command line
+            _end_of_click(error)
             raise
         _end(*_fault(error))
     finally:
         if before is end_process:
             signal.signal(signal.SIGINT, before)
+
+
+def _end_of_click(error: Exception) -> None:
+    """End with a sentence at an option, a value or a verb that click refuses; return at all else of click."""
+    import click
+
+    if isinstance(error, click.UsageError) and type(error).__name__ != "NoArgsIsHelpError":
+        name = "commonrail" if error.ctx is None else error.ctx.command_path
+        name = f"{name} {_state()[0]}".rstrip() if name == "commonrail" else name  # of an option without its value
+        _end(f"{error.format_message()} `{name} --help` shows what there is.", error.exit_code)
 
 
 def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
@@ -158,7 +169,10 @@ def _state() -> tuple[str, bool]:
     import click
 
     ctx = click.get_current_context(silent=True)
-    return ("", False) if ctx is None else (ctx.invoked_subcommand or "", ctx.params.get("traceback", False))
+    if ctx is None:
+        return "", False
+    name = f"{getattr(ctx.command, 'prefix', '')}{ctx.invoked_subcommand or ''}"
+    return name, ctx.find_root().params.get("traceback", False)
 
 
 def _fault(error: Exception) -> tuple[str, int]:

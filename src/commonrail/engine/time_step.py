@@ -335,7 +335,7 @@ def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upp
 
 
 TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
-DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
+DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail lab verify`
 ROUND_STEPS = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5)  # times a power of ten
 
 

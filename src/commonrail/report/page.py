@@ -63,7 +63,7 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
     Parameters
     ----------
     folder : str or Path
-        Folder that ``commonrail calibrate``, ``family``, ``compare``, ``reproduce`` or a plug-in's verb left.
+        Folder that ``commonrail calibrate``, ``type``, ``compare``, ``lab reproduce`` or a plug-in's verb left.
     live : bool, optional
         Whether the main chart of a calibration simulates in the page, where a plug-in can make it do so.
 
@@ -84,8 +84,8 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
     folder = file_path(folder, "folder")
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: this is no folder; name one that `commonrail calibrate`, `family`, `compare` or "
-            "`reproduce` left."
+            f"{folder}: this is no folder; name one that `commonrail calibrate`, `type`, `compare` or "
+            "`lab reproduce` left."
         )
     kind = kind_of(folder)
     with kind.refusing_broken(folder):

@@ -1,4 +1,4 @@
-"""commonrail family and adapt: from a calibrated part to the type, and to the model of the next part."""
+"""commonrail type and adapt: from a calibrated part to the type, and to the model of the next part."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     assert command("calibrate", study, "--out", run).status == 0
     shutil.copytree(run, tmp_path / "copy")
     for again in (run, tmp_path / "copy"):
-        done = command("family", run, again, "--out", file)
+        done = command("type", run, again, "--out", file)
         assert (done.status, done.sentence) == (2, f"{again}: this is the same run as {run}; name each part once.")
-    done = command("family", run, "--out", file, "--part-spread", "3%")
+    done = command("type", run, "--out", file, "--part-spread", "3%")
     assert done.status == 0
     assert "SYNTHETIC" in done.out
     assert "90 % of parts" in done.out
@@ -72,11 +72,11 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("family", "nothing", "--out", "t.toml"), "nothing: not a run folder of commonrail calibrate"),
-        (("family", "nothing", "--out", "nowhere/t.toml"), "--out: there is no folder nowhere"),
-        (("family", "nothing", "--out", "t.toml", "--part-spread", "3mm"), "--part-spread: "),
-        (("family", "nothing", "--out", "t.toml", "--run", "r"), "only for a family file"),
-        (("family", "nothing", "--out", "t.toml", "--seed", "0"), "only for a family file"),
+        (("type", "nothing", "--out", "t.toml"), "nothing: not a run folder of commonrail calibrate"),
+        (("type", "nothing", "--out", "nowhere/t.toml"), "--out: there is no folder nowhere"),
+        (("type", "nothing", "--out", "t.toml", "--part-spread", "3mm"), "--part-spread: "),
+        (("type", "nothing", "--out", "t.toml", "--run", "r"), "only for a family file"),
+        (("type", "nothing", "--out", "t.toml", "--seed", "0"), "only for a family file"),
         (("adapt", "nothing.toml", "--from", "points.csv", "--out", "m.toml"), "nothing.toml: there is no such file"),
     ],
 )
@@ -140,7 +140,7 @@ def two_parts(folder: Path) -> Path:
 
 def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path) -> None:
     file, run, models = two_parts(tmp_path), tmp_path / "run", tmp_path / "models"
-    done = command("family", file, "--out", tmp_path / "type.toml", "--run", run, "--models", models, "--json")
+    done = command("type", file, "--out", tmp_path / "type.toml", "--run", run, "--models", models, "--json")
     record = done.record
     known = cr.load_type(tmp_path / "type.toml")
     assert [part.name for part in known.parts] == ["a", "b"]
@@ -162,14 +162,14 @@ def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path)
     assert (listed["state"], listed["title"], listed["best"]) == ("finished", "Two parts", record["cost"])
     for option in ("--models", "--run"):
         used = models if option == "--models" else run
-        refused = command("family", file, "--out", tmp_path / "type.toml", option, used)
+        refused = command("type", file, "--out", tmp_path / "type.toml", option, used)
         assert (refused.status, refused.sentence.endswith("nothing was overwritten.")) == (2, True)
 
 
 def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Command, tmp_path: Path) -> None:
     file, whole, killed = two_parts(tmp_path / "family"), tmp_path / "whole", tmp_path / "killed"
     own = ("--run", whole, "--seed", "5", "--threads", "1")
-    assert command("family", file, "--out", tmp_path / "whole.toml", *own).status == 0
+    assert command("type", file, "--out", tmp_path / "whole.toml", *own).status == 0
     with pytest.raises(Stopped):
         fit_into(killed, replace(load_family(file), seed=5), threads=1, listener=stop_after(2))
     moved = killed.rename(tmp_path / "moved")
@@ -188,7 +188,7 @@ def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Comman
 def test_workers_find_the_same_bits_in_a_joint_fit(command: Command, tmp_path: Path) -> None:
     file = two_parts(tmp_path / "family")
     for name, how in (("threads", ("--threads", "1")), ("workers", ("--workers", "2"))):
-        assert command("family", file, "--out", tmp_path / f"{name}.toml", "--run", tmp_path / name, *how).status == 0
+        assert command("type", file, "--out", tmp_path / f"{name}.toml", "--run", tmp_path / name, *how).status == 0
     assert timeless(tmp_path / "threads", "family.json") == timeless(tmp_path / "workers", "family.json")
 
 

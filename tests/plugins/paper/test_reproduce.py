@@ -1,4 +1,4 @@
-"""commonrail reproduce from the command line: the folder, the report of it, wrong inputs."""
+"""commonrail lab reproduce from the command line: the folder, the report of it, wrong inputs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def done(run: Path) -> Done:
     with pytest.MonkeyPatch.context() as patch:
         shorten(patch)
         patch.setattr(repetition, "measure", lambda _, seed: measured(seed))
-        return run_command("reproduce", "--seeds", "1", "--out", run, "--json")
+        return run_command("lab", "reproduce", "--seeds", "1", "--out", run, "--json")
 
 
 def test_the_whole_study_runs_and_leaves_its_folder(done: Done, run: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_quick_run_has_the_fewest_seeds_that_bear_one_that_deviates() -> None:
 
 def test_an_existing_folder_is_not_overwritten(done: Done, run: Path, command: Command) -> None:
     assert done.status == 0
-    again = command("reproduce", "--quick", "--out", run)
+    again = command("lab", "reproduce", "--quick", "--out", run)
     assert again.status == 2
     assert "nothing was overwritten" in again.sentence
 
@@ -95,7 +95,7 @@ def test_a_broken_folder_is_a_sentence(done: Done, run: Path, command: Command, 
 def test_wrong_options_end_with_a_sentence_and_no_folder(
     command: Command, tmp_path: Path, options: tuple[str, ...], words: str
 ) -> None:
-    done = command("reproduce", *options, "--out", tmp_path / "run")
+    done = command("lab", "reproduce", *options, "--out", tmp_path / "run")
     assert done.status == 2
     assert words in done.err
     assert "Traceback" not in done.err
@@ -109,7 +109,7 @@ def test_ctrl_c_before_a_repetition_is_complete_is_said(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("commonrail.plugins.paper.run.reproduce", stopped)
-    done = command("reproduce", "--quick", "--out", tmp_path / "run")
+    done = command("lab", "reproduce", "--quick", "--out", tmp_path / "run")
     assert done.status == 130
     assert "nothing to keep" in done.sentence
     assert not (tmp_path / "run").exists()

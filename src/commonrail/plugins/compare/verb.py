@@ -15,6 +15,7 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 
 if TYPE_CHECKING:
+    from commonrail.calibration.plausibility.finding import Finding
     from commonrail.plugins.compare.run import Comparison
     from commonrail.runs.model_name import NamedModel
 
@@ -92,7 +93,7 @@ def _warnings(comparison: Comparison, named: Sequence[NamedModel]) -> list[dict[
     from commonrail.calibration.plausibility.check import of_model
     from commonrail.calibration.result import warning_records
 
-    found = {}
+    found: dict[Finding, None] = {}
     for model in named:
         scores = iter(comparison.scores[model.label])
         for study in comparison.studies:

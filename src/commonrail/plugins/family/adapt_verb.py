@@ -22,7 +22,7 @@ SHOWN = 10  # reference points in the table
 
 @verb
 def adapt(
-    injector_type: Annotated[Path, Argument(metavar="TYPE.toml", help="Type file, as `family` writes it.")],
+    injector_type: Annotated[Path, Argument(metavar="TYPE.toml", help="Type file, as `type` writes it.")],
     *,
     points: Annotated[
         Path | None,

@@ -30,7 +30,7 @@ def _page(record: Record, folder: Path) -> str:
 
 
 KEYS = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
-RESULT = ResultKind(RECORD, KIND, "family", _page, KEYS)
+RESULT = ResultKind(RECORD, KIND, "type", _page, KEYS)
 
 
 def family_html(record: Record, traces: Traces, run: str) -> str:
@@ -130,7 +130,7 @@ def family_figures(record: Record) -> list[Figure]:
 def _commands(record: Record, run: str) -> list[tuple[str, str]]:
     folder, known = shlex.quote(run), shlex.quote(f"{run}/type.toml")
     return [
-        ("Fit again", f"commonrail family {shlex.quote(f'{run}/family.toml')} --out type.toml"),
+        ("Fit again", f"commonrail type {shlex.quote(f'{run}/family.toml')} --out type.toml"),
         ("Reference points that tell most of the next part", f"commonrail adapt {known} --advise --injector PART.toml"),
         ("Model of the next part", f"commonrail adapt {known} --from POINTS.csv --injector PART.toml --out MODEL.toml"),
         ("Make this report again", f"commonrail report {folder}"),

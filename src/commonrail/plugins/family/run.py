@@ -127,7 +127,7 @@ def _curves(fit: FamilyFit) -> Iterator[Curve]:
 FAMILIES: FitKind[Family, FamilyFit] = FitKind(
     file=FAMILY,
     word="family",
-    command="commonrail family FAMILY.toml",
+    command="commonrail type FAMILY.toml",
     again="resume_family(folder, family=family)",
     load=load_family,
     content=_content,

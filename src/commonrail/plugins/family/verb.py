@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 CORNERS = ((40e6, 160e6), (300e-6, 1000e-6))  # points at which a type's spreads are shown as quantities [Pa, s]
 
-# commonrail family: type file of parts of one type, which were calibrated or are fitted together.
+# commonrail type: type file of parts of one type, which were calibrated or are fitted together.
 
 
 @verb
-def family(
+def type_(
     sources: Annotated[
         tuple[Path, ...],
         Argument(
@@ -83,10 +83,10 @@ def family(
 
     \b
     Examples:
-      commonrail family cases/family/family.toml --out cri2.toml --models parts
-      commonrail family runs/part-1 runs/part-2 runs/part-3 --out cri2.toml
-      commonrail family fleets/line-4 --out cri2.toml
-      commonrail family runs/part-1 --part-spread 3% --out cri2.toml
+      commonrail type cases/family/family.toml --out cri2.toml --models parts
+      commonrail type runs/part-1 runs/part-2 runs/part-3 --out cri2.toml
+      commonrail type fleets/line-4 --out cri2.toml
+      commonrail type runs/part-1 --part-spread 3% --out cri2.toml
     """
     from commonrail.base.output import write_text
     from commonrail.plugins.family.injector_type import dump_type

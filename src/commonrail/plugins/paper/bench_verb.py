@@ -1,4 +1,4 @@
-"""commonrail virtual-bench: synthetic injection curves of the paper's case, and their truth."""
+"""commonrail lab virtual-bench: synthetic injection curves of the paper's case, and their truth."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def virtual_bench(
 
     \b
     Examples:
-      commonrail virtual-bench cases/paper --seed 1
-      commonrail virtual-bench --show > my-truth.toml
-      commonrail virtual-bench my-case --truth my-truth.toml
+      commonrail lab virtual-bench cases/paper --seed 1
+      commonrail lab virtual-bench --show > my-truth.toml
+      commonrail lab virtual-bench my-case --truth my-truth.toml
     """
     if list_ + show + (folder is not None) != 1:
         raise InputError("Give one of DIR, --list and --show.")

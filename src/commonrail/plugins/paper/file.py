@@ -55,10 +55,10 @@ def _curves(repetitions: Iterable[Repetition]) -> Iterator[Curve]:
 def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
     """reproduce.json, and by seed and data set the arrays "time_s" and rates [m³/s] by column; NaN for an empty cell.
 
-    InputError if the folder was not left by ``commonrail reproduce``, or its files are broken.
+    InputError if the folder was not left by ``commonrail lab reproduce``, or its files are broken.
     """
     try:
-        record = read_record(folder / RECORD, "commonrail reproduce")
+        record = read_record(folder / RECORD, "commonrail lab reproduce")
         columns = ("time_s", EXPERIMENT, *map(str, record["labels"]))
         traces: Traces = {}
         for (seed, data), trace in read_curves(folder / TRACES, EXPERIMENT, BEFORE).items():
@@ -69,7 +69,7 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
     except (InputError, LookupError, TypeError, ValueError) as error:
         reason = str(error).removesuffix(".")
         raise InputError(
-            f"{folder}: not a whole folder of commonrail reproduce ({reason}); reproduce again."
+            f"{folder}: not a whole folder of commonrail lab reproduce ({reason}); reproduce again."
         ) from error
 
 

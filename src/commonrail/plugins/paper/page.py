@@ -287,8 +287,8 @@ def _commands(record: Record, folder: str) -> list[tuple[str, str]]:
     run = shlex.quote(folder)
     options = f"--seeds {record['asked']}"
     return [
-        ("Reproduce again, with the same truth", f"commonrail reproduce {options} --truth {run}/truth.toml"),
-        ("Change the truth", "commonrail virtual-bench --show > my-truth.toml"),
+        ("Reproduce again, with the same truth", f"commonrail lab reproduce {options} --truth {run}/truth.toml"),
+        ("Change the truth", "commonrail lab virtual-bench --show > my-truth.toml"),
         ("Make this report again", f"commonrail report {run}"),
     ]
 
@@ -356,4 +356,4 @@ def _has_plates(folder: Path) -> bool:
     return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
 
 
-RESULT = ResultKind(RECORD, "reproduction", "reproduce", _page, extra=draw_plates)
+RESULT = ResultKind(RECORD, "reproduction", "lab reproduce", _page, extra=draw_plates)

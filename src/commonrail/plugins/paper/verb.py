@@ -1,4 +1,4 @@
-"""commonrail reproduce: the experiments of Lino et al. (2016) on the virtual test bench, with statistics."""
+"""commonrail lab reproduce: the experiments of Lino et al. (2016) on the virtual test bench, with statistics."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def reproduce(
 
     \b
     Examples:
-      commonrail reproduce --quick
-      commonrail reproduce --seeds 20 --out runs/paper-study
+      commonrail lab reproduce --quick
+      commonrail lab reproduce --seeds 20 --out runs/paper-study
     """
     from commonrail.plugins.paper.page import verdicts
 

@@ -1,4 +1,4 @@
-"""commonrail verify: both engines against each other, closed forms and figures of another program."""
+"""commonrail lab verify: both engines against each other, closed forms and figures of another program."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def verify(
 
     \b
     Example:
-      commonrail verify --quick
+      commonrail lab verify --quick
     """
     from commonrail.plugins.verification.external import load_outside
     from commonrail.plugins.verification.run import verify as run_checks
