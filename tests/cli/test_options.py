@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.cli.options import open_workers, read_energisings, with_overrides
 from commonrail.engine.operating_point import Energising
 from commonrail.readers.injector.file import load_injector
+from tests.cli.conftest import Command
 
 
 @pytest.mark.parametrize(
@@ -88,3 +91,59 @@ def test_a_value_outside_its_domain_is_refused(value: str) -> None:
 def test_workers_do_not_go_with_a_cluster_elsewhere() -> None:
     with pytest.raises(InputError, match="a cluster has its own number of workers"):
         open_workers(2, "tcp://somewhere:8786")
+
+
+def test_pressures_are_those_of_the_run_and_are_said(
+    command: Command, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run is fitted at 8 MPa; what it injects there is not what it injects into the usual 5 MPa."""
+    monkeypatch.chdir(tmp_path)
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text.replace('"5 MPa"', '"8 MPa"').replace('"0.5 MPa"', '"0.1 MPa"'), encoding="utf-8")
+    assert command("calibrate", study, "--out", "run", "--threads", "1").status == 0
+    point = ("--rail-pressure", "160MPa", "--energising-time", "400us", "--json")
+    stated = command("simulate", "run", *point, "--cylinder-pressure", "8MPa", "--return-pressure", "0.1MPa")
+    found = command("simulate", "run", *point)
+    assert "cylinder pressure 8 MPa and return pressure 100 kPa: those of the first data of run" in found.err
+    assert found.record["injected_volume"] == stated.record["injected_volume"]
+    assert "first data" not in stated.err
+    usual = command("simulate", "run/calibrated.toml", *point)
+    assert "cylinder pressure 5 MPa and return pressure 500 kPa: the usual values" in usual.err
+    assert usual.record["operating_point"]["cylinder_pressure"] == 5e6
+    lines = ("--quantity", "5mm3", "--energising-time", "300,500us", "--json", "--threads", "1", "--bands", "none")
+    record = command("map", "run", "--rail-pressure", "160MPa", *lines).record
+    assert record["maps"][0]["conditions"]["cylinder_pressure"] == 8e6
+    swept = command("sweep", "run", "--vary", "rail_pressure=160MPa", "--energising-time", "400us", "--json").record
+    assert swept["injected_volume"] == [pytest.approx(stated.record["injected_volume"], rel=1e-12)]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("compare", "virtual-lino-2016", "--data", "study.toml"),
+        ("export", "library", "virtual-lino-2016"),
+        ("page", "virtual-lino-2016"),
+        ("sensitivity", "virtual-lino-2016", "--rail-pressure", "160MPa", "--energising-time", "700us"),
+    ],
+)
+def test_every_verb_that_simulates_a_model_takes_its_values(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(study.parent)
+    done = command(*words, "--set", "nozzle.hole=7")
+    assert done.status == 2
+    assert 'no such parameter (did you mean "nozzle.holes"' in done.sentence
+
+
+def test_a_model_is_compared_with_other_values(command: Command, study: Path) -> None:
+    own, more = (
+        command("compare", "virtual-lino-2016", "--data", study, "--json", *options).record["data"][0]["volume"]
+        for options in ((), ("--set", "nozzle.holes=9"))
+    )
+    assert more["virtual-lino-2016"] > 1.05 * own["virtual-lino-2016"]
+
+
+def test_a_value_that_a_study_varies_is_no_setting_of_it(command: Command, study: Path) -> None:
+    done = command("sensitivity", study, "--set", "nozzle.discharge_maximum=0.8")
+    assert done.status == 2
+    assert "the study frees it" in done.sentence

@@ -9,15 +9,17 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.base.errors import InputError, nearest
+from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.output import check_target, writing
 from commonrail.base.units import parse, parse_difference, to_text
 from commonrail.cli.grammar import Argument, Option
 
 if TYPE_CHECKING:
     from commonrail.base.arrays import Floats
+    from commonrail.calibration.study import Study
     from commonrail.engine.operating_point import Energising
     from commonrail.physics.injector import Injector
+    from commonrail.runs.model_name import NamedModel
     from commonrail.workers.workers import Workers
 
 # Places to write to: refused before the work rather than after it.
@@ -179,6 +181,20 @@ OutFile = Annotated[
     Option("--out", help="CSV file to be written with rate, lifts, pressures and current against time."),
 ]
 PlotFile = Annotated[Path | None, Option("--plot", help="HTML file to be written with the same as plots.")]
+CylinderPressure = Annotated[
+    str | None,
+    Option(help="Cylinder pressure, e.g. 5MPa. [default: that of the first data of a run or study, else 5MPa]"),
+]
+ReturnPressure = Annotated[
+    str | None,
+    Option(
+        help="Pressure at the end of the return line. [default: that of the first data of a run or study, else 0.5MPa]"
+    ),
+]
+Settings = Annotated[
+    tuple[str, ...],
+    Option("--set", metavar="PATH=VALUE", help="Value of a parameter, with its unit or in SI units; repeatable."),
+]
 Threads = Annotated[
     int | None,
     Option(min=1, help="Number of threads; does not change the result. [default: all processors]"),
@@ -251,6 +267,58 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
                 "check its unit."
             )
     return chosen
+
+
+def read_models(texts: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
+    """Models of a command line, all of them with the values of ``--set``; one that is changed is no run any more."""
+    from commonrail.runs.model_name import read_model_names
+
+    named = read_model_names(texts)
+    if not settings:
+        return named
+    return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in named]
+
+
+USUAL_PRESSURES = (5e6, 0.5e6)  # in the cylinder and at the end of the return line [Pa]; chosen
+
+
+def read_pressures(cylinder: str | None, back: str | None, source: Path | Study | None = None) -> tuple[float, float]:
+    """Cylinder pressure and pressure at the end of the return line [Pa].
+
+    What is not stated is that of the first data of a run folder or study, else the usual one; it is said on stderr.
+    """
+    from commonrail.base.text import quantity
+    from commonrail.cli.console import say
+
+    texts = {"cylinder": cylinder, "return": back}
+    stated = [None if text is None else parse(text, "Pa", f"--{name}-pressure") for name, text in texts.items()]
+    if None not in stated:
+        return stated[0], stated[1]  # type: ignore[return-value]
+    usual, origin = _data_pressures(source)
+    lacking = [
+        f"{name} pressure {quantity(value, 'Pa')}"
+        for name, own, value in zip(texts, stated, usual, strict=True)
+        if own is None
+    ]
+    say(f"{' and '.join(lacking)}: {origin}")
+    found = [value if own is None else own for own, value in zip(stated, usual, strict=True)]
+    return found[0], found[1]
+
+
+def _data_pressures(source: Path | Study | None) -> tuple[tuple[float, float], str]:
+    """Pressures of the first data of a run folder or study, or the usual ones, and words on their origin."""
+    if source is None:
+        return USUAL_PRESSURES, "the usual values"
+    study, origin = source, "those of the study's first data"
+    if isinstance(source, Path):
+        from commonrail.runs.folder import read_fit
+
+        try:
+            study, origin = read_fit(source)[0], f"those of the first data of {source}"
+        except CommonrailError:  # of a study made in Python
+            return USUAL_PRESSURES, f"the usual values, since {source} keeps no data"
+    _, cylinder, back = study.data[0].points[0].initial_pressures()  # type: ignore[union-attr]
+    return (cylinder, back), origin
 
 
 def refuse_return_pressure(injector: Injector) -> None:

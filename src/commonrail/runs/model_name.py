@@ -35,7 +35,8 @@ _WORDS: dict[str, tuple[str, Enum]] = {
 class NamedModel(NamedTuple):
     """Injector as the command line names it, with the meters kept beside it.
 
-    `stated`: the label was given in the text. `run`: run folder whose calibrated injector it is, without changes.
+    `stated`: the label was given in the text. `folder`: run folder that it is of. `run`: that folder, if its calibrated
+    injector is without changes.
     """
 
     label: str
@@ -44,6 +45,7 @@ class NamedModel(NamedTuple):
     stated: bool
     meters: tuple[Meter, ...] = ()
     run: Path | None = None
+    folder: Path | None = None
 
 
 def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
@@ -91,15 +93,16 @@ def read_model_name(text: str) -> NamedModel:
     if words is not None:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
-    run = None
+    folder = None
     if not in_catalogue(source) and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
 
         note_stopped(Path(source))
-        run = Path(source) if words is None else None
+        folder = Path(source)
+    own = meters, folder if words is None else None, folder
     if label is not None:
-        return NamedModel(label.strip(), injector, text, True, meters, run)
-    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters, run)
+        return NamedModel(label.strip(), injector, text, True, *own)
+    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, *own)
 
 
 def _split(text: str) -> tuple[str | None, str, str | None]:

@@ -15,12 +15,16 @@ from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_json, print_pairs, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
+    CylinderPressure,
     Json,
     OutFile,
     PlotFile,
+    ReturnPressure,
+    Settings,
     check_distinct,
     check_file,
     read_energisings,
+    read_pressures,
     refuse_return_pressure,
     with_overrides,
 )
@@ -53,19 +57,12 @@ def simulate(
             help="Start and energising time of one of several injections, e.g. 900us:600us; repeatable.",
         ),
     ] = (),
-    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
     horizon: Annotated[
         str | None, Option(help="End of the simulation, e.g. 4ms. [default: 2.5ms after the last energising]")
     ] = None,
-    set_: Annotated[
-        tuple[str, ...],
-        Option(
-            "--set",
-            metavar="PATH=VALUE",
-            help="Value of a parameter, with its unit or as an SI number; repeatable.",
-        ),
-    ] = (),
+    set_: Settings = (),
     variant: Annotated[
         Body | None, Option(help="Body of plunger and needle. [default: as in the injector file]")
     ] = None,
@@ -123,8 +120,7 @@ def simulate(
     point = OperatingPoint(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         read_energisings(energising_time, energising),
-        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
-        parse(return_pressure, "Pa", "--return-pressure"),
+        *read_pressures(cylinder_pressure, return_pressure, named.folder),
         horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
     step = parse(time_step or "1us", "s", "--time-step")

@@ -12,7 +12,7 @@ import click
 from commonrail.base.errors import SimulationError
 from commonrail.cli.console import SIMULATING, print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads
+from commonrail.cli.options import Json, Settings, Threads, read_models
 
 if TYPE_CHECKING:
     from commonrail.calibration.plausibility.finding import Finding
@@ -35,6 +35,7 @@ def compare(
     out: Annotated[
         Path | None, Option(metavar="DIR", help="New folder for report.html, comparison.json and traces.csv.")
     ] = None,
+    set_: Settings = (),
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -54,7 +55,7 @@ def compare(
     from commonrail.runs.folder import new_run_folder
 
     with new_run_folder(out) if out else nullcontext():
-        comparison, record = _compared(models, data, threads)
+        comparison, record = _compared(read_models(models, set_), data, threads)
         if out is not None:
             write_comparison(out, comparison, record)
     if out is not None:
@@ -67,13 +68,13 @@ def compare(
         click.echo(f"report: {out / 'report.html'}")
 
 
-def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None) -> tuple[Comparison, dict[str, Any]]:
+def _compared(
+    named: Sequence[NamedModel], files: Sequence[Path], threads: int | None
+) -> tuple[Comparison, dict[str, Any]]:
     from commonrail.calibration.study_file.file import load_study
     from commonrail.plugins.compare.file import comparison_record
     from commonrail.plugins.compare.run import compare as compare_models
-    from commonrail.runs.model_name import read_model_names
 
-    named = read_model_names(models)
     studies = [load_study(file) for file in files]
     say(SIMULATING)
     meters = {model.label: model.meters for model in named}

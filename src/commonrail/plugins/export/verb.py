@@ -11,7 +11,7 @@ import click
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, check_file, check_folder
+from commonrail.cli.options import Json, Settings, check_file, check_folder, with_overrides
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
@@ -43,6 +43,7 @@ def export(
         str | None,
         Option(help="Platforms, e.g. linux64,win64; other than this machine's need zig. [default: this machine's]"),
     ] = None,
+    set_: Settings = (),
     fmi: Annotated[int, Option(help="Version of the FMI standard, 2 or 3.")] = 2,
     json: Json = False,
 ) -> None:
@@ -61,22 +62,23 @@ def export(
     from commonrail.runs.model_name import read_model_name
 
     named = read_model_name(model)
+    injector = with_overrides(named.injector, set_)
     targets = _targets(platforms)
     place = out or Path(named.label.replace("/", "-") + (".fmu" if form is Form.FMU else ""))
     if form is Form.FMU:
         check_fmi(fmi)
         check_file(place, "--out")
-        written = [f"{place}/{name}" for name in write_fmu(named.injector, place, targets, fmi)]
+        written = [f"{place}/{name}" for name in write_fmu(injector, place, targets, fmi)]
     else:
         check_folder(place)
-        written = [str(path) for path in write_library(named.injector, place, targets).files]
+        written = [str(path) for path in write_library(injector, place, targets).files]
     if json:
         names = [target.name for target in targets]
         print_json({"kind": "export", "form": form.value, "out": str(place), "platforms": names, "files": written})
         return
     for line in written:
         click.echo(line)
-    say(_next(form, named.injector, place))
+    say(_next(form, injector, place))
 
 
 def _targets(platforms: str | None) -> list[Target]:

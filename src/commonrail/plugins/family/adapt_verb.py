@@ -11,7 +11,7 @@ from commonrail.base.errors import InputError, StudyError
 from commonrail.base.text import number, quantity
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_file
+from commonrail.cli.options import CylinderPressure, Json, ReturnPressure, Threads, check_file, read_pressures
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
@@ -46,10 +46,8 @@ def adapt(
             "with @VARIANT another variant. [default: the type's]",
         ),
     ] = None,
-    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the points, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[
-        str, Option(help="Pressure at the end of the return line of the points, e.g. 0.5MPa.")
-    ] = "0.5MPa",
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
     strict: Annotated[
         bool, Option("--strict", help="Exit with status 2 if the part is doubted; the model is written all the same.")
     ] = False,
@@ -71,9 +69,11 @@ def adapt(
     from commonrail.readers.injector.file import dump_injector
     from commonrail.runs.model_name import read_model_name
 
-    part = None if injector is None else read_model_name(injector).injector
+    named = None if injector is None else read_model_name(injector)
+    part = None if named is None else named.injector
+    behind = read_pressures(cylinder_pressure, return_pressure, None if named is None else named.folder)
     if advise:
-        _advise(injector_type, points, part, (cylinder_pressure, return_pressure), threads, json)
+        _advise(injector_type, points, part, behind, threads, json)
         return
     if points is None or out is None:
         lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
@@ -83,8 +83,8 @@ def adapt(
         injector_type,
         points,
         injector=part,
-        cylinder_pressure=cylinder_pressure,
-        return_pressure=return_pressure,
+        cylinder_pressure=behind[0],
+        return_pressure=behind[1],
         threads=threads,
     )
     header = (
@@ -117,7 +117,7 @@ def _advise(
     injector_type: Path,
     points: Path | None,
     injector: Injector | None,
-    behind: tuple[str, str],
+    behind: tuple[float, float],
     threads: int | None,
     json: bool,
 ) -> None:

@@ -14,7 +14,10 @@ from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
+    CylinderPressure,
     Json,
+    ReturnPressure,
+    Settings,
     Threads,
     check_distinct,
     check_file,
@@ -69,13 +72,11 @@ def sweep(
             "time with --hold (a map for each quantity), else of its quantity.",
         ),
     ] = False,
-    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
     longest: Annotated[str, Option(help="Longest energising time of --hold.")] = "2ms",
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Annotated[
-        tuple[str, ...], Option("--set", metavar="PATH=VALUE", help="Value of a parameter; repeatable.")
-    ] = (),
+    set_: Settings = (),
     label: Annotated[
         str, Option(help="Label of the maps of --hold and --change; the dwell or quantity is added to several.")
     ] = "tiSecond",
@@ -128,14 +129,15 @@ def sweep(
             )
     check_file(report, "--report")
     check_distinct(*out, report)
+    named = read_model_name(model)
     base = Base(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         parse(energising_time, "s", "--energising-time"),
         0.0 if first_energising_time is None else parse(first_energising_time, "s", "--first-energising-time"),
         parse(dwell, "s", "--dwell"),
-        read_conditions(cylinder_pressure, return_pressure, time_step, threads),
+        read_conditions((cylinder_pressure, return_pressure), time_step, threads, named.folder),
     )
-    injector = with_overrides(read_model_name(model).injector, set_)
+    injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
     check_label(label)

@@ -15,15 +15,19 @@ from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     NUMBER,
+    CylinderPressure,
     Json,
+    ReturnPressure,
+    Settings,
     Threads,
     check_distinct,
     check_file,
     is_given,
     read_axis,
+    read_models,
+    read_pressures,
     refuse_return_pressure,
     refuse_unused,
-    with_overrides,
 )
 from commonrail.plugins.maps.choices import Beyond, Several
 
@@ -85,13 +89,10 @@ def map_(
             "file of --out is that file with new times.",
         ),
     ] = None,
-    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Annotated[
-        tuple[str, ...],
-        Option("--set", metavar="PATH=VALUE", help="Value of a parameter of all models; repeatable."),
-    ] = (),
+    set_: Settings = (),
     several: Annotated[Several, Option(help="Energising time where several deliver a quantity.")] = Several.SHORTEST,
     unreachable: Annotated[
         Beyond, Option(help="Rule for quantities that the longest energising time does not deliver.")
@@ -159,8 +160,8 @@ def map_(
     like = None if axes is None else map_of_dcm(axes)
     units = {path: _units(path, (pressure_unit, quantity_unit, time_unit), like) for path in (*out, *quantity_out)}
     check_label(label or INVERSE), check_label(quantity_label)
-    conditions = read_conditions(cylinder_pressure, return_pressure, time_step, threads)
-    named = _named(models, set_)
+    named = read_models(models, set_)
+    conditions = read_conditions((cylinder_pressure, return_pressure), time_step, threads, named[0].folder)
     injector = named[0].injector
     for model in named:
         refuse_return_pressure(model.injector)
@@ -185,25 +186,13 @@ def map_(
     )
 
 
-def read_conditions(cylinder_pressure: str, return_pressure: str, time_step: str, threads: int | None) -> Conditions:
-    """Conditions from the options of the same names."""
+def read_conditions(
+    pressures: tuple[str | None, str | None], time_step: str, threads: int | None, run: Path | None
+) -> Conditions:
+    """Conditions from the options of cylinder and return pressure and of the same names; `run`: folder of the model."""
     from commonrail.plugins.maps.response import Conditions
 
-    return Conditions(
-        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
-        parse(return_pressure, "Pa", "--return-pressure"),
-        parse(time_step, "s", "--time-step"),
-        threads,
-    )
-
-
-def _named(models: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
-    from commonrail.runs.model_name import read_model_names
-
-    named = read_model_names(models)
-    if not settings:
-        return named
-    return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in named]
+    return Conditions(*read_pressures(*pressures, run), parse(time_step, "s", "--time-step"), threads)
 
 
 def _refuse_beside_axes(axes: Path) -> None:

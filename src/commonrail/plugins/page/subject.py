@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -196,12 +196,19 @@ class Subject:
         return [d.point for d in self.data] + [point for d in self.maps for point in d.points]
 
 
-def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None, with_fan: bool = True) -> Subject:
+def read_subject(
+    text: str,
+    more: tuple[str, ...] = (),
+    threads: int | None = None,
+    with_fan: bool = True,
+    changed: Callable[[Injector], Injector] = lambda injector: injector,
+) -> Subject:
     """Subject that the command line names: a run folder, an injector's file or a name of the catalogue.
 
     `more` are dotted names of further parameters for sliders, `threads` simulate the fits near the best one, which a
-    run has `with_fan`. InputError if it cannot be read, or there is no such parameter; ConfigurationError if the
-    injector follows a measured voltage or current, and there are no data that hold it.
+    run has `with_fan`; `changed` gives the injector of a page without data other values. InputError if it cannot be
+    read, or there is no such parameter; ConfigurationError if the injector follows a measured voltage or current, and
+    there are no data that hold it.
     """
     run = Path(text)
     if run.is_dir() and (run / RESULT).is_file():
@@ -212,10 +219,10 @@ def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = No
             f"{named.injector.name} follows a measured {named.injector.variant.drive.value}, which the file does not "
             "hold; make the page from a run folder, whose data have it."
         )
-    sliders = _with_more(named.injector, _around(named.injector, USUAL), more)
+    injector = changed(named.injector)
+    sliders = _with_more(injector, _around(injector, USUAL), more)
     names = tuple(s.name for s in sliders)
-    values = np.array([named.injector.values[name] for name in names])
-    injector = named.injector
+    values = np.array([injector.values[name] for name in names])
     notes = (injector.synthetic,) if injector.synthetic else ()
     fan = scattered(names, values, injector)
     return Subject(injector.title, injector, sliders, DEFAULT_STEP, {}, (), notes, fan)

@@ -5,10 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import print_json, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_file, read_energisings
+from commonrail.cli.options import (
+    CylinderPressure,
+    Json,
+    ReturnPressure,
+    Settings,
+    Threads,
+    check_file,
+    read_energisings,
+    read_pressures,
+    with_overrides,
+)
 
 
 @verb
@@ -22,7 +33,9 @@ def page(
     slider: Annotated[tuple[str, ...], Option(metavar="PATH", help="Further parameter on a slider; repeatable.")] = (),
     rail_pressure: Annotated[str, Option(help="First rail pressure of a page without data.")] = "100MPa",
     energising_time: Annotated[str, Option(help="First energising time of a page without data.")] = "700us",
-    cylinder_pressure: Annotated[str, Option(help="First cylinder pressure of a page without data.")] = "5MPa",
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
+    set_: Settings = (),
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -42,12 +55,15 @@ def page(
     from commonrail.plugins.page.subject import read_subject
 
     check_file(out, "--out")
+    run = Path(model) if Path(model).is_dir() else None
     point = OperatingPoint(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         read_energisings(energising_time, ()),
-        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        *read_pressures(cylinder_pressure, return_pressure, run),
     )
-    subject = read_subject(model, slider, threads)
+    if set_ and run is not None:
+        raise InputError(f"--set: a page of a run shows its fit; give {run}/calibrated.toml for other values.")
+    subject = read_subject(model, slider, threads, changed=lambda injector: with_overrides(injector, set_))
     text = page_html(subject, point)
     with writing(out, "--out"):
         write_text(out, text)

@@ -7,10 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
-from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_file
+from commonrail.cli.options import (
+    CylinderPressure,
+    Json,
+    ReturnPressure,
+    Threads,
+    check_file,
+    read_axis,
+    read_pressures,
+)
 
 if TYPE_CHECKING:
     from commonrail.calibration.study import Study
@@ -41,12 +48,8 @@ def predict(
         Path | None,
         Option("--from", metavar="FILE.csv", help="Operating points: columns rail_pressure, energising_time."),
     ] = None,
-    cylinder_pressure: Annotated[
-        str | None, Option(help="Cylinder pressure, e.g. 5MPa. [default: that of the first data set]")
-    ] = None,
-    return_pressure: Annotated[
-        str | None, Option(help="Pressure at the end of the return line. [default: that of the first data set]")
-    ] = None,
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
     bands: Annotated[Bands, Option(help="What the parameters may be.")] = Bands.LAPLACE,
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for predictions and bands.")] = None,
     threads: Threads = None,
@@ -92,7 +95,6 @@ def _points(
     study: Study, wanted: tuple[str | None, str | None, Path | None], pressures: tuple[str | None, str | None]
 ) -> list[OperatingPoint]:
     """Operating points that are asked for; none for the data of the study."""
-    from commonrail.cli.options import read_axis
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.plugins.prediction.file import read_points
 
@@ -108,9 +110,5 @@ def _points(
         pairs = [(p, t) for p in read_axis(rails, "Pa", "--rail-pressure").tolist() for t in axis]
     else:
         return []
-    _, cylinder, back = study.data[0].points[0].initial_pressures()
-    if pressures[0] is not None:
-        cylinder = parse(pressures[0], "Pa", "--cylinder-pressure")
-    if pressures[1] is not None:
-        back = parse(pressures[1], "Pa", "--return-pressure")
-    return [OperatingPoint(p, t, cylinder, back) for p, t in pairs]
+    behind = read_pressures(*pressures, study)
+    return [OperatingPoint(p, t, *behind) for p, t in pairs]

@@ -15,7 +15,18 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, read_pair, refuse_return_pressure
+from commonrail.cli.options import (
+    CylinderPressure,
+    Json,
+    ReturnPressure,
+    Settings,
+    Threads,
+    read_axis,
+    read_pair,
+    read_pressures,
+    refuse_return_pressure,
+    with_overrides,
+)
 
 if TYPE_CHECKING:
     from commonrail.calibration.parameter import Parameter
@@ -45,13 +56,14 @@ def sensitivity(
     ] = (),
     within: Annotated[str, Option(help="Half width of a range as a share of the value, e.g. 5%.")] = "5%",
     rail_pressure: Annotated[
-        tuple[str, ...], Option(help="Rail pressure of the operating points, e.g. 160MPa; repeatable.")
-    ] = (),
+        str | None, Option(help="Rail pressures of the operating points, e.g. 80,160MPa or 40:160:20MPa.")
+    ] = None,
     energising_time: Annotated[
-        tuple[str, ...], Option(help="Energising time of the operating points, e.g. 700us; repeatable.")
-    ] = (),
-    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+        str | None, Option(help="Energising times, e.g. 700us or 300,700us; each with each rail pressure.")
+    ] = None,
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
+    set_: Settings = (),
     feature: Annotated[
         tuple[str, ...],
         Option(
@@ -90,7 +102,7 @@ def sensitivity(
     Examples:
       commonrail sensitivity virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us --design morris
       commonrail sensitivity my.toml --parameter nozzle.hole_diameter=0.128mm:0.132mm --parameter valve.lift \\
-          --within 3% --rail-pressure 80MPa --rail-pressure 160MPa --energising-time 700us --out runs/sensitivity
+          --within 3% --rail-pressure 80,160MPa --energising-time 700us --out runs/sensitivity
       commonrail sensitivity cases/paper/study.toml --samples 256
     """
     from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
@@ -107,12 +119,10 @@ def sensitivity(
         time_step=None if time_step is None else parse(time_step, "s", "--time-step"),
         precision=precision,
     )
-    pressures = (
-        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
-        parse(return_pressure, "Pa", "--return-pressure"),
-    )
-    points = _points(rail_pressure, energising_time, pressures)
-    subject = _subject(source)
+    if (rail_pressure is None) is not (energising_time is None):
+        raise InputError("Give both --rail-pressure and --energising-time for operating points, or neither.")
+    subject = _with_settings(_subject(source), set_)
+    points = _points(rail_pressure, energising_time, (cylinder_pressure, return_pressure), subject)
     refuse_return_pressure(_injector(subject))
     chosen = _parameters(subject, parameter, parse(within, "1", "--within"))
 
@@ -141,14 +151,30 @@ def sensitivity(
         click.echo(f"report: {out / 'report.html'}")
 
 
-def _points(rails: Sequence[str], times: Sequence[str], pressures: tuple[float, float]) -> tuple[OperatingPoint, ...]:
+def _points(
+    rails: str | None, times: str | None, pressures: tuple[str | None, str | None], subject: Injector | Study
+) -> tuple[OperatingPoint, ...]:
+    from commonrail.calibration.study import Study
     from commonrail.engine.operating_point import OperatingPoint
 
-    if bool(rails) != bool(times):
-        raise InputError("Give both --rail-pressure and --energising-time for operating points, or neither.")
-    rail = [parse(text, "Pa", "--rail-pressure") for text in rails]
-    time = [parse(text, "s", "--energising-time") for text in times]
-    return tuple(OperatingPoint(p, t, *pressures) for p, t in itertools.product(rail, time))
+    if rails is None or times is None:
+        return ()
+    rail = read_axis(rails, "Pa", "--rail-pressure").tolist()
+    time = read_axis(times, "s", "--energising-time").tolist()
+    behind = read_pressures(*pressures, subject if isinstance(subject, Study) else None)
+    return tuple(OperatingPoint(p, t, *behind) for p, t in itertools.product(rail, time))
+
+
+def _with_settings(subject: Injector | Study, settings: Sequence[str]) -> Injector | Study:
+    """Injector, or study of one, with the values of --set; InputError for one that the study varies."""
+    from commonrail.calibration.study import Study
+
+    if not isinstance(subject, Study):
+        return with_overrides(subject, settings)
+    free = [name for text in settings if (name := text.partition("=")[0].strip()) in subject.space.names]
+    if free:
+        raise InputError(f"--set {free[0]}: the study frees it; state its range with --parameter.")
+    return replace(subject, injector=with_overrides(subject.injector, settings))
 
 
 def _subject(source: str) -> Injector | Study:
