@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -61,3 +62,24 @@ def test_the_help_imports_nothing_heavy() -> None:
     code += f"print('heavy:', *(name for name in {HEAVY} if name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "heavy:"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("certainty", "small/study.toml"), "`commonrail calibrate small/study.toml --out RUN` makes one"),
+        (("predict", "small"), "`commonrail calibrate small/study.toml --out RUN` makes one"),
+        (("next", "cri2-16"), "there is no such folder, and a run folder of commonrail calibrate is expected"),
+        (("calibrate", "small"), 'did you mean "small/study.toml"?'),
+        (("map", "cri2-16", "--rail-pressure", "40-160MPa"), "write a range as 20:180:10MPa"),
+        (("sensitivity", "cri2-16"), "--rail-pressure and --energising-time"),
+        (("export", "simulink", "cri2-16"), "'simulink' is not one of 'library', 'fmu'"),
+    ],
+)
+def test_what_is_no_run_study_or_range_is_answered_by_what_to_do(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], told: str
+) -> None:
+    monkeypatch.chdir(study.parent.parent)
+    done = command(*words)
+    assert done.status == 2
+    assert told in done.sentence

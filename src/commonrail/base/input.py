@@ -110,7 +110,9 @@ def _as_input_error(path: Path) -> Iterator[None]:
 def _refuse_unless_plain(path: Path, found: os.stat_result, largest: int | None) -> None:
     if not stat.S_ISREG(found.st_mode):
         kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no plain file")
-        raise InputError(f"{path}: this is {kind}, and a file is expected.")
+        study = path / "study.toml"
+        meant = f' (did you mean "{study}"?)' if study.is_file() else ""
+        raise InputError(f"{path}: this is {kind}, and a file is expected{meant}.")
     if largest is not None and found.st_size > largest:
         raise _too_large(path, f"{found.st_size / 1e6:.0f} MB", largest)
 

@@ -168,6 +168,8 @@ def _with_units(parts: list[str], option: str) -> list[str]:
             raise InputError(
                 f'{option}: "{part.strip()}" is not a number with a unit; write a list such as 20,40,80MPa.'
             )
+        if re.match(r"-\s*\d", match[2]):
+            raise InputError(f'{option}: "{part.strip()}" is no number with a unit; write a range as 20:180:10MPa.')
         unit = match[2] or unit
         found.append(f"{match[1]} {unit}")
     return found[::-1]

@@ -36,7 +36,7 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
     `InputError` if the file cannot be read, is no such object, or is not the one that was written.
     """
     if not path.exists():
-        raise _broken(path, made_by, "there is no such file")
+        raise _no_run(path.parent, made_by) or _broken(path, made_by, "there is no such file")
     check_sum(path)
     try:
         record = json.loads(read_text(path, LARGEST_RECORD))
@@ -50,6 +50,18 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
 def write_record(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record whole or not at all; `OutputError` if it cannot be written."""
     write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
+
+
+def _no_run(folder: Path, made_by: str) -> InputError | None:
+    """Error for what was never a run folder: a file, the folder of a study, nothing; None for any other folder."""
+    study = folder if folder.is_file() else folder / STUDY
+    wanted = f"a run folder of {made_by} is expected"
+    if study.is_file():
+        what = "this is a file" if study == folder else f"this is the folder of a study, {study}"
+        return InputError(f"{folder}: {what}, and {wanted}; `commonrail calibrate {study} --out RUN` makes one.")
+    if not folder.exists():
+        return InputError(f"{folder}: there is no such folder, and {wanted}; `commonrail runs` lists those below.")
+    return None
 
 
 def _broken(path: Path, made_by: str, reason: str) -> InputError:

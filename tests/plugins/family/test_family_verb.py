@@ -72,7 +72,10 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("type", "nothing", "--out", "t.toml"), "nothing: not a run folder of commonrail calibrate"),
+        (
+            ("type", "nothing", "--out", "t.toml"),
+            "nothing: there is no such folder, and a run folder of",
+        ),
         (("type", "nothing", "--out", "nowhere/t.toml"), "--out: there is no folder nowhere"),
         (("type", "nothing", "--out", "t.toml", "--part-spread", "3mm"), "--part-spread: "),
         (("type", "nothing", "--out", "t.toml", "--run", "r"), "only for a family file"),

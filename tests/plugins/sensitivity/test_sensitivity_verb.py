@@ -63,7 +63,7 @@ def test_a_study_and_its_run_have_j_in_their_bounds(command: Command, study: Pat
     [
         (("virtual-lino-2017", *POINT), "virtual-lino-2017"),
         (("virtual-lino-2016", "--rail-pressure", "160MPa"), "Give both --rail-pressure and --energising-time"),
-        (("virtual-lino-2016",), "At least one operating point is needed"),
+        (("virtual-lino-2016",), "An injector has no data: give operating points"),
         (("virtual-lino-2016", *POINT, "--feature", "quantitty"), 'did you mean "quantity"'),
         (("virtual-lino-2016", *POINT, "--parameter", "valve.lft"), 'did you mean "valve.lift"'),
         (("virtual-lino-2016", *POINT, "--parameter", "valve.lift=50um"), "expected NAME=LOW:HIGH"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonrail.base.arguments import fraction, instance, thread_count, whole
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.text import listed
 from commonrail.calibration.constraints import parse_constraints
 from commonrail.calibration.identifiability import LIMIT, FinishedFit, ParameterVerdict
@@ -221,7 +221,11 @@ def _column(likelihood: Likelihood, name: str) -> int:
 
 def _row(likelihood: Likelihood, text: str) -> Floats:
     """Coefficients (d,) of a sum of parameters."""
-    return np.asarray(parse_constraints([f"{text} >= 0"], likelihood.names).matrix[0])
+    try:
+        return np.asarray(parse_constraints([f"{text} >= 0"], likelihood.names).matrix[0])
+    except InputError as error:
+        words = str(error).replace(f'constraint "{text} >= 0"', f'the combination "{text}"')
+        raise InputError(f"{words}: {', '.join(likelihood.names)}.") from error
 
 
 def _combined(found: Estimate, row: Floats, level: float) -> tuple[float, float]:

@@ -114,7 +114,10 @@ def sensitivity(
     if instances(points, OperatingPoint, "points"):
         models.append(Features(injector, space.names, points, read_features(features), computing).model)
     if not models:
-        raise ConfigurationError("At least one operating point is needed among the points.")
+        raise ConfigurationError(
+            "An injector has no data: give operating points (--rail-pressure and --energising-time, or `points`), "
+            "or a study or run folder."
+        )
     synthetic = study.synthetic if study else injector.synthetic
     title = study.title if study else injector.title
     notes = (CONSTRAINTS,) if study and study.space.constrained else ()

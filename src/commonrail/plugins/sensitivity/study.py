@@ -36,6 +36,7 @@ from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.physics.law import Domain
+from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.features.table import Feature, features_of_simulations
 
 Codes = NDArray[np.int8]
@@ -307,11 +308,12 @@ class SensitivitySettings:
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:
-    """Parameters that a study varies unless told otherwise: all that are not zero, without counts and temperature."""
+    """Parameters that a study varies unless told otherwise: all read ones but zeros, counts and temperature."""
+    unread = unread_parameters(injector.variant)
     return tuple(
         name
         for name, value in injector.values.items()
-        if value != 0.0 and name not in COUNTED and name != FUEL_TEMPERATURE
+        if value != 0.0 and name not in COUNTED and name != FUEL_TEMPERATURE and name not in unread
     )
 
 
