@@ -74,6 +74,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "export": "commonrail.plugins.export.verb:export",
         "page": "commonrail.plugins.page.verb:page",
         "catalogue": "commonrail.plugins.catalogue.verb:catalogue",
+        "fuel": "commonrail.plugins.fuel.verb:fuel",
         "new": "commonrail.plugins.new.verb:new",
         "doctor": "commonrail.plugins.doctor.verb:doctor",
         "lab": "commonrail.cli.grammar:lab",

@@ -9,16 +9,18 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, GetCoreSchemaHandler, PlainValidator, model_validator
 from pydantic_core import CoreSchema, core_schema
 
-from commonrail.base.arguments import plain_text
+from commonrail.base.arguments import file_path, plain_text
 from commonrail.base.registry import Catalogue
 from commonrail.physics.fuel import Fuel, Law, Origin, Polynomial
 from commonrail.readers.location import Place
-from commonrail.readers.toml import MARKS, FileModel, OneOf, fault, parse_toml, read_mark, read_model
+from commonrail.readers.toml import MARKS, FileModel, OneOf, fault, parse_toml, read_mark, read_model, read_toml
 
 _CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fuel "{}"', "", "fuels")
 
@@ -33,21 +35,29 @@ def shipped_fuels() -> list[str]:
     return _CATALOGUE.shipped()
 
 
-def load_fuel(name: str) -> Fuel:
-    """Return a fuel of the catalogue.
+def load_fuel(source: str | Path) -> Fuel:
+    """Return a fuel of the catalogue or of a file.
 
     Parameters
     ----------
-    name : str
-        One of `fuel_catalogue()`, such as ``"iso4113"``.
+    source : str or path
+        One of `fuel_catalogue()`, such as ``"iso4113"``, or a file, which is a path or ends with ``.toml``.
 
     Raises
     ------
     InputError
-        If there is no such fuel; the message proposes the nearest name.
+        If there is no such fuel; the message proposes the nearest name. If the file cannot be read.
     ConfigurationError
-        If it is no text.
+        If it is neither a text nor a path.
     """
+    if isinstance(source, PathLike) or (isinstance(source, str) and source.endswith(".toml")):
+        path = file_path(source, "file of a fuel")
+        return parse_fuel(read_toml(path)[0], path.stem, str(path))
+    return catalogue_fuel(source)
+
+
+def catalogue_fuel(name: str) -> Fuel:
+    """Fuel of the catalogue; errors are those of `load_fuel`."""
     return _of_catalogue(plain_text(name, "name of a fuel"))
 
 

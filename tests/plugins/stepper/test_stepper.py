@@ -256,6 +256,31 @@ def test_the_response_is_that_of_the_matrices(linear: cr.LinearModel) -> None:
     assert found == pytest.approx(np.array([d, linear.c @ b, linear.c @ linear.a @ b]))
 
 
+def test_a_reduced_model_responds_as_the_whole_one(linear: cr.LinearModel) -> None:
+    """To inputs that it was not reduced with, a step and noise; its stated error is that of an impulse."""
+    samples = 300
+    small = linear.reduce(40, samples)
+    assert len(small.states) == 40 < 0.1 * len(linear.states)
+    assert len(repr(linear)) < 300
+    impulse = np.zeros((samples, 2))
+    impulse[0, 0] = 1.0
+    change = np.abs(small.respond(impulse) - linear.respond(impulse)).max(axis=0)
+    assert change == pytest.approx(small.errors["impulse"][:, 0], rel=1e-6, abs=1e-12 * np.abs(linear.d).max())
+    rng = np.random.default_rng(1)
+    coarse = linear.reduce(4, samples)
+    # noise moves the pipes at all frequencies, of which 40 states hold fewer than a step needs
+    for inputs, limit in ((np.full((samples, 2), 1e5), 0.02), (rng.normal(scale=1e5, size=(samples, 2)), 0.1)):
+        whole = linear.respond(inputs)
+        left, more = (
+            np.abs(one.respond(inputs) - whole).max(axis=0) / np.abs(whole).max(axis=0) for one in (small, coarse)
+        )
+        assert left.max() < limit
+        assert more.max() > 2.0 * left.max()
+    for order in (0, 1.5, 10_000):
+        with pytest.raises(cr.ConfigurationError, match="order"):
+            linear.reduce(order)  # type: ignore[arg-type]
+
+
 def test_the_stated_errors_are_small_and_of_the_matrices_shape(linear: cr.LinearModel) -> None:
     n = len(linear.states)
     assert linear.a.shape == (n, n)

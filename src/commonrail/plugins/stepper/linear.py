@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from commonrail.base.arguments import whole
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.units import to_text
 from commonrail.engine.loop import Loop
 from commonrail.physics.flow import contents
 from commonrail.physics.model import Waves
@@ -57,7 +60,7 @@ class Operation(NamedTuple):
     variant: Variant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LinearModel:
     """Linear model in deviations from the simulated course of one sample.
 
@@ -67,7 +70,8 @@ class LinearModel:
         x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k); y(k) belongs to the sample that u(k) drives.
     errors : dict of str to matrix
         Estimated error of each matrix "a", "b", "c", "d": a third of the change when all differences double, and half
-        the jump of the slope at the state itself.
+        the jump of the slope at the state itself. Of a reduced model "impulse" (outputs, inputs): largest deviation of
+        the response to a unit impulse from that of the whole model.
     states, inputs, outputs : tuple of str
         Names of rows and columns. Waves in the pipes are states ``waves.down[-3]``: what left three steps ago.
     sample : float
@@ -88,6 +92,54 @@ class LinearModel:
     outputs: tuple[str, ...]
     sample: float
     kinks: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        kinks = f", {len(self.kinks)} kinks" if self.kinks else ""
+        return (
+            f"LinearModel({len(self.states)} states, {', '.join(self.inputs)} to {', '.join(self.outputs)}, "
+            f"sample {to_text(self.sample, 's')}{kinks})"
+        )
+
+    def reduce(self, order: int, samples: int = 400) -> LinearModel:
+        """Model with few states by balanced truncation over a finite number of samples.
+
+        States are kept that inputs reach and outputs show most within `samples` (Gramians of a finite horizon, which
+        exist of unstable models too), from the singular values of the Hankel matrix C A^(i+k) B. Inputs and outputs
+        are scaled by their largest impulse response, so that units do not weigh.
+
+        Raises
+        ------
+        ConfigurationError
+            If the order is not a whole number from 1 to that of the model, or the samples are fewer than it.
+        """
+        order, samples = whole(order, "order", 1), whole(samples, "samples", 1)
+        if not order <= min(len(self.states), samples):
+            raise ConfigurationError(
+                f"order: at most {min(len(self.states), samples)} states can be kept, not {order}."
+            )
+        impulse = self._impulse(samples)
+        rows = 1.0 / np.maximum(np.abs(impulse).max(axis=(0, 2)), np.finfo(float).tiny)
+        columns = 1.0 / np.maximum(np.abs(rows[:, None] * impulse).max(axis=(0, 1)), np.finfo(float).tiny)
+        reach, show = [self.b * columns], [self.c.T * rows]
+        for _ in range(samples - 1):
+            reach.append(self.a @ reach[-1])
+            show.append(self.a.T @ show[-1])
+        controlled, observed = np.hstack(reach), np.hstack(show)
+        u, sigma, vt = np.linalg.svd(observed.T @ controlled, full_matrices=False)
+        kept = min(order, int(np.sum(sigma > sigma[0] * np.finfo(float).eps * len(sigma))))
+        root = np.sqrt(sigma[:kept])
+        into, out = controlled @ vt[:kept].T / root, (u[:, :kept] / root).T @ observed.T
+        names = tuple(f"balanced[{i}]" for i in range(kept))
+        found = replace(self, a=out @ self.a @ into, b=out @ self.b, c=self.c @ into, states=names, errors={})
+        return replace(found, errors={"impulse": np.abs(found._impulse(samples) - impulse).max(axis=0)})
+
+    def _impulse(self, samples: int) -> Floats:
+        """Outputs (samples, outputs, inputs) to a unit impulse of each input."""
+        x, found = self.b, [self.d]
+        for _ in range(samples - 1):
+            found.append(self.c @ x)
+            x = self.a @ x
+        return np.array(found)
 
     def respond(self, inputs: Floats) -> Floats:
         """Outputs (samples, outputs) of the linear model, from zero, to inputs (samples, inputs)."""

@@ -22,7 +22,7 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Q
 from commonrail.physics.variants import Variant, model_of, reader_of, unread_parameters
-from commonrail.readers.fuel import FuelModel, load_fuel, parse_fuel
+from commonrail.readers.fuel import FuelModel, catalogue_fuel, parse_fuel
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import (
     FileModel,
@@ -385,4 +385,4 @@ def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
         path = reach.path(Path(at.file).parent, table.file, at / "file")
         return parse_fuel(read_toml(path)[0], path.stem, str(path))
     with located(at / "name"):
-        return load_fuel(table.name or "")
+        return catalogue_fuel(table.name or "")

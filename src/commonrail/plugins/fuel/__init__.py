@@ -1,0 +1,1 @@
+"""Fuels fitted to tables of measured properties."""
