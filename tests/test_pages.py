@@ -21,7 +21,7 @@ PAGES = [README, *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "cases"
 
 VERBS = {name: cli.get_command(click.Context(cli), name) for name in SHIPPED["verbs"]}
 SHELL = ("|", ">", "&&", ";")  # end a command
-OUTPUTS = ("--out", "--plot")  # what a command writes, a later one may take
+OUTPUTS = ("--out", "--report")  # what a command writes, a later one may take
 
 
 def blocks(text: str) -> Iterator[str]:

@@ -37,8 +37,8 @@ def test_a_file_in_no_folder_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--plot: .* is a folder"):
-        check_file(tmp_path, "--plot")
+    with pytest.raises(InputError, match=r"--report: .* is a folder"):
+        check_file(tmp_path, "--report")
 
 
 def test_a_file_in_place_of_a_folder_is_refused(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_two_outputs_of_one_place_are_refused(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize(
     "line",
     [
-        ("simulate", "--energising-time", "500us", "--rail-pressure", "80MPa", "--out", "a", "--plot", "a"),
+        ("simulate", "--energising-time", "500us", "--rail-pressure", "80MPa", "--out", "a", "--report", "a"),
         ("map", "--out", "a.json", "--quantity-out", "a.json"),
         ("sweep", "--vary", "rail_pressure=80MPa", "--out", "a.csv", "--out", "a.csv"),
     ],

@@ -100,7 +100,7 @@ def test_the_csv_can_be_read_back_as_data(command: Command, tmp_path: Path) -> N
 
 def test_the_plot_is_a_page(command: Command, tmp_path: Path) -> None:
     path = tmp_path / "course.html"
-    done = command(*SIMULATE, "--plot", path)
+    done = command(*SIMULATE, "--report", path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert f"wrote {path}" in done.err
 
@@ -140,7 +140,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
         ((*SIMULATE, "--time-step", "1ms"), "The time step must lie between"),
         ((*SIMULATE, "--energising", "0us:1us"), "Give --energising-time for one injection"),
         ((*SIMULATE, "--out", "/nowhere/x.csv"), "--out: there is no folder"),
-        ((*SIMULATE, "--plot", "."), "--plot: . is a folder"),
+        ((*SIMULATE, "--report", "."), "--report: . is a folder"),
         ((*SIMULATE, "--set", "a.b=1"), "has no such parameter"),
         # of a direct-acting injector
         ((*SIMULATE, "--set", "armature.mass=1g"), "`commonrail catalogue parameters` lists those of all injectors."),
@@ -227,7 +227,7 @@ def metered_study(tmp_path: Path) -> Path:
 def test_a_meter_shows_its_rate_beside_the_true_one(command: Command, tmp_path: Path) -> None:
     files = ("--study", str(metered_study(tmp_path)), "--meter", "bench")
     out, plot = tmp_path / "seen.csv", tmp_path / "seen.html"
-    record = command(*SIMULATE, *files, "--out", str(out), "--plot", str(plot), "--json").record
+    record = command(*SIMULATE, *files, "--out", str(out), "--report", str(plot), "--json").record
     own = solution()
     assert record["meter"]["name"] == "bench"
     assert record["meter"]["quantity"] == pytest.approx(1.5 * own.injected_volume)

@@ -32,7 +32,7 @@ MEMORY = {
     "fleet": "lower --workers, or divide the fleet's table",
 }
 _DASH = Path("-")
-_OUTPUTS = ("out", "quantity_out", "report", "plot", "gallery")  # options with files that are written
+_OUTPUTS = ("out", "quantity_out", "report")  # options with files that are written
 OTHERS = "close other programs or take a machine with more"
 
 

@@ -178,11 +178,6 @@ def _with_units(parts: list[str], option: str) -> list[str]:
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
 NoLive = Annotated[bool, Option("--no-live", help="Write the report without the chart that simulates in the browser.")]
 StudyFile = Annotated[Path, Argument(metavar="STUDY.toml", help="Study file.")]
-OutFile = Annotated[
-    Path | None,
-    Option("--out", help="CSV file to be written with rate, lifts, pressures and current against time."),
-]
-PlotFile = Annotated[Path | None, Option("--plot", help="HTML file to be written with the same as plots.")]
 CylinderPressure = Annotated[
     str | None,
     Option(help="Cylinder pressure, e.g. 5MPa. [default: that of the first data of a run or study, else 5MPa]"),

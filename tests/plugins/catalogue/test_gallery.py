@@ -46,7 +46,7 @@ def test_what_is_synthetic_is_said(virtual: Exhibit) -> None:
 @pytest.mark.slow  # kernels of a rail volume and of a direct-acting injector
 def test_the_verb_shows_all_injectors(tmp_path: Path) -> None:
     out = tmp_path / "gallery.html"
-    record = run_command("catalogue", "injectors", "--gallery", out, "--json").record
+    record = run_command("catalogue", "injectors", "--report", out, "--json").record
     assert record["injectors"] == ["cri2-16", "crin", "direct-acting-kr", "virtual-lino-2016"]
     page = Page(out.read_text(encoding="utf-8"))
     assert page.count("h2") == len(record["injectors"])
@@ -56,7 +56,7 @@ def test_the_verb_shows_all_injectors(tmp_path: Path) -> None:
 
 
 def test_a_search_that_finds_nothing_is_a_sentence(tmp_path: Path) -> None:
-    done = run_command("catalogue", "injectors", "--gallery", tmp_path / "g.html", "--search", "no such")
+    done = run_command("catalogue", "injectors", "--report", tmp_path / "g.html", "--search", "no such")
     assert done.status == 2
     assert 'No injector of the catalogue contains "no such"' in done.sentence
     assert not (tmp_path / "g.html").exists()

@@ -17,8 +17,6 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     CylinderPressure,
     Json,
-    OutFile,
-    PlotFile,
     ReturnPressure,
     Settings,
     check_distinct,
@@ -91,8 +89,11 @@ def simulate(
         Path | None,
         Option(help="Study, or calibrated.toml of a run, that describes the meter. [default: the injector file]"),
     ] = None,
-    out: OutFile = None,
-    plot: PlotFile = None,
+    out: Annotated[
+        Path | None,
+        Option(metavar="FILE.csv", help="Rate, lifts, pressures and current against time."),
+    ] = None,
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the same as plots.")] = None,
     json: Json = False,
 ) -> None:
     """Simulate one injection, or several in a row.
@@ -103,7 +104,7 @@ def simulate(
       commonrail simulate my.toml --rail-pressure 1200bar --energising 0us:200us \\
           --energising 900us:600us --set plunger_needle.k1=303N/um --out injection.csv
       commonrail simulate runs/first/calibrated.toml --rail-pressure 160MPa --energising-time 700us \\
-          --meter bench --plot seen.html
+          --meter bench --report seen.html
     """
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.runs.model_name import read_model_name
@@ -113,8 +114,8 @@ def simulate(
     if engine is Engine.REFERENCE and time_step is not None:
         raise InputError("--time-step: the reference engine chooses its steps by its errors; omit it or --engine.")
     check_file(out, "--out")
-    check_file(plot, "--plot")
-    check_distinct(out, plot)
+    check_file(report, "--report")
+    check_distinct(out, report)
     named = read_model_name(injector)
     seen = _meter(named, meter, study)
     point = OperatingPoint(
@@ -133,7 +134,7 @@ def simulate(
         from commonrail.engine.solution import metered
 
         run = run._replace(shown=metered(solution, seen, chosen, point))
-    files = _write(run, out, plot)
+    files = _write(run, out, report)
     if json:
         print_json(record(run) | {"files": files})
     else:
@@ -164,18 +165,18 @@ def _meter_of(model: NamedModel, name: str) -> Meter:
     raise InputError(f"--meter {name}: {model.text} {there}; name a study or a calibrated.toml with --study.")
 
 
-def _write(run: Run, out: Path | None, plot: Path | None) -> list[str]:
+def _write(run: Run, out: Path | None, report: Path | None) -> list[str]:
     if out is not None:
         with writing(out, "--out"):
             write_rows(run, out)
-    if plot is not None:
+    if report is not None:
         from commonrail.report.simulation import simulation_figure
 
-        with writing(plot, "--plot"):
+        with writing(report, "--report"):
             shown = {} if run.shown is None else {run.shown.meter.name: run.shown.rate}
             page = simulation_figure(run.solution, heading(run), shown)
-            write_text(plot, page)
-    return [str(path) for path in (out, plot) if path is not None]
+            write_text(report, page)
+    return [str(path) for path in (out, report) if path is not None]
 
 
 # Simulated injection as figures for the terminal, a JSON record and a CSV file.

@@ -33,8 +33,8 @@ def catalogue(
     ] = None,
     *,
     search: Annotated[str, Option(help="Text that the listed entries contain. [default: all entries]")] = "",
-    gallery: Annotated[
-        Path | None, Option(metavar="FILE.html", help="Page with curves, figures and sources of the injectors.")
+    report: Annotated[
+        Path | None, Option(metavar="FILE.html", help="Report with curves, figures and sources of the injectors.")
     ] = None,
     write: Annotated[
         str, Option(metavar="NAME", help="Write the file of an injector, NAME.toml, into this folder to start from.")
@@ -50,16 +50,16 @@ def catalogue(
     Examples:
       commonrail catalogue injectors
       commonrail catalogue parameters --search spring
-      commonrail catalogue injectors --gallery injectors.html
+      commonrail catalogue injectors --report injectors.html
       commonrail catalogue injectors --write cri2-16
     """
     if write:
-        if section not in (None, Section.INJECTORS) or search or gallery is not None:
+        if section not in (None, Section.INJECTORS) or search or report is not None:
             raise InputError("--write stands alone, as in commonrail catalogue injectors --write cri2-16.")
         _write_injector(write, json)
         return
-    if gallery is not None:
-        _write_gallery(gallery, search, json)
+    if report is not None:
+        _write_gallery(report, search, json)
         return
     chosen = [section] if section else list(Section)
     found = {s.value: [e for e in _ENTRIES[s]() if _matches(e, search)] for s in chosen}
@@ -103,9 +103,9 @@ def _write_gallery(path: Path, search: str, json: bool) -> None:
     names = [entry["name"] for entry in _injectors() if _matches(entry, search)]
     if not names:
         raise InputError(f'No injector of the catalogue contains "{search}"; omit --search to show all.')
-    check_file(path, "--gallery")
+    check_file(path, "--report")
     text = gallery_html([exhibit(name, load_injector(name)) for name in names], version("commonrail"))
-    with writing(path, "--gallery"):
+    with writing(path, "--report"):
         write_text(path, text)
     if json:
         print_json({"kind": "gallery", "page": str(path), "injectors": names})
