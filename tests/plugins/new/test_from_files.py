@@ -150,9 +150,13 @@ def test_time_zero_of_traces_is_not_taken_in_silence(head: str, columns: str, tm
 
 
 def traces(path: Path) -> Path:
-    """MAT structure of rates and currents, whose names alone have units and rail pressures; MATLAB knows neither."""
-    time = np.arange(-0.1, 2.0, 0.01)
-    columns = {f"{name}_{p}bar": p + 0.0 * time for p in (100, 200) for name in ("mdot_mg_ms", "I_A")}
+    """MAT structure of rates and currents, whose names alone have units and rail pressures; MATLAB knows neither.
+
+    The current sensor reads 0.3 A before the energising.
+    """
+    time = np.arange(-10, 200) / 100.0
+    columns = {f"mdot_mg_ms_{p}bar": p + 0.0 * time for p in (100, 200)}
+    columns |= {f"I_A_{p}bar": 0.3 + p * (time > -0.005) for p in (100, 200)}
     savemat(path, {"run": {"t_ms": time, **columns}})
     return path
 
@@ -171,7 +175,9 @@ def test_units_and_points_of_names_are_proposed_to_be_checked_and_each_rate_has_
         assert isinstance(data, cr.RateData)
         assert (data.point.rail_pressure, data.point.pulses[0].duration) == (rail, pytest.approx(700e-6))
         assert isinstance(data.point.drive, cr.Trace)
-        assert set(data.point.drive.value) == {rail / 1e5}  # the current of this pressure, 1 A for each bar
+        # the current of this pressure, 1 A for each bar, from the zero that the sensor shows at rest
+        assert data.point.drive.value[0] == pytest.approx(0.0, abs=1e-9)
+        assert data.point.drive.value[-1] == pytest.approx(rail / 1e5)
         assert (data.point.cylinder_pressure, data.point.return_pressure) == (1e5, 2e5)
 
 

@@ -186,13 +186,18 @@ def _block(found: Survey, surveys: Sequence[Survey], model: Injector, stated: St
     return block | {"source": f"{found.path.name}, as it came", "synthetic": ""}
 
 
-def _drive(found: Survey, unit: str) -> dict[str, str]:
-    """Key with the only channel that may be the measured drive, or the pattern of several."""
+def _drive(found: Survey, unit: str) -> dict[str, Any]:
+    """Key with the only channel that may be the measured drive, or the pattern of several.
+
+    A record that begins before time 0, where the energising starts, shows the zero of the sensor.
+    """
     channels = [channel for channel in found.channels if channel.kind == unit]
     names = [channel.name for channel in channels]
     column = pattern_of(names) if "columns" in found.block else names[0] if len(names) == 1 else None
     stated = {"unit": channels[0].unit} if column and channels[0].unit_by_name else {}
-    return {"column": column or UNKNOWN, **stated}
+    starts = [one.low for one in found.channels if one.kind == "s"] + [one.times[0] for one in channels if one.times]
+    rest = {"zero_at_rest": True} if unit == "A" and min(starts, default=0.0) < 0.0 else {}
+    return {"column": column or UNKNOWN, **stated, **rest}
 
 
 def _copied_injector(source: Path, model: Injector, target: Path) -> Path:
@@ -310,13 +315,15 @@ def _line(key: str, value: Any, is_checked: bool = False) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Value as TOML: a text, a list or an inline table of texts."""
+    """Value as TOML: a text, true or false, a list or an inline table of these."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     import tomlkit
 
+    if isinstance(value, bool):
+        return str(value).lower()
     return tomlkit.string(str(value)).as_string()
 
 

@@ -115,8 +115,8 @@ def sensitivity(
         models.append(Features(injector, space.names, points, read_features(features), computing).model)
     if not models:
         raise ConfigurationError(
-            "An injector has no data: give operating points (--rail-pressure and --energising-time, or `points`), "
-            "or a study or run folder."
+            "An injector has no data: give operating points (--rail-pressure and --energising-time; in Python: "
+            "points), or a study or run folder."
         )
     synthetic = study.synthetic if study else injector.synthetic
     title = study.title if study else injector.title
