@@ -15,7 +15,7 @@ from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Settings, Threads, read_models
 
 if TYPE_CHECKING:
-    from commonrail.calibration.plausibility.finding import Finding
+    from commonrail.calibration.plausibility import Finding
     from commonrail.plugins.compare.run import Comparison
     from commonrail.runs.model_name import NamedModel
 
@@ -91,7 +91,7 @@ def _compared(
 
 def _warnings(comparison: Comparison, named: Sequence[NamedModel]) -> list[dict[str, str]]:
     """What is implausible, each finding once: errors, shifts and gains of the models that were fitted too."""
-    from commonrail.calibration.plausibility.check import of_model
+    from commonrail.calibration.plausibility import of_model
     from commonrail.calibration.result import warning_records
 
     found: dict[Finding, None] = {}
