@@ -81,6 +81,7 @@ def test_a_mistaken_option_ends_with_one_sentence(command: Command) -> None:
         (("simulate", "cri2-16", "--rail-pressure"), "commonrail simulate --help"),
         (("--trace",), "--traceback"),
         (("lab", "verfy"), "verify"),
+        (("reproduce", "--quick"), "lab reproduce"),
     ):
         done = command(*words)
         assert done.status == 2

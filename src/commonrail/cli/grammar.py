@@ -154,7 +154,8 @@ class Verbs(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Import the verb that is called, and let Ctrl-C raise an exception from then on."""
         if find("verbs", self.prefix + args[0]) is None:
-            ctx.fail(f"No such command '{args[0]}'{nearest(args[0], self._names())}.")
+            known = self._names() if self.prefix else [*entries("verbs")]
+            ctx.fail(f"No such command '{args[0]}'{nearest(args[0], known)}.")
         resolved = super().resolve_command(ctx, args)
         raise_interrupts()
         return resolved
