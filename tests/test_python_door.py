@@ -160,7 +160,7 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     (cr.load_injector, "source", "injector|path", (*NO_PATH, "virtual-lino")),
     (cr.load_study, "path", "path|file", (*NO_PATH, "no such.toml")),
     (cr.load_truth, "source", "truth|path", (*NO_PATH, "virtual-lino")),
-    (cr.load_fuel, "name", "fuel", (*NO_PATH, "iso4114", ["iso4113"])),
+    (cr.load_fuel, "source", "fuel|path", (*NO_PATH, "iso4114", ["iso4113"])),
     (cr.read_run, "folder", "folder|result.json", (*NO_PATH, "nowhere")),
     (cr.create_run_folder, "path", "folder", NO_PATH),
     (cr.list_runs, "folder", "folder", (*NO_PATH, "nowhere")),
