@@ -82,7 +82,7 @@ class Panel:
     With `scaled_by` the series of that look and the bands set the range of the vertical axis, where there are any; the
     others are cut at the frame.
     With `categories` the horizontal axis counts them from 0 and shows their names. With `rows` the vertical axis does,
-    from top to bottom, and `bars` lie in the rows.
+    from top to bottom, and `bars` lie in the rows. Without a legend the vertical axis says what the series are.
     """
 
     y_title: str
@@ -96,6 +96,7 @@ class Panel:
     bars: tuple[Bars, ...] = ()
     rows: tuple[str, ...] = ()
     scaled_by: str = ""
+    has_legend: bool = True
 
 
 @dataclass(frozen=True)

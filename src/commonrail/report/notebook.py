@@ -19,12 +19,12 @@ from commonrail.calibration.study import Study
 from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
+from commonrail.report.anatomy import anatomy_figure
 from commonrail.report.draw.figure import svg
 from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
 from commonrail.report.fit.tables import parameter_table, tables_of
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit, presenter_of
-from commonrail.report.simulation import course_figure
 from commonrail.runs.folder import rate_curves
 
 # Presenters of simulations, injectors, studies and fits: what notebooks show of them.
@@ -153,7 +153,7 @@ def _by_parameter(values: Sequence[Any]) -> Array:
     return Array(("parameter",), np.array(values))
 
 
-SOLUTION = Presenter(_solution_lines, figures=lambda s: [course_figure({"": s})], arrays=_solution_arrays)
+SOLUTION = Presenter(_solution_lines, figures=lambda s: [anatomy_figure(s)], arrays=_solution_arrays)
 BATCH = Presenter(_batch_lines, arrays=_batch_arrays)
 INJECTOR = Presenter(_injector_lines, arrays=_injector_arrays)
 STUDY = Presenter(_study_lines, _study_tables, arrays=_study_arrays)

@@ -8,12 +8,13 @@ from types import MappingProxyType
 from numpy.typing import ArrayLike
 
 from commonrail.base.arguments import array, instance, mapping, plain_text
-from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, Panel, Series, points
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Solution
+from commonrail.report.anatomy import anatomy_html
 from commonrail.report.draw.figure import figure_html
 from commonrail.report.html import render
 
@@ -34,14 +35,19 @@ _PANELS = (
     ("current, A", 1.0, {"coil_current": "coil"}),
 )
 
-ORDER = [key for panel in (_RATE, *_PANELS) for key in panel[2]]
-DASHES = ("solid", "dash", "dot", "dashdot")
+_DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 def simulation_figure(
-    solutions: Solution | Mapping[str, Solution], title: str = "", shown: Mapping[str, ArrayLike] = MappingProxyType({})
+    solutions: Solution | Mapping[str, Solution],
+    title: str = "",
+    shown: Mapping[str, ArrayLike] = MappingProxyType({}),
+    point: OperatingPoint | None = None,
+    synthetic: str = "",
 ) -> str:
     """Page that shows rate, lifts, pressures and current against time.
+
+    That of a single solution has a section of an injector, whose valve and needle move in slow motion.
 
     Parameters
     ----------
@@ -51,6 +57,10 @@ def simulation_figure(
         What was simulated.
     shown : mapping of str to (samples,)
         Rates [m³/s] as meters show them, by the meters' names; of a single solution only.
+    point : OperatingPoint, optional
+        That of a single solution: its energisings are drawn, and delays counted from them.
+    synthetic : str
+        What of it is made up, in words.
 
     Returns
     -------
@@ -74,7 +84,11 @@ def simulation_figure(
     seen = {name: array(rate, "m3/s", f"rate by meter {name}", 1) for name, rate in shown.items()}
     if seen and (list(named) != [""] or any(len(rate) != len(named[""].rate) for rate in seen.values())):
         raise ConfigurationError("What meters show must belong to a single solution, with one rate for each sample.")
-    figure = course_figure(named, seen)
+    if point is not None:
+        instance(point, OperatingPoint, "point")
+    if list(named) == [""]:
+        return anatomy_html(named[""], title or "Simulation", point, seen, synthetic)
+    figure = course_figure(named)
     statuses = [f"{f'{name}: ' if name else ''}{s.sentence}" for name, s in named.items()]
     return render(
         "simulation.html",
@@ -85,22 +99,12 @@ def simulation_figure(
     )
 
 
-def course_figure(solutions: Mapping[str, Solution], shown: Mapping[str, Floats] = MappingProxyType({})) -> Figure:
-    """Figure of solutions by name ("" for a single one).
-
-    A single solution has a colour for each channel; several have a colour each, and a dash for each channel of a panel.
-    `shown` are rates (samples,) [m³/s] of the single solution as meters show them, by the meters' names.
-    """
+def course_figure(solutions: Mapping[str, Solution]) -> Figure:
+    """Figure of solutions by name: they have a colour each, and a dash for each channel of a panel."""
     panels = []
     for y_title, scale, channels in (_RATE, *_PANELS):
         share = 0.34 if y_title == RATE else 0.22
         series = tuple(_series(solutions, scale, channels))
-        if y_title == RATE:
-            time = points(next(iter(solutions.values())).sample_time * MICROSECOND)
-            series += tuple(
-                Series(f"rate by meter {name}", "dash", time, points(rate * scale), family=len(ORDER) + i)
-                for i, (name, rate) in enumerate(shown.items())
-            )
         panels.append(Panel(y_title, series, share))
     return Figure("Course of the injection", "", "time, µs", tuple(panels))
 
@@ -115,9 +119,9 @@ def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[s
                 (solution.sample_time, solution.rate) if key == "rate" else (solution.time, solution.channels[key])
             )
             yield Series(
-                f"{words}, {name}" if name else words,
-                DASHES[index % len(DASHES)],
+                f"{words}, {name}",
+                _DASHES[index % len(_DASHES)],
                 points(time * MICROSECOND),
                 points(values * scale),
-                family=family if len(solutions) > 1 else ORDER.index(key),
+                family=family,
             )

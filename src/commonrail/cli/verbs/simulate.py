@@ -174,7 +174,7 @@ def _write(run: Run, out: Path | None, report: Path | None) -> list[str]:
 
         with writing(report, "--report"):
             shown = {} if run.shown is None else {run.shown.meter.name: run.shown.rate}
-            page = simulation_figure(run.solution, heading(run), shown)
+            page = simulation_figure(run.solution, heading(run), shown, run.point, run.injector.synthetic)
             write_text(report, page)
     return [str(path) for path in (out, report) if path is not None]
 

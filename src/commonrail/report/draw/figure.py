@@ -483,7 +483,7 @@ def _entries(figure: Figure) -> dict[tuple[str, str], str]:
             colour = colour_of(boxes.look, None)
             square = f'<rect x="4" y="-10" width="12" height="11" fill="{colour}" fill-opacity=".3" stroke="{colour}"/>'
             found.setdefault(boxes.label, ("", square))
-        for series in panel.series:
+        for series in panel.series if panel.has_legend else ():
             found.setdefault(series.label, (_key(series.look, series.family), _sample(series)))
     return {(key, text): sample for text, (key, sample) in found.items() if text}
 

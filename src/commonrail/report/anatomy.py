@@ -1,0 +1,298 @@
+"""Anatomy of one injection: its course with delays, and a section of an injector that moves with it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import Bars, Figure, Panel, Points, Series, points
+from commonrail.base.text import MISSING, fixed
+from commonrail.data.curves.page import RATE
+from commonrail.data.features.features import features
+from commonrail.data.features.result import Features, Injection
+from commonrail.data.features.settings import FeatureSettings
+from commonrail.data.records import MICROSECOND, MM3, MM3_PER_MS
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.solution import Solution
+from commonrail.report.draw.figure import svg
+from commonrail.report.fit.verdict import Tile
+from commonrail.report.html import render
+
+# Title, factor from SI, and the channels with their names and colours, from the cause to the effect.
+_PANELS: tuple[tuple[str, float, dict[str, tuple[str, int]]], ...] = (
+    ("current, A", 1.0, {"coil_current": ("current", 5)}),
+    ("valve, µm", 1e6, {"valve_lift": ("valve lift", 1)}),
+    ("armature, µm", 1e6, {"armature_lift": ("armature lift", 1)}),
+    (
+        "pressure, MPa",
+        1e-6,
+        {
+            "rail_pressure": ("rail", 4),
+            "accumulation_pressure": ("accumulation volume", 2),
+            "control_pressure": ("control chamber", 3),
+            "sac_pressure": ("SAC", 7),
+        },
+    ),
+    ("needle, µm", 1e6, {"needle_lift": ("needle lift", 6)}),
+    (RATE, MM3_PER_MS, {"rate": ("rate", 0)}),
+)
+_SHARES = {"pressure, MPa": 1.5, RATE: 1.5}
+_ROWS = ("energised", "opening", "closing")
+AFTER, LEAST = 0.08, 100e-6  # time shown after the end of all motion: share of what lies before, and at least [s]
+STILL = 0.01  # of the largest rate, lift or current: below, nothing is going on
+FRAMES = 400  # of the slow motion
+SECONDS = 8  # that the slow motion lasts
+NEEDLE_STROKE, VALVE_STROKE = 14.0, 8.0  # of the section, at the largest lift [px]
+
+
+class Ramp(NamedTuple):
+    """Times [s] of an injection in the rate: opening and closing, and the ramps between shares of its largest rate."""
+
+    opening: tuple[float, float]  # from the start of energising to where the rate begins
+    rise: tuple[float, float]
+    closing: tuple[float, float]  # from the end of energising to where the rate ends
+    fall: tuple[float, float]
+
+
+def end_of_motion(solution: Solution, pulses: tuple[Energising, ...] = ()) -> float:
+    """Time at which an injection, its valve and its current have come to rest, with some time behind it [s]."""
+    ends = [pulse.start + pulse.duration for pulse in pulses]
+    courses = [(solution.sample_time, solution.rate)]
+    courses += [(solution.time, solution.channels[k]) for k in _moving(solution) | {"coil_current"}]
+    for time, values in courses:
+        above = np.flatnonzero(values > STILL * np.nanmax(values, initial=0.0))
+        ends.append(float(time[above[-1]]) if len(above) else float(time[0]))
+    begin = float(solution.time[0])
+    return min(max(ends) + max(LEAST, AFTER * (max(ends) - begin)), float(solution.time[-1]))
+
+
+def _moving(solution: Solution) -> set[str]:
+    return {"valve_lift", "armature_lift", "needle_lift"} & set(solution.channels)
+
+
+def _features(solution: Solution, point: OperatingPoint | None) -> Features:
+    """Features of a solution; none of a simulation that failed on its way."""
+    if not np.isfinite(solution.mass_rate).all():
+        solution = replace(solution, mass_rate=np.zeros_like(solution.mass_rate))
+    return features(solution, point)
+
+
+def ramps(solution: Solution, found: Features) -> list[Ramp]:
+    """Ramps of each injection of a solution, by its features; NaN where one is missing."""
+    low, high = FeatureSettings().ramp
+    time, rate = solution.sample_time, solution.rate
+    return [_ramp(one, found, time, rate, (low, high)) for one in found.injections]
+
+
+def _ramp(one: Injection, found: Features, time: Floats, rate: Floats, shares: tuple[float, float]) -> Ramp:
+    opening, closing = one["opening"], one["closing"]
+    inside = (time >= opening) & (time <= closing)
+    risen = time[inside & (rate > shares[0] * one["peak_rate"])]
+    falling = time[inside & (rate > shares[1] * one["peak_rate"])]
+    rise = float(risen[0]) if len(risen) else np.nan
+    fall = float(falling[-1]) if len(falling) else np.nan
+    return Ramp(
+        (opening - one["opening_delay"], opening),
+        (rise, rise + one["rise_time"]),
+        (closing - one["closing_delay"], closing),
+        (fall, fall + one["fall_time"]),
+    )
+
+
+def anatomy_figure(
+    solution: Solution,
+    point: OperatingPoint | None = None,
+    shown: Mapping[str, Floats] = MappingProxyType({}),
+) -> Figure:
+    """Current, valve, pressures, needle and rate above one another, below a bar of energisings and delays.
+
+    Without an operating point the energising is unknown, and with it the delays. `shown` are rates (samples,) [m³/s]
+    as meters show them, by the meters' names. The course ends where all motion does.
+    """
+    pulses = () if point is None else point.pulses
+    end = end_of_motion(solution, pulses)
+    found = _features(solution, point)
+    instants = [t for ramp in ramps(solution, found) for t in (ramp.opening[1], ramp.closing[1])]
+    instants += [t for pulse in pulses for t in (pulse.start, pulse.start + pulse.duration)]
+    panels = [_delays(solution, pulses, found)] if found.injections or pulses else []
+    for title, scale, channels in _PANELS:
+        series = list(_series(solution, scale, channels, end))
+        if title == RATE:
+            series += [
+                _line(solution.sample_time, rate * scale, f"rate by meter {name}", 1 + i, end, "dash")
+                for i, (name, rate) in enumerate(shown.items())
+            ]
+        if series:
+            is_keyed = len(series) > 1
+            lines = [_upright(t, series) for t in sorted({t for t in instants if t <= end})]
+            panels.append(Panel(title, (*series, *lines), _SHARES.get(title, 1.0), has_legend=is_keyed))
+    caption = (
+        "Dotted: begin and end of energising and of injection. Bars: delay from the begin of energising to that of the "
+        "rate, its rise from 20 to 80 % of the largest; delay from the end of energising to that of the rate, its fall."
+    )
+    return Figure("Anatomy of the injection", caption, "time, µs", tuple(panels))
+
+
+def _delays(solution: Solution, pulses: tuple[Energising, ...], found: Features) -> Panel:
+    bars = [_bar(0, "rigid", pulse.start, pulse.start + pulse.duration) for pulse in pulses]
+    for ramp in ramps(solution, found):
+        for row, look, ends in (
+            (1, "start", ramp.opening),
+            (1, "paper", ramp.rise),
+            (2, "start", ramp.closing),
+            (2, "paper", ramp.fall),
+        ):
+            bars += [_bar(row, look, *ends)] if np.isfinite(ends).all() else []
+    return Panel("", (), 0.6, bars=tuple(bars), rows=_ROWS)
+
+
+def _bar(row: int, look: str, start: float, end: float) -> Bars:
+    above: Points = (None,) * row
+    return Bars("", look, (*above, start * MICROSECOND), (*above, end * MICROSECOND))
+
+
+def _series(solution: Solution, scale: float, channels: Mapping[str, tuple[str, int]], end: float) -> Iterator[Series]:
+    for key, (words, colour) in channels.items():
+        # the rate belongs to the middles of the samples, a channel to their bounds
+        if key == "rate":
+            yield _line(solution.sample_time, solution.rate * scale, words, colour, end)
+        elif key in solution.channels:
+            yield _line(solution.time, solution.channels[key] * scale, words, colour, end)
+
+
+def _line(time: Floats, values: Floats, words: str, colour: int, end: float, dash: str = "solid") -> Series:
+    inside = time <= end
+    return Series(words, dash, points(time[inside] * MICROSECOND), points(values[inside]), family=colour)
+
+
+def _upright(time: float, series: list[Series]) -> Series:
+    values = [v for one in series for v in one.y if v is not None] or [0.0]
+    return Series("", "level", (time * MICROSECOND,) * 2, (min(values), max(values)))
+
+
+def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile]:
+    """Figures of an injection: quantity, delays, ramps, largest rate and lift, returned quantity."""
+    found = _features(solution, point).injections
+    mg = 1e6 * solution.injected_mass
+    several = len(found) > 1
+
+    def time(name: str) -> str:
+        texts = [fixed(one[name], 0, MICROSECOND) for one in found]
+        return f"{' · '.join(texts)} µs" if texts and set(texts) != {MISSING} else MISSING
+
+    largest = solution.channels["needle_lift"].max()
+    return [
+        Tile("injected", f"{fixed(solution.injected_volume, 2, MM3)} mm³", f"{mg:.2f} mg{', all together' * several}"),
+        Tile("opening delay", time("opening_delay"), f"then rises within {time('rise_time')}"),
+        Tile("closing delay", time("closing_delay"), f"falls within {time('fall_time')}"),
+        Tile(
+            "largest rate",
+            f"{np.nanmax(solution.rate) * MM3_PER_MS:.1f} mm³/ms",
+            f"needle up to {largest * 1e6:.0f} µm",
+        ),
+        Tile("returned", f"{fixed(solution.returned_volume, 2, MM3)} mm³", "with leakage"),
+    ]
+
+
+class Section:
+    """Section of an injector whose parts follow the frames of a slow motion; its template calls `move` and the others.
+
+    The still shows the frame of the largest needle lift; each element says in its attributes what moves it, so that the
+    page's script does the same at other times.
+    """
+
+    def __init__(self, solution: Solution, pulses: tuple[Energising, ...]) -> None:
+        self.is_direct = "valve_lift" not in solution.channels
+        time = np.linspace(float(solution.time[0]), end_of_motion(solution, pulses), FRAMES)
+        self.values = {"time": time * MICROSECOND}
+        for _, scale, channels in _PANELS:
+            for key in channels:
+                if key in solution.channels:
+                    self.values[key] = np.interp(time, solution.time, solution.channels[key]) * scale
+        self.values["rate"] = np.interp(time, solution.sample_time, np.nan_to_num(solution.rate)) * MM3_PER_MS
+        top = solution.channels.get("plunger_lift", solution.channels["needle_lift"])
+        self.values["plunger"] = np.interp(time, solution.time, top - top[0]) * 1e6
+        on = [(time >= p.start) & (time < p.start + p.duration) for p in pulses]
+        self.values["energised"] = np.any(on, axis=0).astype(float) if on else np.zeros(FRAMES)
+        self.still = int(self.values["needle_lift"].argmax())
+        self.full = max(float(v.max()) for k, v in self.values.items() if k.endswith("pressure"))
+
+    def largest(self, name: str) -> float:
+        """Largest value of a course, in the unit of its axis."""
+        return float(self.values[name].max()) if name in self.values else 0.0
+
+    def move(self, name: str, stroke: float, by: str = "") -> Markup:
+        """Attributes of a part that moves up by a stroke [px] at the largest lift of a course, or of the one `by`."""
+        if name not in self.values:
+            return Markup("")
+        scale = -stroke / max(self.largest(by or name), 1e-9)
+        shift = scale * float(self.values[name][self.still])
+        return Markup('data-move="{}" data-scale="{:.4g}" transform="translate(0 {:.2f})"').format(name, scale, shift)
+
+    def fill(self, name: str) -> Markup:
+        """Attributes of a volume filled by its pressure; of one whose pressure is not simulated, as at no pressure."""
+        value = float(self.values[name][self.still]) if name in self.values else 0.0
+        key = Markup('data-fill="{}" data-full="{:.4g}"').format(name, self.full) if name in self.values else ""
+        return Markup('class="fuel" {} fill-opacity="{:.3f}"').format(key, 0.08 + 0.9 * max(value, 0.0) / self.full)
+
+    def glow(self, name: str) -> Markup:
+        """Attributes of what is seen as far as a course is above zero: spray, energised coil."""
+        full = max(self.largest(name), 1e-9)
+        value = max(float(self.values[name][self.still]), 0.0) / full
+        return Markup('data-glow="{}" data-full="{:.4g}" opacity="{:.3f}"').format(name, full, value)
+
+    def say(self, name: str, unit: str, digits: int = 0) -> Markup:
+        """Text of a course at the time shown."""
+        if name not in self.values:
+            return Markup("")
+        value = float(self.values[name][self.still])
+        said = f"{value:.{digits}f} {unit}".replace("-", "−")
+        return Markup('<tspan data-say="{}" data-unit="{}" data-digits="{}">{}</tspan>').format(
+            name, unit, digits, said
+        )
+
+    @property
+    def slowed(self) -> int:
+        """How many times slower the motion is shown."""
+        time = self.values["time"]
+        return int(float(f"{SECONDS * 1e6 / (time[-1] - time[0]):.1g}"))
+
+    @property
+    def data(self) -> Markup:
+        """Frames for the page's script, as JSON."""
+        frames = {name: [float(f"{v:.4g}") for v in values] for name, values in self.values.items()}
+        record = {"seconds": SECONDS, "still": self.still, "frames": frames}
+        return Markup(json.dumps(record, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+
+
+def anatomy_html(
+    solution: Solution,
+    title: str,
+    point: OperatingPoint | None = None,
+    shown: Mapping[str, Floats] = MappingProxyType({}),
+    synthetic: str = "",
+) -> str:
+    """Page of one injection; `synthetic` says what of it is made up."""
+    figure = anatomy_figure(solution, point, shown)
+    drawing = Markup('<div class="drawing" id="course">{}{}</div>').format(
+        svg(figure, 700, 640, "wide"), svg(figure, 420, 620, "narrow")
+    )
+    pulses = () if point is None else point.pulses
+    return render(
+        "anatomy.html",
+        title=title,
+        figure=figure,
+        drawing=drawing,
+        tiles=anatomy_tiles(solution, point),
+        statuses=[solution.sentence],
+        synthetic=synthetic,
+        section=Section(solution, pulses),
+        strokes=(NEEDLE_STROKE, VALVE_STROKE),
+    )
