@@ -73,6 +73,7 @@ COMPARISON = Presenter(lambda c: [f"{len(c.models)} models on {len(c.data)} data
 
 def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
     """The page of a comparison; `folder` is its name for the command lines in it."""
+    figures = list(drawings(comparison_figures(record, traces)))
     return render(
         "comparison.html",
         __package__,
@@ -80,7 +81,8 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
         record=record,
         lines=comparison_lines(record),
         tables=comparison_tables(record),
-        figures=drawings(comparison_figures(record, traces)),
+        first=figures[0] if figures else None,
+        figures=figures[1:],
         differences=difference_table(record),
         synthetic=synthetic_notes(record),
         commands=comparison_commands(record, folder),

@@ -37,6 +37,7 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
     """Page of a joint fit; `run` is the folder's name, for the command lines in it."""
     data = [{**d, "name": f"{part['name']}: {d['name']}"} for part in record["parts"] for d in part["data"]]
     figures = figures_of({"data": data, "labels": TEXTS}, traces)
+    apart = list(drawings(family_figures(record), 330))
     return render(
         "family.html",
         package=__package__,
@@ -47,7 +48,7 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
         tables=family_tables(record),
         errors=tables_of(data, TEXTS),
         tiles=[tile for part in record["parts"] for tile in merits(part["data"], f"{part['name']}: ")],
-        figures=drawings(family_figures(record)),
+        first=apart[0] if apart else None,
         maps=small_drawings(figures, "map"),
         convergence=convergence_section(record),
         data=data,

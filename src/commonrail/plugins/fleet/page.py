@@ -16,6 +16,7 @@ from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
 from commonrail.report.draw.figure import drawings, figure_html, small_drawings
 from commonrail.report.fit.record import short_names
+from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -50,6 +51,7 @@ def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
 def fleet_html(record: Record, command: str) -> str:
     """The page of a fleet."""
     heat = correlation_map(record, _names(record))
+    figures = list(drawings(fleet_figures(record), 330))
     return render(
         "fleet.html",
         package=__package__,
@@ -59,7 +61,9 @@ def fleet_html(record: Record, command: str) -> str:
         lines=fleet_lines(record),
         warnings=fleet_warnings(record),
         tables=fleet_tables(record),
-        figures=drawings(fleet_figures(record), 380),
+        tiles=_tiles(record),
+        first=figures[0] if figures else None,
+        figures=figures[1:],
         heat=heat and (heat, figure_html(heat, "correlations")),
         classes=small_drawings(histograms(record, _names(record)), "class"),
         each=each_injector(record),
@@ -85,6 +89,19 @@ def fleet_lines(record: Record) -> list[str]:
             f"At a bound in more than 5 % of the injectors: {listed(bounded)}; widen it if the part allows it."
         )
     return lines
+
+
+def _tiles(record: Record) -> list[Tile]:
+    counts, best, start = record["counts"], record["J"]["best"], record["J"]["start"]
+    total, failed = counts["injectors"], counts["failed"]
+    tiles = [
+        Tile("calibrated", f"{counts['finished']:,} of {total:,}", f"{failed:,} failed", BAD if failed else GOOD),
+        Tile("warnings", f"{len(record['warnings']):,}", "kinds, below", CARE if record["warnings"] else GOOD),
+    ]
+    if best and start:
+        words = f"J of the median injector, {significant(start['median'], 3)} at the start"
+        tiles.append(Tile("error", significant(best["median"], 3), words))
+    return tiles
 
 
 def fleet_warnings(record: Record) -> list[str]:

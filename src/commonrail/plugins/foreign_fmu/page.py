@@ -7,12 +7,13 @@ from pathlib import Path
 
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import quantity, significant
+from commonrail.base.text import number, quantity, significant
 from commonrail.data.records import Record, origin_of, present
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD
 from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.search import convergence_section, search_facts
+from commonrail.report.fit.verdict import CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -29,6 +30,7 @@ RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
 
 def fmu_html(record: Record, run: str) -> str:
     """Page of a calibration of an FMU; `run` is the folder's name, for the command lines in it."""
+    figures = list(drawings(fmu_figures(record)))
     return render(
         "fmu.html",
         package=__package__,
@@ -37,7 +39,9 @@ def fmu_html(record: Record, run: str) -> str:
         synthetic=[record["synthetic"]] if record["synthetic"] else [],
         lines=fmu_lines(record),
         tables=fmu_tables(record),
-        figures=drawings(fmu_figures(record)),
+        tiles=[_tile(data) for data in record["data"]],
+        first=figures[0] if figures else None,
+        figures=figures[1:],
         convergence=convergence_section(record),
         data=record["data"],
         commands=[
@@ -46,6 +50,13 @@ def fmu_html(record: Record, run: str) -> str:
         ],
         facts=_facts(record),
     )
+
+
+def _tile(data: Record) -> Tile:
+    """Error of a data set in its tolerances; at most one is as good as was asked for."""
+    best = number(data["rms"]["best"])
+    level = "" if best is None else GOOD if best <= 1.0 else CARE
+    return Tile(data["name"], f"{significant(best, 3)} tolerances", f"root mean square error, {data['role']}", level)
 
 
 def fmu_lines(record: Record) -> list[str]:

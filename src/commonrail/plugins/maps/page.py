@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,11 +20,14 @@ from commonrail.plugins.maps.response import FALL
 from commonrail.plugins.maps.run import InjectionMap, MapBands
 from commonrail.plugins.maps.table import notes_of
 from commonrail.report.draw.figure import drawings
+from commonrail.report.fit.verdict import CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 TIME = "energising_time"
 ZOOM = 10e-9  # largest quantity of the enlarged curves [m³]
+ISO_LINES = 8  # quantities that are drawn
+ERRORS = (0.05, 0.15)  # relative errors at which measured points change their colour
 CURVES = 8  # rail pressures whose curves are drawn
 MARKS = {CellState.SEVERAL: "‡", CellState.JUMP: "*", CellState.BEYOND: "†", CellState.FAILED: "–"}
 REFERENCE = "At the reference density; cells without a number could not be simulated."
@@ -35,14 +39,17 @@ LEGEND = (
 def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
     """Page of one map, the first compared with measured data, or of two with their difference; maps by their labels."""
     heats, curves = map_figures(found, compared)
+    first = next(iter(found.values()))
     return page(
         f"Quantity map: {' and '.join(found)}",
         [m.injector for m in found.values()],
         map_lines(found, compared),
         curves,
         map_tables(found, compared),
-        facts=[("Conditions", note) for note in notes_of(next(iter(found.values())))],
+        facts=[("Conditions", note) for note in notes_of(first)],
+        tiles=_tiles(first, compared),
         heats=heats,
+        model=next(iter(found)),
         kind="Map",
     )
 
@@ -56,9 +63,15 @@ def page(
     *,
     facts: Sequence[tuple[str, str]],
     heats: Sequence[HeatMap] = (),
+    tiles: Sequence[Tile] = (),
     kind: str = "Sweep",
+    model: str = "",
 ) -> str:
-    """Page of maps or of a sweep."""
+    """Page of maps or of a sweep; its first curve stands at the top.
+
+    A click on a cell of a map names the command that simulates `model` there.
+    """
+    drawn = list(drawings(curves, 380))
     return render(
         "map.html",
         package=__package__,
@@ -67,7 +80,10 @@ def page(
         synthetic=[injector.synthetic for injector in injectors if injector.synthetic],
         lines=lines,
         heats=drawings(heats, name="map"),
-        curves=drawings(curves, 460),
+        tiles=tiles,
+        first=drawn[0] if drawn else None,
+        curves=drawn[1:],
+        model=model,
         tables=tables,
         commands=[],
         facts=facts,
@@ -215,7 +231,12 @@ def map_figures(
     heats = list(_heats(first, labels[0]))
     if len(labels) == 2:
         heats += _differences(first, found[labels[1]], f"{labels[1]} less {labels[0]}")
-    curves = [_curves(first, compared), _curves(first, compared, ZOOM), _inverse_curves(first)]
+    curves = [
+        _iso_lines(first, compared),
+        _curves(first, compared),
+        _curves(first, compared, ZOOM),
+        _inverse_curves(first),
+    ]
     return heats, curves
 
 
@@ -360,6 +381,69 @@ def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.in
         "energising time, µs",
         (Panel("quantity, mm³", tuple(series), bands=tuple(bands)),),
     )
+
+
+def _iso_lines(m: InjectionMap, compared: Comparison | None) -> Figure:
+    """Lines of equal quantity over rail pressure and energising time, the ballistic limit, and measured points."""
+    reached = np.isin(m.inverse.state, (CellState.REACHED, CellState.SEVERAL))
+    columns = np.flatnonzero(reached.sum(axis=0) > 1)
+    chosen = columns[np.unique(np.linspace(0, len(columns) - 1, min(ISO_LINES, len(columns))).round().astype(int))]
+    rails = points(m.axes.rail_pressure * MPA)
+    series = []
+    for family, j in enumerate(chosen.tolist()):
+        times = np.where(reached[:, j], m.inverse.energising_time[:, j], np.nan)
+        label = f"{significant(m.axes.quantity[j], 4, MM3)} mm³"
+        series.append(Series(label, "solid", rails, points(times * MICROSECOND), family=family))
+    limit = [_ballistic_limit(m, i) for i in range(len(m.axes.rail_pressure))]
+    if np.isfinite(limit).any():
+        series.append(Series("ballistic below", "level", rails, points(np.array(limit) * MICROSECOND)))
+    caption = "Each line is an injected quantity. Below the dotted line the needle turns round below its largest lift."
+    if compared is not None:
+        series += _measured_points(compared)
+        caption += f" Markers are measured: {compared.source}."
+    return Figure(
+        "Lines of equal quantity", caption, "rail pressure, MPa", (Panel("energising time, µs", tuple(series)),)
+    )
+
+
+def _ballistic_limit(m: InjectionMap, row: int) -> float:
+    """Middle between the longest ballistic energising time of the map and the next one [s]; NaN without both."""
+    ballistic = np.flatnonzero(m.ballistic[row])
+    times = m.axes.energising_time
+    if not len(ballistic) or ballistic[-1] + 1 == len(times):
+        return float("nan")
+    return float(0.5 * (times[ballistic[-1]] + times[ballistic[-1] + 1]))
+
+
+def _measured_points(compared: Comparison) -> Iterator[Series]:
+    """Measured points, of one colour for each range of the relative error of the simulated quantity."""
+    measured = compared.measured
+    error = np.abs(compared.simulated - measured.volume) / measured.volume
+    for (low, high), family in zip(pairwise((0.0, *ERRORS, np.inf)), (2, 1, 7), strict=True):
+        at = (error >= low) & (error < high)
+        text = f"above {100 * low:g} %" if high == np.inf else f"{100 * low:g} to {100 * high:g} %"
+        if at.any():
+            x, y = measured.rail_pressure[at] * MPA, measured.energising_time[at] * MICROSECOND
+            yield Series(f"error {text}", "measured", points(x), points(y), MARKERS, family)
+
+
+def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
+    reached = int(np.isin(m.inverse.state, (CellState.REACHED, CellState.SEVERAL)).sum())
+    falls = len(m.falls)
+    tiles = [
+        Tile("cells", f"{reached} of {m.inverse.state.size}", "deliver their quantity"),
+        Tile("ballistic", str(int(m.inverse_ballistic.sum())), "cells, the needle below its largest lift"),
+        Tile(
+            "with longer energising",
+            f"falls at {counted(falls, 'place')}" if falls else "always grows",
+            f"by more than {fixed(FALL, 2, MM3)} mm³",
+            CARE if falls else GOOD,
+        ),
+    ]
+    if compared is not None:
+        words = f"rms above 3 mm³, {significant(compared.rms_small, 3, MM3)} mm³ below; {compared.source}"
+        tiles.insert(0, Tile("against measured", f"{significant(100.0 * compared.rms_large, 3)} %", words))
+    return tiles
 
 
 def _inverse_curves(m: InjectionMap) -> Figure:

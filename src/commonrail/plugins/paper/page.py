@@ -5,18 +5,19 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from importlib.util import find_spec
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
 from commonrail.base.arrays import Floats
 from commonrail.base.output import replacing, writing
 from commonrail.base.table import Cell, Column, Table, tabulated
-from commonrail.base.text import duration, field_unit, fixed, listed, number, percent, signed, significant
+from commonrail.base.text import MISSING, duration, field_unit, fixed, listed, number, percent, signed, significant
 from commonrail.data.records import MICROSECOND, Record
 from commonrail.plugins.paper import figures
 from commonrail.plugins.paper.file import RECORD, read_reproduction
 from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
@@ -223,7 +224,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
     `folder` is its name for the command lines in the page, and `plates` is whether figures for print lie beside it.
     """
     charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
-    heights = [400, 400, *(460 for _ in charts[2:])]  # [px], of one panel, and of two
+    heights = [400, 400, *(360 if i == 0 else 460 for i, _ in enumerate(charts[2:]))]  # [px], of one panel, and of two
     drawn = [(f, figure_html(f, f"figure-{i}", h)) for i, (f, h) in enumerate(zip(charts, heights, strict=True))]
     return render(
         "reproduction.html",
@@ -231,9 +232,11 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         kind="Reproduction",
         record=record,
         synthetic=[record["synthetic"], NOT_COMPARABLE],
-        lines=[verdicts(record)],
-        signs=SIGNS,
-        claims=[_claim(claim) for claim in record["claims"]],
+        lines=meaning(record),
+        tiles=_tiles(record),
+        first=drawn[2] if len(drawn) > 2 else None,
+        counted=verdicts(record),
+        groups=_grouped(record["claims"]),
         table1=table1(record),
         table3=table3(record),
         models=[
@@ -247,11 +250,107 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         treatments=treatments_table(record),
         convergence=drawn[0],
         boxes=drawn[1],
-        rates=drawn[2:],
+        rates=drawn[3:],
         plates=[(name, f"{PLATE_FOLDER}/{name}") for name in PLATES if plates],
         commands=_commands(record, folder),
         facts=_facts(record),
     )
+
+
+# Claims by what they are about, in the order of the page; each stands for those whose identifiers begin so.
+GROUPS = {
+    "Models and prediction": ("ordering", "optimised-everywhere", "no-overfitting", "theoretical-phases", "rigid-"),
+    "Single stiffnesses": ("stiffer", "near-theory", "close-to-theory", "k4", "far-from-theory", "k6"),
+    "Search": ("rapid", "best-configuration", "cheap-configuration"),
+}
+ORDERING, FITTED = "ordering-", "ordering-fitted-"
+
+
+def _grouped(claims: list[Record]) -> list[tuple[str, list[dict[str, str]]]]:
+    """Claims by group, those of none at the end."""
+    groups = {group: [_claim(c) for c in claims if c["id"].startswith(names)] for group, names in GROUPS.items()}
+    groups["Others"] = [_claim(c) for c in claims if not c["id"].startswith(tuple(chain(*GROUPS.values())))]
+    return [(group, rows) for group, rows in groups.items() if rows]
+
+
+def _orders(record: Record) -> tuple[list[Record], list[Record]]:
+    """Claims on the order of the models at each pressure: with the rigid body as drawn, and with a fitted one."""
+    found = [c for c in record["claims"] if c["id"].startswith(ORDERING)]
+    return (
+        [c for c in found if not c["id"].startswith(FITTED)],
+        [c for c in found if c["id"].startswith(FITTED)],
+    )
+
+
+def _seeds(claims: list[Record]) -> str:
+    return f"{' · '.join(str(c['true_in']) for c in claims)} of {max(c['of'] for c in claims)}"
+
+
+def _kept(record: Record) -> str:
+    gains = [number(gain["gain_kept"]["median"]) for gain in record["overfitting"].values()]
+    return " · ".join(f"{percent(gain, 0)} %" for gain in gains if gain is not None)
+
+
+def _totals(record: Record, *keys: str) -> list[int]:
+    return [sum(k[key] for k in record["table1"]) for key in keys]
+
+
+def meaning(record: Record) -> list[str]:
+    """Sentences on what the study shows: models and prediction, single stiffnesses, and the meter behind k7."""
+    drawn, fitted = _orders(record)
+    names = " · ".join(d["name"] for d in record["data"])
+    found = []
+    if drawn and fitted:
+        found.append(
+            f"The order of the models, optimised before theoretical before rigid body, came out in {_seeds(drawn)} "
+            f"seeds at {names}, and in {_seeds(fitted)} where the rigid body is fitted too; on the unseen curves the "
+            f"fit keeps {_kept(record)} of the gain that is possible."
+        )
+    covered, intervals = _totals(record, "covered", "intervals")
+    verdicts = [k["verdicts"] for k in record["table1"]]
+    pinned, judged = sum(v.get("pinned", 0) for v in verdicts), sum(sum(v.values()) for v in verdicts)
+    found.append(
+        f"Single stiffnesses are another matter, since one curve determines mostly combinations of them: {pinned} of "
+        f"{judged} are pinned, and {covered} of {intervals} intervals hold the bench's true value."
+    )
+    return [*found, *_behind_k7(record)]
+
+
+def _behind_k7(record: Record) -> list[str]:
+    """Sentence on k7 without the meter and with the bench's meter in the model, beside the truth."""
+    by_label = {m["label"]: m["stiffness"]["k7"]["median"] for m in record["meter"]}
+    truth = next((k["truth"] for k in record["table1"] if k["symbol"] == "k7"), None)
+    without, known = (number(by_label.get(label)) for label in ("none", "known"))
+    if without is None or known is None or truth is None:
+        return []
+    texts = [significant(k, 3, PER_MICRON) for k in (without, known, truth)]
+    is_nearer = abs(known - truth) < abs(without - truth)
+    return [
+        f"Without the rate meter in the model k7 comes to {texts[0]} N/µm, with it to {texts[1]}, and the truth is "
+        f"{texts[2]}{': the delay of the meter sits in k7' if is_nearer else ''}."
+    ]
+
+
+def _tiles(record: Record) -> list[Tile]:
+    drawn, _ = _orders(record)
+    covered, intervals = _totals(record, "covered", "intervals")
+    worst = max((_LEVELS[c["verdict"]] for c in drawn), key=_WORST.index, default="")
+    order = [Tile("order of the models", _seeds(drawn), "seeds, as in the paper", worst)] if drawn else []
+    return [
+        *order,
+        Tile("unseen curves", _kept(record) or MISSING, f"of the gain kept at {' · '.join(record['overfitting'])}"),
+        Tile("stiffnesses", f"{covered} of {intervals}", "intervals hold the truth"),
+        Tile("claims", _seeds_of_claims(record), "of the paper's claims, true in every seed"),
+    ]
+
+
+def _seeds_of_claims(record: Record) -> str:
+    claims = record["claims"]
+    return f"{sum(c['true_in'] == c['of'] > 0 for c in claims)} of {len(claims)}"
+
+
+_WORST = (GOOD, CARE, BAD)
+_LEVELS = {"holds": GOOD, "does not hold": BAD, "cannot be told": CARE}
 
 
 def verdicts(record: Record) -> str:

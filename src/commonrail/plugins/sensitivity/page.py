@@ -11,9 +11,11 @@ from commonrail.base.text import counted, field_unit, percent, quantity, signifi
 from commonrail.data.records import Record
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.verdict import Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
+TILES = 5  # outputs named on the first screen
 KEYS = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
 
 
@@ -25,6 +27,7 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
         for i, figure in enumerate(_figures(record, output)):
             drawn.append((figure, figure_html(figure, f"figure-{k}-{i}", bar_height(len(figure.panels[0].rows)))))
         sections.append((_heading(output), _output_lines(record, output), table, drawn))
+    first = sections[0][-1].pop(0) if sections and sections[0][-1] else None
     return analysis_html(
         "sensitivity.html",
         __package__,
@@ -33,6 +36,8 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
         _facts(record),
         kind="Sensitivity",
         lines=sensitivity_lines(record),
+        tiles=_tiles(record),
+        first=first and (replace(first[0], title=f"{first[0].title}: {_heading(record['outputs'][0])}"), first[1]),
         sections=sections,
         ranges=_range_table(record),
     )
@@ -58,6 +63,23 @@ def sensitivity_lines(record: Record) -> list[str]:
             "so their figures are those of the part of the ranges in which the simulation succeeds."
         )
     return lines
+
+
+def _tiles(record: Record) -> list[Tile]:
+    """The parameter with the largest effect on each of the first outputs."""
+    tiles = []
+    for output in record["outputs"][:TILES]:
+        best, (_, unit, scale) = output["parameters"][0], field_unit(output["unit"])
+        if output["estimated"]:
+            is_share = record["design"] == "sobol"
+            figure = f"{percent(best['total']['value'], 0)} %" if is_share else _effect(best, scale, unit)
+            what = "of the variance" if is_share else "mean size of its effect"
+            tiles.append(Tile(_heading(output), best["name"], f"{figure} {what}"))
+    return tiles
+
+
+def _effect(best: Record, scale: float, unit: str) -> str:
+    return f"{significant(best['magnitude']['value'], 3, scale)} {unit}"
 
 
 def sensitivity_tables(record: Record) -> list[Table]:

@@ -11,10 +11,12 @@ from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
 SHARES = "Of a cubic fit to the parts, with jackknife intervals; small intervals are hidden by the bars' ends."
+CAPABLE, FITS = 1.33, 1.0  # Cpk asked for in series production: four and three standard deviations to the limit
 SMALL = 1e-3  # share of parts below which it is given in parts per million
 
 
@@ -28,6 +30,7 @@ def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
         figures = [(f, figure_html(f, f"figure-{k}-{i}", height)) for i, (f, height) in enumerate(_figures(point))]
         lines = [f"{number:,} parts failed: {text}" for text, number in point["spread"]["reasons"].items()]
         sections.append((point["name"], lines, figures, _share_table(record, point)))
+    first = sections[0][2].pop(0) if sections and sections[0][2] else None
     return analysis_html(
         "tolerance.html",
         __package__,
@@ -36,6 +39,8 @@ def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
         _facts(record),
         kind="Tolerance",
         lines=tolerance_lines(record),
+        tiles=[_tile(point) for point in record["points"]],
+        first=first and (replace(first[0], title=f"{first[0].title}: {record['points'][0]['name']}"), first[1]),
         capability=_capability_table(record),
         sections=sections,
         trim=_trim_table(record),
@@ -66,6 +71,17 @@ def tolerance_lines(record: Record) -> list[str]:
     if failed:
         lines.append(f"{failed:,} simulations failed; a part that fails counts as out of limits, and has no quantity.")
     return lines
+
+
+def _tile(point: Record) -> Tile:
+    """Capability of an operating point, or its scatter where it has no limits."""
+    spread = point["spread"]
+    scatter = f"standard deviation {_volume(spread['deviation'], 3)} mm³"
+    cpk = spread["cpk"]
+    if cpk is None:
+        return Tile(point["name"], f"{_volume(spread['deviation'], 3)} mm³", "standard deviation; no limits are given")
+    level = GOOD if cpk >= CAPABLE else CARE if cpk >= FITS else BAD
+    return Tile(point["name"], f"Cpk {fixed(cpk, 2)}", f"{_out(spread)} out of limits; {scatter}", level)
 
 
 def tolerance_tables(record: Record) -> list[Table]:
@@ -172,6 +188,9 @@ def _histogram(point: Record) -> Figure:
             look = "level" if name == "drawn" else "best"
             label = "as drawn" if name == "drawn" else "limits" if name == "lower" or spread["lower"] is None else ""
             series.append(Series(label, look, (MM3 * at,) * 2, (0.0, top)))
+    ends = [v for s in series for v in s.x if v is not None]
+    aside = 0.03 * (max(ends) - min(ends))  # so that no limit lies on the frame
+    series.append(Series("", "level", (min(ends) - aside, max(ends) + aside), (0.0, 0.0)))
     return Figure(
         "Quantity of the parts", "", "injected quantity, mm³", (Panel("share of the parts, %", tuple(series)),)
     )
