@@ -13,7 +13,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.text import MISSING
 from commonrail.plugins.paper import figures
 from commonrail.plugins.paper import page as tables
-from commonrail.plugins.paper.page import FEWEST, RESULT, reproduction_html, verdicts
+from commonrail.plugins.paper.page import FEWEST, RESULT, meaning, reproduction_html, verdicts
 from tests.report.reproduction_sample import record, traces
 
 
@@ -61,6 +61,22 @@ def test_the_page_says_what_the_record_says() -> None:
     ):
         assert words in text, words
     assert "<more>" not in page
+
+
+def test_the_study_leads_with_orders_truths_and_the_meter_in_the_records_numbers() -> None:
+    made = record()
+    order = [{**made["claims"][0], "id": f"ordering-{n}", "true_in": n, "of": 9} for n in (9, 8)]
+    made["claims"] = [*order, {**order[0], "id": "ordering-fitted-9", "true_in": 0}]
+    made["meter"][0]["stiffness"]["k7"]["median"] = 4.0e8
+    made["meter"][1]["stiffness"]["k7"]["median"] = 8.0e8  # the truth is 8.4e8
+    models, single, meter = meaning(made)
+    assert "9 · 8 of 9 seeds" in models
+    assert "0 of 9 where the rigid body is fitted" in models
+    assert "12 of 14 intervals hold" in single  # 6 parameters × 2 seeds, none of k7
+    assert "400 N/µm, with it to 800, and the truth is 840" in meter
+    assert "sits in k7" in meter
+    made["meter"][1]["stiffness"]["k7"]["median"] = 3.0e8  # farther off: the meter explains nothing
+    assert "sits in k7" not in meaning(made)[2]
 
 
 def test_an_interrupted_run_says_how_far_it_came() -> None:
