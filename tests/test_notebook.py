@@ -48,7 +48,7 @@ def test_outputs_are_short_but_for_figures(outputs: list[list[Any]]) -> None:
 def test_parameter_study_map_dwell_and_fit_are_drawn(outputs: list[list[Any]]) -> None:
     drawn = ["".join(map(contents, own)) for own in outputs]
     for number, words in {
-        2: "Course of the injection",
+        2: "Anatomy of the injection",
         4: "spring",
         7: "Energising time of",
         8: "dwell",

@@ -9,11 +9,11 @@ import pytest
 
 from commonrail.base.chart import Panel
 from commonrail.base.errors import ConfigurationError
-from commonrail.data.features.features import features
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.report.anatomy import Section, anatomy_figure
+from commonrail.plugins.features.anatomy import Section, anatomy_figure
+from commonrail.plugins.features.run import features
 from commonrail.report.simulation import course_figure, simulation_figure
 
 

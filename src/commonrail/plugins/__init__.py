@@ -48,6 +48,10 @@ SHIPPED: dict[str, dict[str, str]] = {
     "pages": {"bench.html": "commonrail.plugins.page.page:page_of_run"},
     "live": {"page": "commonrail.plugins.page.live:live_chart"},
     "inspectors": {"dcm": "commonrail.plugins.maps.dcm:facts_of"},
+    "simulations": {
+        "page": "commonrail.plugins.features.anatomy:anatomy_html",
+        "figure": "commonrail.plugins.features.anatomy:anatomy_figure",
+    },
     "after_fit": {
         "certainty": "commonrail.plugins.certainty.run:judge",
         "prediction": "commonrail.plugins.prediction.run:judge",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
+from commonrail.base import registry
 from commonrail.base.chart import Chart
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Column, Table, tabulated
@@ -19,7 +20,6 @@ from commonrail.calibration.study import Study
 from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
-from commonrail.report.anatomy import anatomy_figure
 from commonrail.report.draw.figure import svg
 from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
 from commonrail.report.fit.tables import parameter_table, tables_of
@@ -37,6 +37,10 @@ def _solution_lines(s: Solution) -> list[str]:
         f"{s.status.name}; {fixed(s.injected_volume, 2, MM3)} mm³ injected, {fixed(s.returned_volume, 2, MM3)} mm³ "
         f"returned; opens at {fixed(s.opening, 1, MICROSECOND)} µs, closes at {fixed(s.closing, 1, MICROSECOND)} µs"
     ]
+
+
+def _solution_figures(s: Solution) -> list[Chart]:
+    return [registry.shipped("simulations")["figure"].load()(s)]
 
 
 def _batch_lines(batch: Batch) -> list[str]:
@@ -153,7 +157,7 @@ def _by_parameter(values: Sequence[Any]) -> Array:
     return Array(("parameter",), np.array(values))
 
 
-SOLUTION = Presenter(_solution_lines, figures=lambda s: [anatomy_figure(s)], arrays=_solution_arrays)
+SOLUTION = Presenter(_solution_lines, figures=_solution_figures, arrays=_solution_arrays)
 BATCH = Presenter(_batch_lines, arrays=_batch_arrays)
 INJECTOR = Presenter(_injector_lines, arrays=_injector_arrays)
 STUDY = Presenter(_study_lines, _study_tables, arrays=_study_arrays)

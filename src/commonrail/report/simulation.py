@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 
 from numpy.typing import ArrayLike
 
+from commonrail.base import registry
 from commonrail.base.arguments import array, instance, mapping, plain_text
 from commonrail.base.chart import Figure, Panel, Series, points
 from commonrail.base.errors import ConfigurationError
@@ -14,7 +15,6 @@ from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Solution
-from commonrail.report.anatomy import anatomy_html
 from commonrail.report.draw.figure import figure_html
 from commonrail.report.html import render
 
@@ -87,7 +87,8 @@ def simulation_figure(
     if point is not None:
         instance(point, OperatingPoint, "point")
     if list(named) == [""]:
-        return anatomy_html(named[""], title or "Simulation", point, seen, synthetic)
+        page: Callable[..., str] = registry.shipped("simulations")["page"].load()
+        return page(named[""], title or "Simulation", point, seen, synthetic)
     figure = course_figure(named)
     statuses = [f"{f'{name}: ' if name else ''}{s.sentence}" for name, s in named.items()]
     return render(

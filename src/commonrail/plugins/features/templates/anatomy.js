@@ -1,5 +1,5 @@
 // Slow motion of an injection: each element of the section says in its attributes which course moves, fills or names it;
-// `Section` of report/anatomy.py draws the still by the same rules.
+// `Section` of plugins/features/anatomy.py draws the still by the same rules.
 (() => {
   const all = (query) => [...document.querySelectorAll(query)];
   const { seconds, still, frames } = JSON.parse(document.getElementById("frames").textContent);

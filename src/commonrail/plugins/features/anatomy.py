@@ -15,12 +15,12 @@ from commonrail.base.arrays import Floats
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series, points
 from commonrail.base.text import MISSING, fixed
 from commonrail.data.curves.page import RATE
-from commonrail.data.features.features import features
-from commonrail.data.features.result import Features, Injection
-from commonrail.data.features.settings import FeatureSettings
 from commonrail.data.records import MICROSECOND, MM3, MM3_PER_MS
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.solution import Solution
+from commonrail.plugins.features.result import Features, Injection
+from commonrail.plugins.features.run import features
+from commonrail.plugins.features.settings import FeatureSettings
 from commonrail.report.draw.figure import svg
 from commonrail.report.fit.verdict import Tile
 from commonrail.report.html import render
@@ -287,6 +287,7 @@ def anatomy_html(
     pulses = () if point is None else point.pulses
     return render(
         "anatomy.html",
+        package=__package__,
         title=title,
         figure=figure,
         drawing=drawing,
