@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from commonrail.cli.console import print_json, print_rows
-from commonrail.cli.grammar import Argument, verb
-from commonrail.cli.options import Json
+from commonrail.base.output import write_text, writing
+from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, check_file
 
 if TYPE_CHECKING:
     from commonrail.runs.listing import Run
@@ -25,6 +26,10 @@ def runs(
         "runs"
     ),
     *,
+    html: Annotated[
+        Path | None,
+        Option(metavar="FILE.html", help="Page to be written: runs in a table, their parameters, curves and studies."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """List runs with state, best objective and age.
@@ -34,10 +39,17 @@ def runs(
     \b
     Example:
       commonrail runs runs
+      commonrail runs runs --html runs.html
     """
     from commonrail.runs.listing import list_runs
 
+    check_file(html, "--html")
     found = list_runs(folder)
+    if html is not None:
+        from commonrail.report.runs_page import runs_html
+
+        with writing(html, "--html"):
+            write_text(html, runs_html(folder, found, html))
     if json:
         print_json({"kind": "runs", "runs": [_record(run) for run in found]})
     elif not found:
@@ -45,6 +57,8 @@ def runs(
     else:
         heads = ("run", "state", "generation", "refined", "best J", "age", "title")
         print_rows(heads, [_row(run) for run in found])
+    if html is not None:
+        say(f"wrote {html}")
 
 
 def _row(run: Run) -> list[str]:

@@ -1,0 +1,178 @@
+"""Page of all runs below a folder: courses of J, parameters, curves, and what their studies differ in."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
+
+from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
+from commonrail.base.errors import CommonrailError
+from commonrail.base.table import Table, tabulated
+from commonrail.base.text import MISSING, duration, listed, significant
+from commonrail.data.curves.page import RATE
+from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record, Traces
+from commonrail.report.draw.figure import drawings
+from commonrail.report.fit.record import short_names
+from commonrail.report.fit.verdict import merits
+from commonrail.report.html import render
+from commonrail.runs.folder import read_run
+from commonrail.runs.listing import Run
+
+MOST = 8  # runs in the charts and in the table of differences
+WIDTH, HEIGHT = 90.0, 20.0  # of the course of J in the table [px]
+
+
+class _Read(NamedTuple):
+    """Run with its record and curves."""
+
+    run: Run
+    record: Record
+    traces: Traces
+
+
+def runs_html(folder: Path, found: Sequence[Run], path: Path) -> str:
+    """Page of runs below a folder, to be written at a path, from which their reports are linked.
+
+    Charts and differences are those of the first `MOST` finished calibrations.
+    """
+    read = {run.folder: one for run in found if (one := _read(run)) is not None}
+    shown = list(read.values())[:MOST]
+    figures = [f for f in (_coordinates(shown), *_overlays(shown)) if f is not None]
+    drawn = list(drawings(figures, 360))
+    return render(
+        "runs.html",
+        title=f"Runs in {folder}",
+        kind="Overview",
+        synthetic=[],
+        lines=[_line(found, len(read), len(shown))],
+        rows=[_row(run, read.get(run.folder), path) for run in found],
+        figures=drawn,
+        differences=_differences(shown),
+        commands=[("Make this page again", f"commonrail runs {folder} --html {path}")],
+        facts=[],
+    )
+
+
+def _read(run: Run) -> _Read | None:
+    """Record and curves of a finished calibration; None for what is something else or cannot be read."""
+    with suppress(CommonrailError):
+        return _Read(run, *read_run(run.folder))
+    return None
+
+
+def _line(found: Sequence[Run], read: int, shown: int) -> str:
+    states = {state: sum(run.state == state for run in found) for state in dict.fromkeys(run.state for run in found)}
+    counts = listed([f"{count} {state}" for state, count in states.items()])
+    more = f"; charts are of the first {shown} of {read} calibrations with a result" if shown < read else ""
+    return f"{len(found)} runs: {counts}{more}."
+
+
+def _row(run: Run, read: _Read | None, path: Path) -> dict[str, Any]:
+    record = None if read is None else read.record
+    report = run.folder / "report.html"
+    link = Path(os.path.relpath(report, path.parent)).as_posix() if report.is_file() else ""
+    tiles = [] if record is None else merits(record["data"])
+    return {
+        "folder": str(run.folder),
+        "link": link,
+        "state": run.state,
+        "generation": f"{run.generation}/{run.generations}",
+        "best": significant(run.best, 5) if math.isfinite(run.best) else MISSING,
+        "course": _sparkline([g["best"] for g in record["generations"]] if record else []),
+        "errors": [next((t.figure for t in tiles if t.head == head), MISSING) for head in ("fit", "unseen")],
+        "parameters": len(record["parameters"]) if record else MISSING,
+        "time": duration(run.seconds),
+        "title": run.title or run.reason,
+    }
+
+
+def _sparkline(values: Sequence[Any]) -> Markup:
+    """Course of the best J, logarithmic, from the left to the right."""
+    logs = [math.log10(v) for v in values if isinstance(v, int | float) and math.isfinite(v) and v > 0.0]
+    if len(logs) < 2:
+        return Markup("")
+    low, span = min(logs), (max(logs) - min(logs)) or 1.0
+    places = (
+        f"{WIDTH * i / (len(logs) - 1):.1f} {1.0 + (HEIGHT - 2.0) * (1.0 - (v - low) / span):.1f}"
+        for i, v in enumerate(logs)
+    )
+    return Markup(
+        '<svg class="spark" width="{w:g}" height="{h:g}" viewBox="0 0 {w:g} {h:g}" aria-hidden="true">'
+        '<path d="M{d}"/></svg>'
+    ).format(w=WIDTH, h=HEIGHT, d="L".join(places))
+
+
+def _coordinates(read: Sequence[_Read]) -> Figure | None:
+    """Place between the bounds of each parameter that several runs have, a line for each run."""
+    counts = Counter(p["name"] for one in read for p in one.record["parameters"])
+    names = [name for name, count in counts.items() if count > 1]
+    if not names:
+        return None
+    series = []
+    for i, one in enumerate(read):
+        places = {p["name"]: 100.0 * p["position"] for p in one.record["parameters"]}
+        if not places.keys() & set(names):
+            continue
+        x = tuple(float(n) for n in range(len(names)))
+        series.append(Series(_name(one), "solid", x, tuple(places.get(name) for name in names), BOTH, i))
+    panel = Panel("place between the bounds, %", tuple(series), categories=tuple(short_names(names).values()))
+    return Figure(
+        "Parameters of the runs",
+        "Each run is a line, each parameter that several runs have an axis.",
+        "parameter",
+        (panel,),
+    )
+
+
+def _overlays(read: Sequence[_Read]) -> Iterator[Figure]:
+    """Calibrated curves of the runs over the measured one, for each data set with a curve that several have."""
+    names = dict.fromkeys(name for one in read for name, trace in one.traces.items() if "measured" in trace)
+    for name in names:
+        having = [(i, one) for i, one in enumerate(read) if name in one.traces and "best" in one.traces[name]]
+        if len(having) < 2:
+            continue
+        first = having[0][1].traces[name]
+        series = [_curve(first, "measured", "measured", None)]
+        series += [_curve(one.traces[name], "best", _name(one), i) for i, one in having]
+        caption = f"Calibrated curves; the data are those of {_name(having[0][1])}."
+        yield Figure(name, caption, "time, µs", (Panel(RATE, tuple(series)),))
+
+
+def _curve(trace: Mapping[str, Any], key: str, label: str, family: int | None) -> Series:
+    time, rate = points(trace["time_s"] * MICROSECOND), points(trace[key] * MM3_PER_MS)
+    mode = MARKERS if len(time) == 1 else "lines"
+    return Series(label, "measured" if family is None else "solid", time, rate, mode, family)
+
+
+def _name(one: _Read) -> str:
+    return one.run.folder.name
+
+
+def _differences(read: Sequence[_Read]) -> Table | None:
+    """What the studies of the runs differ in: a row for each setting, a column for each run."""
+    stated = [dict(_settings(one.record)) for one in read]
+    keys = [k for k in dict.fromkeys(k for one in stated for k in one) if len({one.get(k) for one in stated}) > 1]
+    if not keys:
+        return None
+    columns: list[Any] = [("setting", lambda key: key)]
+    columns += [(_name(one), lambda key, own=own: own.get(key, MISSING)) for one, own in zip(read, stated, strict=True)]
+    return tabulated("What the studies differ in", keys, columns, "Bounds in SI units.")
+
+
+def _settings(record: Record) -> Iterator[tuple[str, str]]:
+    yield "injector", f"{record['injector']['name']}, {record['injector']['variant']}"
+    for key in ("seed", "time_step", "precision"):
+        yield key, str(record[key])
+    for key, value in (record["optimiser"] or {}).items():
+        yield f"optimiser: {key}", str(value)
+    yield "data to fit", ", ".join(d["name"] for d in record["data"] if d["role"] == "fit")
+    yield "data unseen", ", ".join(d["name"] for d in record["data"] if d["role"] == "validation")
+    for p in record["parameters"]:
+        yield p["name"], f"{significant(p['lower'])} to {significant(p['upper'])}"
