@@ -460,7 +460,7 @@ def _shift(name: str, shift: Change) -> Iterator[Finding]:
     yield found(
         "shift",
         name,
-        f"the data come {abs(shift.amount) * 1e6:.0f} us {late} than the simulation: without that shift J would be "
+        f"the data come {abs(shift.amount) * 1e6:.0f} µs {late} than the simulation: without that shift J would be "
         f"{shift.after:.4g} instead of {shift.before:.4g}; check the trigger's zero and the delay of the meter.",
     )
 

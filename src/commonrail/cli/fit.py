@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from commonrail.base.errors import StudyError
-from commonrail.base.text import counted
-from commonrail.base.units import to_text
+from commonrail.base.text import counted, quantity
 from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, wrapped
 from commonrail.cli.guard import INTERRUPTED
 
@@ -45,7 +44,7 @@ def run_study(
     from commonrail.runs.fit import calibrate_into
 
     return reported(
-        f"{study.title}: steps of {to_text(study.time_step, 's')}",
+        f"{study.title}: steps of {quantity(study.time_step, 's')}",
         folder,
         lambda listener: calibrate_into(
             folder, study, threads=threads, workers=workers, listener=listener, strict=strict

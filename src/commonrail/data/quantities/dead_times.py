@@ -35,7 +35,7 @@ _LEGEND = "{small} within 10 µs, {medium} within 20 µs, {large} beyond.".forma
 
 NO_DEAD_TIME = "NO_DEAD_TIME"
 NOT_REACHED = (
-    "No dead time was found: the quantity is not passed between energising times of 120 and 480 us, or the "
+    "No dead time was found: the quantity is not passed between energising times of 120 and 480 µs, or the "
     "simulation fails there."
 )
 

@@ -155,10 +155,10 @@ def _check_met(points: QuantityData, best: Floats) -> None:
     for point, wanted, given in zip(points.points, points.quantity, best, strict=True):
         if not abs(given - wanted) <= max(FAR * wanted, ANYWAY):
             duration = sum(pulse.duration for pulse in point.pulses)
-            at = f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} us"
+            at = f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} µs"
             raise InputError(
                 f"{points.name}: {wanted * 1e9:.3g} mm³ are measured at {at}, and the adapted type injects "
-                f"{given * 1e9:.3f} mm3; check units and pressures, or take a point with a larger energising time."
+                f"{given * 1e9:.3f} mm³; check units and pressures, or take a point with a larger energising time."
             )
 
 

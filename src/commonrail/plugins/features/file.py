@@ -126,7 +126,7 @@ def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> I
     if len(keep) < 4:
         raise InputError(
             f"{path}: only {len(keep)} samples lie in the window, and at least 4 are needed; the samples reach from "
-            f"{1e6 * bounds[0]:.6g} us to {1e6 * bounds[-1]:.6g} us."
+            f"{1e6 * bounds[0]:.6g} µs to {1e6 * bounds[-1]:.6g} µs."
         )
     return keep
 
@@ -254,7 +254,7 @@ def compared_record(found: Sequence[ComparedFeatures]) -> dict[str, Any]:
 def _note(name: str, one: Features) -> str:
     shown, levels = field_unit(one.unit), one.levels
     threshold = f"{levels.threshold * shown.factor:.6g} {shown.name}"
-    return f"{name}: threshold {threshold}, averaged over {levels.width * 1e6:.6g} us"
+    return f"{name}: threshold {threshold}, averaged over {levels.width * 1e6:.6g} µs"
 
 
 def _synthetic(one: ComparedFeatures) -> list[str]:

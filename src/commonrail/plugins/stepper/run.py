@@ -282,8 +282,8 @@ def _count(duration: Quantity, time_step: float) -> int:
     count = round(steps)
     if count < 1 or abs(steps - count) > ROUNDING * count:
         raise ConfigurationError(
-            f"The duration must be a whole number of time steps of {time_step * 1e6:g} us, "
-            f"and {seconds * 1e6:g} us is {steps:.4g} of them."
+            f"The duration must be a whole number of time steps of {time_step * 1e6:g} µs, "
+            f"and {seconds * 1e6:g} µs is {steps:.4g} of them."
         )
     return count
 
