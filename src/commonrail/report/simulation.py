@@ -35,7 +35,8 @@ _PANELS = (
     ("current, A", 1.0, {"coil_current": "coil"}),
 )
 
-_DASHES = ("solid", "dash", "dot", "dashdot")
+ORDER = [key for panel in (_RATE, *_PANELS) for key in panel[2]]  # of the colours of channels
+DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 def simulation_figure(
@@ -121,7 +122,7 @@ def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[s
             )
             yield Series(
                 f"{words}, {name}",
-                _DASHES[index % len(_DASHES)],
+                DASHES[index % len(DASHES)],
                 points(time * MICROSECOND),
                 points(values * scale),
                 family=family,

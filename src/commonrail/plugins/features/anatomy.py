@@ -25,22 +25,23 @@ from commonrail.report.draw.figure import svg
 from commonrail.report.fit.verdict import Tile
 from commonrail.report.html import render
 
-# Title, factor from SI, and the channels with their names and colours, from the cause to the effect.
+# Title, factor from SI, and the channels with their names and colours, those of the page with sliders, from the cause
+# to the effect.
 _PANELS: tuple[tuple[str, float, dict[str, tuple[str, int]]], ...] = (
-    ("current, A", 1.0, {"coil_current": ("current", 5)}),
-    ("valve, µm", 1e6, {"valve_lift": ("valve lift", 1)}),
-    ("armature, µm", 1e6, {"armature_lift": ("armature lift", 1)}),
+    ("current, A", 1.0, {"coil_current": ("current", 3)}),
+    ("valve, µm", 1e6, {"valve_lift": ("valve lift", 2)}),
+    ("armature, µm", 1e6, {"armature_lift": ("armature lift", 2)}),
     (
         "pressure, MPa",
         1e-6,
         {
             "rail_pressure": ("rail", 4),
-            "accumulation_pressure": ("accumulation volume", 2),
-            "control_pressure": ("control chamber", 3),
+            "accumulation_pressure": ("accumulation volume", 5),
+            "control_pressure": ("control chamber", 6),
             "sac_pressure": ("SAC", 7),
         },
     ),
-    ("needle, µm", 1e6, {"needle_lift": ("needle lift", 6)}),
+    ("needle, µm", 1e6, {"needle_lift": ("needle lift", 1)}),
     (RATE, MM3_PER_MS, {"rate": ("rate", 0)}),
 )
 _SHARES = {"pressure, MPa": 1.5, RATE: 1.5}
@@ -126,7 +127,7 @@ def anatomy_figure(
         series = list(_series(solution, scale, channels, end))
         if title == RATE:
             series += [
-                _line(solution.sample_time, rate * scale, f"rate by meter {name}", 1 + i, end, "dash")
+                _line(solution.sample_time, rate * scale, f"rate by meter {name}", 5 + i, end, "dash")
                 for i, (name, rate) in enumerate(shown.items())
             ]
         if series:
