@@ -422,6 +422,7 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
     ends = f'data-x="{x.low!r} {x.high!r}" data-y="{y.low!r} {y.high!r}"'
     has_texts = ' data-texts=""' if labelled else ""
     fixed = ' data-fixed=""' if panel.categories or panel.rows else ' data-log=""' if y.logarithmic else ""
+    fixed += ' data-rows=""' if panel.rows else ""
     fixed += f' data-scaled="{panel.scaled_by}"' if panel.scaled_by else ""
     view = f"0 0 {round(TENTHS * sheet.inner)} {round(TENTHS * height)}"
     texts = _x_texts(panel, [(x.at(v), text) for v, text in xs], height, sheet.inner) if labelled else []

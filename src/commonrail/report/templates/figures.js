@@ -88,7 +88,7 @@ const charts = (() => {
   class Panel {
     constructor(group, chart) {
       const pane = group.querySelector(".pane"), ends = (name) => pane.getAttribute(name).split(" ").map(Number);
-      Object.assign(this, { group, chart, pane, frame: group.querySelector("rect"), title: group.dataset.title, fixed: "fixed" in pane.dataset, log: "log" in pane.dataset, own: [] });
+      Object.assign(this, { group, chart, pane, frame: group.querySelector("rect"), title: group.dataset.title, fixed: "fixed" in pane.dataset, rows: "rows" in pane.dataset, log: "log" in pane.dataset, own: [] });
       this.x = ends("data-x");
       this.y = this.log ? ends("data-y").map(log10) : ends("data-y");
       this.view = { x: this.x, y: this.y };
@@ -124,12 +124,12 @@ const charts = (() => {
       set(this.pane, { viewBox: [(10 * w * (x[0] - this.x[0])) / fx, (10 * h * (this.y[1] - y[1])) / fy, (10 * w * (x[1] - x[0])) / fx, (10 * h * (y[1] - y[0])) / fy].join(" ") });
       let grid = "";
       xs.replaceChildren();
-      ys.replaceChildren();
+      if (!this.rows) ys.replaceChildren();
       for (const [v, words] of ticks(x[0], x[1], Math.max(4, Math.round(w / 90)))) {
         grid += `M${px(v)} 0v${h}`;
         if ("texts" in xs.dataset) label(xs, px(v), h + 15, "middle", words);
       }
-      for (const [v, words] of (this.log ? logTicks : ticks)(y[0], y[1], most)) {
+      for (const [v, words] of this.rows ? [] : (this.log ? logTicks : ticks)(y[0], y[1], most)) {
         grid += `M0 ${py(v)}h${w}`;
         label(ys, -6, py(v) + 4, "end", words);
       }
@@ -349,7 +349,7 @@ const charts = (() => {
     // in a vertical range of its own.
     zoom([low, high], own) {
       for (const chart of this.mates) {
-        for (const panel of chart.panels.filter((one) => !one.fixed)) {
+        for (const panel of chart.panels.filter((one) => !one.fixed || one.rows)) {
           const x = [Math.max(low, panel.x[0]), Math.min(high, panel.x[1])];
           if (x[0] <= panel.x[0] && x[1] >= panel.x[1] && !own) panel.show(panel.x, panel.y);
           else if (x[1] - x[0] > 1e-6 * (panel.x[1] - panel.x[0])) panel.show(x, own && own[0] === panel ? own[1] : panel.fit(x));
@@ -359,7 +359,7 @@ const charts = (() => {
     }
 
     reset() {
-      for (const chart of this.mates) for (const panel of chart.panels) if (!panel.fixed) panel.show(panel.x, panel.y);
+      for (const chart of this.mates) for (const panel of chart.panels) if (!panel.fixed || panel.rows) panel.show(panel.x, panel.y);
       leave();
     }
 
