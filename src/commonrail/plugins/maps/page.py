@@ -393,7 +393,7 @@ def _iso_lines(m: InjectionMap, compared: Comparison | None) -> Figure:
     for family, j in enumerate(chosen.tolist()):
         times = np.where(reached[:, j], m.inverse.energising_time[:, j], np.nan)
         label = f"{significant(m.axes.quantity[j], 4, MM3)} mm³"
-        series.append(Series(label, "solid", rails, points(times * MICROSECOND), family=family))
+        series.append(Series(label, "solid", rails, points(times * MICROSECOND), family=family, ordered=len(chosen)))
     limit = [_ballistic_limit(m, i) for i in range(len(m.axes.rail_pressure))]
     if np.isfinite(limit).any():
         series.append(Series("ballistic below", "level", rails, points(np.array(limit) * MICROSECOND)))
