@@ -207,7 +207,7 @@ def _tornado(output: Record) -> Figure | None:
         Bars("at the lower bound", "start", start, ends("low")),
         Bars("at the upper bound", "best", start, ends("high")),
     )
-    line = Series("", "level", start[:1] * 2, (-0.5, len(rows) - 0.5))
+    line = Series("at the reference values", "level", start[:1] * 2, (-0.5, len(rows) - 0.5))
     return Figure(
         "Tornado",
         "One parameter at a time at the ends of its range, all others at their reference values.",
