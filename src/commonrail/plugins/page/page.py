@@ -420,7 +420,7 @@ def _drawn_as(colour: str, width: float, dash: str) -> dict[str, Any]:
 
 
 def _lines() -> dict[str, list[dict[str, Any]]]:
-    """Channels of each drawing with their looks, which are those of `commonrail simulate --plot`."""
+    """Channels of each drawing with their looks, which are those of `commonrail simulate --report`."""
     found: dict[str, list[dict[str, Any]]] = {}
     for key, (_, scale, names) in _PANELS.items():
         for i, (channel, name) in enumerate(names.items()):

@@ -9,7 +9,7 @@
     if (!found || !cell.closest("figure").getAttribute("aria-label").match(/^(Energising time|Injected quantity) of/)) continue;
     cell.style.cursor = "pointer";
     cell.addEventListener("click", () => {
-      code.textContent = `commonrail simulate ${model} --rail-pressure ${found.groups.rail}MPa --energising-time ${found.groups.time}us --plot injection.html`;
+      code.textContent = `commonrail simulate ${model} --rail-pressure ${found.groups.rail}MPa --energising-time ${found.groups.time}us --report injection.html`;
       cell.closest("figure").before(told);
     });
   }
