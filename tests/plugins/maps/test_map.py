@@ -70,7 +70,7 @@ def test_the_map_is_printed_and_written(command: Command, tmp_path: Path) -> Non
     assert "rail_pressure [MPa],energising_time [us],quantity [mm3],state" in csv.read_text(encoding="utf-8")
     page = report.read_text(encoding="utf-8")
     assert "Synthetic, not measured" in page
-    assert page.count('class="drawing') == 5
+    assert page.count('class="drawing') == 6
 
 
 def test_json_is_one_object_and_axes_come_from_a_file(command: Command, tmp_path: Path) -> None:
