@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench clean
+.PHONY: help demo quick test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench docs docs-images docs-notebooks clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
@@ -105,8 +105,17 @@ bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results
 	$(BIN)/python -m benchmarks.roofline benchmarks/results.json
 	$(BIN)/python -m benchmarks.plot benchmarks/results.json docs/images
 
+docs: $(VENV)/.docs ## build the site of the documentation into site/; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
+docs-images: $(VENV)/.dev ## make the pictures of README and site by the present code (needs Chromium)
+	$(BIN)/python -m tools.docs_images docs/images
+
+docs-notebooks: $(VENV)/.dev ## run the notebooks of the site and keep their outputs
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m tools.notebooks
+
 clean: ## remove the environment, caches and build products
-	rm -rf $(VENV) $(LOWEST) build dist demo .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis \
+	rm -rf $(VENV) $(LOWEST) build dist demo site .cache .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis \
 	    .import_linter_cache
 	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
@@ -127,6 +136,10 @@ $(VENV)/.dev: $(VENV)/.made pyproject.toml constraints.txt
 
 $(VENV)/.bench: $(VENV)/.made pyproject.toml constraints.txt
 	$(INSTALL) -e '.[bench]'
+	@touch $@ $(VENV)/.runtime
+
+$(VENV)/.docs: $(VENV)/.made pyproject.toml constraints.txt
+	$(INSTALL) -e '.[docs]'
 	@touch $@ $(VENV)/.runtime
 
 $(VENV)/.made:

@@ -21,6 +21,7 @@ import pytest
 import commonrail as cr
 from commonrail.cli.grammar import cli
 from tests.test_pages import ROOT, VERBS
+from tools.reference_pages import GENERATED
 
 SRC = ROOT / "src" / "commonrail"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -260,6 +261,8 @@ def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
         if "://" in target:
             continue
         leads_to = (page.parent / target).resolve() if target else page
+        if leads_to.parent == ROOT / "docs" / "reference" and leads_to.stem in GENERATED:
+            continue
         assert leads_to.exists(), target
         assert not anchor or anchor in anchors(leads_to), f"{target}#{anchor}"
 
@@ -285,7 +288,7 @@ def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
     ],
 )
 def test_a_wrong_name_is_found(token: str) -> None:
-    assert unknown(token, ROOT / "docs" / "README.md") != []
+    assert unknown(token, ROOT / "docs" / "index.md") != []
 
 
 def test_a_name_in_a_wrong_file_is_found() -> None:

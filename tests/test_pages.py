@@ -1,4 +1,4 @@
-"""Commands in README and docs: verbs and options exist, and so do the files that the README's commands take."""
+"""Commands in README and docs, also those that are not run: verbs and options exist, and files of the README's."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def looks_like_a_file(word: str) -> bool:
 def test_every_file_in_the_readmes_commands_is_there_or_was_made_before() -> None:
     made: set[str] = set()
     lines = commands(README, "commonrail", "python")
-    assert any("fleet" in words for words in lines)  # the pattern finds them
+    assert any("calibrate" in words for words in lines)  # the pattern finds them
     for words in lines:
         outputs = {words[i + 1] for i, word in enumerate(words[:-1]) if word in OUTPUTS}
         if words[1] == "new":

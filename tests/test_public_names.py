@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -51,12 +50,6 @@ def test_the_reproduction_is_made_of_public_names(file: str) -> None:
             assert node.attr in commonrail.__all__, node.attr
             # public names are loaded when they are used, which the contracts of imports do not see
             assert HOMES[node.attr].split(".")[:2] not in OTHER_PLUGINS, node.attr
-
-
-def test_every_public_name_is_on_the_page() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "howto" / "python.md").read_text(encoding="utf-8")
-    table = page.partition("## All names")[2]
-    assert set(re.findall(r"`(\w+)`", table)) >= set(commonrail.__all__) - {"__version__"}
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

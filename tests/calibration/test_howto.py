@@ -75,7 +75,7 @@ def test_blocks_of_the_data_page() -> None:
 
 def test_data_page(table_file: Callable[[str], Path]) -> None:
     text = (PAGES / "data-files.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```\n(# bench.*?)```", text, re.S)
+    (example,) = re.findall(r"```text\n(# bench.*?)```", text, re.S)
     table = read_columns(
         table_file(example), [Column("time", "s"), Column("rate", "m3/s"), Column("current", "A")], least=2
     )

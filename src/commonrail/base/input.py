@@ -2,7 +2,7 @@
 
 A file may come from anywhere, so nothing about it is taken on trust. It is examined before and after it is opened, and
 opening never waits, so that neither a device is touched nor a pipe read. The bytes that are hashed are those that are
-parsed. `docs/howto/limits.md` lists the limits.
+parsed. `docs/howto/speed.md` lists the limits.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Promises of an exported FMU, line by line of docs/howto/fmu-acceptance.md, besides those in test_fmu.py."""
+"""What users of FMUs ask of one, besides what test_fmu.py holds: docs/howto/export.md lists it."""
 
 from __future__ import annotations
 

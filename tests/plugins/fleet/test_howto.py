@@ -14,7 +14,7 @@ PAGE = (Path(__file__).resolve().parents[3] / "docs" / "howto" / "fleet.md").rea
 
 def test_fleet_and_table_of_files(fleet_file: Path) -> None:
     (toml,) = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
-    (table,) = re.findall(r"```\n(serial number.*?)```", PAGE, re.S)
+    (table,) = re.findall(r"```text\n(serial number.*?)```", PAGE, re.S)
     study = edited(fleet_file.parent / "study.toml", 'name = "80 MPa"', 'name = "120 MPa"')
     text = study.read_text(encoding="utf-8")
     first = text[text.index("[[data]]") : text.index("[[parameter]]")]
@@ -30,7 +30,7 @@ def test_fleet_and_table_of_files(fleet_file: Path) -> None:
 
 
 def test_table_of_samples(tmp_path: Path) -> None:
-    (table,) = re.findall(r"```\n(injector,data.*?)```", PAGE, re.S)
+    (table,) = re.findall(r"```text\n(injector,data.*?)```", PAGE, re.S)
     path = tmp_path / "measurements.csv"
     path.write_text(table, encoding="utf-8")
     supply = RowSupply(path, layout(curve("160 MPa"), curve("80 MPa")), None)

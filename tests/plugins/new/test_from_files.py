@@ -1,4 +1,4 @@
-"""From a bench's files to a calibrated report, as the how-to page walks through it: its commands and its edits."""
+"""From a bench's files to a calibrated report, as the page on data walks through it: its commands and its edits."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ from commonrail.readers.overview import zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "from-files.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "data-files.md"
+WALK = PAGE.read_text(encoding="utf-8").partition("## Walk through it")[2].partition("## Rules of a file")[0]
 
 pytest.importorskip("asammdf", reason="the extra mdf is not installed")
 pytest.importorskip("openpyxl", reason="the extra excel is not installed")
 
 
 def commands() -> list[list[str]]:
-    """Words of the commands of the page."""
-    blocks = re.findall(r"```sh\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
-    return [shlex.split(line) for block in blocks for line in block.splitlines()]
+    """Words of the commands of the walk."""
+    blocks = re.findall(r"```sh\n(.*?)```", WALK, re.S)
+    lines = [shlex.split(line) for block in blocks for line in block.splitlines()]
+    return [words for words in lines if words[0] == "commonrail"]
 
 
 def edit(study: Path) -> int:
     """Make the edits of the page; returns how many lines they change."""
-    (block,) = re.findall(r"```diff\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
+    (block,) = re.findall(r"```diff\n(.*?)```", WALK, re.S)
     text, edited = study.read_text(encoding="utf-8"), 0
     for hunk in block.strip("\n").split("\n\n"):
         lines = hunk.splitlines()
@@ -62,8 +64,7 @@ def walked(bench: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list
 
 def test_the_study_that_is_written_reads_all_files_after_a_few_edits(walked: list[Done]) -> None:
     assert [done.status for done in walked] == [0, 0], [done.err for done in walked]
-    page = PAGE.read_text(encoding="utf-8")
-    (shown,) = re.findall(r"```text\n(.*?)```", page, re.S)
+    (shown,) = re.findall(r"```text\n(.*?)```", WALK, re.S)
     assert [line for line in shown.splitlines() if line not in walked[0].out] == []
     assert len(commands()) <= 4
     assert edit(Path("fit/study.toml")) <= 10

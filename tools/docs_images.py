@@ -1,0 +1,109 @@
+"""Pictures of README and site, by the present code: ``python -m tools.docs_images docs/images``.
+
+A headless Chromium opens the files that the commands of the README write, and a page whose slider is moved.
+"""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from tools.browser import Browser, browsing
+
+CARD = 480  # width of a card's picture [px]; cards stand side by side
+WINDOW = (1280, 860)
+MOVING = (1040, 800)  # window of the moving picture [px]
+WIDE = 760  # its width as written [px]
+FRAMES, PERIOD = 28, 90  # frames of the moving picture, and the time of each [ms]
+LARGEST = 600_000  # bytes of the moving picture; a README should load at once
+
+_CASE = """
+commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us --plot rate.html
+commonrail new my-injector
+commonrail calibrate my-injector/study.toml --out runs/first
+commonrail certainty runs/first
+commonrail page virtual-lino-2016 --rail-pressure 160MPa --out live.html
+"""
+# One wave of a slider about its middle, there and back, so that the picture can be repeated without a jump.
+_MOVE = """(() => {{ const range = document.getElementById({slider!r});
+    range.value = +range.min + (range.max - range.min) * {place};
+    range.dispatchEvent(new Event("input")); }})()"""
+_SLIDERS = "[...document.querySelectorAll('input[type=range]')].map((r) => r.id)"
+
+
+def make_files(folder: Path) -> None:
+    """Run the commands whose files are pictured."""
+    for line in _CASE.strip().splitlines():
+        print(line, flush=True)
+        words = [sys.executable, "-m", *line.split()]
+        subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+
+
+def picture(page: Browser, file: Path, size: tuple[int, int] = WINDOW, place: str = "") -> bytes:
+    """PNG of the window on a file, scrolled to an element of a selector if one is named."""
+    page.resize(*size)
+    page.call("Emulation.setScrollbarsHidden", hidden=True)
+    page.open(file.as_uri())
+    if place:
+        page.evaluate(f"document.querySelectorAll('details').forEach((d) => d.open = true), {place}.scrollIntoView()")
+    return screenshot(page)
+
+
+def screenshot(page: Browser) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "shot.png"
+        page.picture(path, whole=False)
+        return path.read_bytes()
+
+
+def save_webp(shots: list[bytes], width: int, path: Path, quality: int = 75) -> None:
+    """Write pictures as WebP of a width [px], moving if there are several."""
+    from PIL import Image
+
+    images = [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
+    small = [
+        image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS) for image in images
+    ]
+    rest = {"save_all": True, "append_images": small[1:], "duration": PERIOD, "loop": 0} if len(small) > 1 else {}
+    small[0].save(path, "WEBP", quality=quality, method=6, **rest)
+    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+def moving(page: Browser, file: Path) -> list[bytes]:
+    """Pictures of the live page while its first slider, the rail pressure, goes down and up again."""
+    page.resize(*MOVING)
+    page.call("Emulation.setScrollbarsHidden", hidden=True)
+    page.open(file.as_uri())
+    page.until("commonrail.settled()")
+    slider = page.evaluate(_SLIDERS)[0]
+    shots = []
+    for i in range(FRAMES):
+        place = abs(1.0 - 2.0 * i / FRAMES)
+        page.evaluate(_MOVE.format(slider=slider, place=0.2 + 0.6 * place))
+        page.until("commonrail.settled()")
+        shots.append(screenshot(page))
+    return shots
+
+
+def main() -> None:
+    """Write the pictures into the folder that the command line names."""
+    out = Path(sys.argv[1]).resolve()
+    with tempfile.TemporaryDirectory() as name, browsing() as page:
+        folder = Path(name)
+        make_files(folder)
+        report = folder / "runs" / "first" / "report.html"
+        save_webp([picture(page, folder / "rate.html")], CARD, out / "card-simulate.webp")
+        save_webp([picture(page, report)], CARD, out / "card-calibrate.webp")
+        trust = "[...document.querySelectorAll('h2,h3')].find((h) => /profile|Trust/i.test(h.textContent))"
+        save_webp([picture(page, report, place=trust)], CARD, out / "card-trust.webp")
+        save_webp(moving(page, folder / "live.html"), WIDE, out / "live.webp", quality=60)
+    size = (out / "live.webp").stat().st_size
+    if size > LARGEST:
+        raise SystemExit(f"live.webp has {size} bytes, more than {LARGEST}: take fewer frames or a lower quality")
+
+
+if __name__ == "__main__":
+    main()

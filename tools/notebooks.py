@@ -1,0 +1,43 @@
+"""Run the notebooks of the documentation and keep their outputs: ``python -m tools.notebooks [NOTEBOOK ...]``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import nbclient
+import nbformat
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+NOTEBOOKS = sorted([*DOCS.glob("tutorials/*.ipynb"), *DOCS.glob("notebooks/*.ipynb")])
+
+
+def executed(path: Path, timeout: float = 1200) -> Any:
+    """The notebook with the outputs of this run, in its own folder; a cell that raises ends it."""
+    notebook = nbformat.read(path, as_version=4)
+    resources = {"metadata": {"path": str(path.parent)}}
+    nbclient.NotebookClient(notebook, timeout=timeout, kernel_name="python3", resources=resources).execute()
+    return notebook
+
+
+def stripped(notebook: Any) -> Any:
+    """Without what differs from run to run: times of execution, and progress that was overwritten."""
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)
+        if cell.cell_type == "code":
+            cell.outputs = [o for o in cell.outputs if not (o.output_type == "stream" and o.name == "stderr")]
+    return notebook
+
+
+def main() -> None:
+    """Run the notebooks that the command line names, or all."""
+    for path in map(Path, sys.argv[1:]) if sys.argv[1:] else NOTEBOOKS:
+        begin = time.perf_counter()
+        nbformat.write(stripped(executed(path.resolve())), path)
+        print(f"{path}: {time.perf_counter() - begin:.0f} s, {path.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main()

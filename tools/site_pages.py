@@ -1,0 +1,59 @@
+"""Hook of mkdocs (`mkdocs.yml`): pages that are generated from the code, and those that stand outside docs/.
+
+Pages of `cases`, CHANGELOG and CONTRIBUTING are taken into the site, and links that lead to them are turned there.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import sys
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))  # mkdocs loads this file by its path
+
+from tools.reference_pages import GENERATED  # noqa: E402
+
+CASES = [f"cases/{path.parent.name}/README.md" for path in sorted(ROOT.glob("cases/*/README.md"))]
+TAKEN_IN = ["CHANGELOG.md", "CONTRIBUTING.md", *CASES]
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what is generated or taken in."""
+    for name, make in GENERATED.items():
+        files.append(File.generated(config, f"reference/{name}.md", content=make()))
+    for name in TAKEN_IN:
+        files.append(File.generated(config, name, content=(ROOT / name).read_text(encoding="utf-8")))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Turn links that leave docs/ to the page that was taken in, and those of such a page to pages of docs/."""
+    uri = page.file.src_uri
+    outside = uri in TAKEN_IN
+    base = posixpath.dirname(uri if outside else f"docs/{uri}")
+
+    def turned(match: re.Match[str]) -> str:
+        target, anchor = match[1], match[2] or ""
+        if "://" in target or target.startswith("mailto:"):
+            return match[0]
+        whole = posixpath.normpath(posixpath.join(base, target))
+        inside = whole.removeprefix("docs/") if whole.startswith("docs/") else whole
+        if outside or not whole.startswith("docs/"):
+            if files.get_file_from_path(inside) is None:
+                return f"]({target}{anchor})" if whole.startswith("docs/") else "](#)"
+            return f"]({posixpath.relpath(inside, posixpath.dirname(uri) or '.')}{anchor})"
+        return match[0]
+
+    return re.sub(r"\]\(([^)#\s]+)(#[^)]*)?\)", turned, markdown)
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Load what the search needs without a server from the site, not from the network."""
+    here = posixpath.relpath("assets/iframe-worker-shim.js", posixpath.dirname(page.file.dest_uri) or ".")
+    return output.replace("https://unpkg.com/iframe-worker/shim", here)
