@@ -1,4 +1,4 @@
-"""The notebook of the documentation runs, and no output but a figure is long."""
+"""Notebooks of the documentation run, and no output but a figure is long."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ nbformat = pytest.importorskip("nbformat", reason="nbformat comes with the extra
 nbclient = pytest.importorskip("nbclient", reason="nbclient comes with the extra dev")
 pytest.importorskip("ipykernel", reason="ipykernel comes with the extra dev")
 
-NOTEBOOK = Path(__file__).parents[1] / "docs" / "notebooks" / "injector.ipynb"
+from tests.docs.pages import environment  # noqa: E402
+from tools.notebooks import DOCS, NOTEBOOKS, executed  # noqa: E402
+
+NOTEBOOK = DOCS / "notebooks" / "injector.ipynb"
+TUTORIALS = [path for path in NOTEBOOKS if path != NOTEBOOK]
 LONGEST = 20_000  # letters of an output that is no figure
 LONGEST_FIGURE = 200_000
+LARGEST = 150_000  # bytes of a notebook with its outputs: a clone and the site carry all of them
 
 
 @pytest.fixture(scope="module")
 def outputs() -> list[list[Any]]:
     """Outputs of each code cell, after the notebook has been run."""
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
-    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
+    notebook = executed(NOTEBOOK)
     return [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
 
 
@@ -66,3 +70,22 @@ def test_the_calibration_shows_a_bar_and_finds_the_values(outputs: list[list[Any
     # the bench's values, known to the rounding of the printed table
     assert found["valve.spring_preload"] == pytest.approx(70.0, rel=0.02)
     assert found["control_chamber.z_hole_diameter"] == pytest.approx(215e-6, rel=0.01)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_kept_with_its_outputs_and_is_small(path: Path) -> None:
+    cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    assert any(cell.outputs for cell in cells)
+    assert not any(output.output_type == "error" for cell in cells for output in cell.outputs)
+    assert path.stat().st_size < LARGEST
+
+
+@pytest.mark.slow
+@pytest.mark.process
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_a_tutorial_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in environment(tmp_path / "bin").items():
+        monkeypatch.setenv(name, value)  # `!commonrail` is this tree's
+    printed = "".join(contents(output) for cell in executed(path).cells for output in cell.get("outputs", []))
+    assert "Traceback" not in printed
+    assert "commonrail: " not in printed  # an error of a command line
