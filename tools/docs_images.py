@@ -27,6 +27,35 @@ commonrail calibrate my-injector/study.toml --out runs/first
 commonrail certainty runs/first
 commonrail page virtual-lino-2016 --rail-pressure 160MPa --out live.html
 """
+# Pictures of docs/gallery.md: the command, and the page that it writes.
+_GALLERY = {
+    "map": ("commonrail map cri2-16 --cylinder-pressure 0.5MPa --report map.html", "map.html"),
+    "dwell": (
+        "commonrail sweep cri2-16 --vary dwell=0:3000:50us --vary rail_pressure=40,80,160MPa "
+        "--first-energising-time 350us --energising-time 500us --report dwell.html",
+        "dwell.html",
+    ),
+    "compare": (
+        "commonrail compare virtual-lino-2016 rigid=virtual-lino-2016@rigid --data cases/paper/study.toml "
+        "--out runs/compare",
+        "runs/compare/report.html",
+    ),
+    "sensitivity": (
+        "commonrail sensitivity virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us --design morris "
+        "--out runs/sensitivity",
+        "runs/sensitivity/report.html",
+    ),
+    "tolerance": (
+        "commonrail tolerance cases/tolerance/tolerances.toml --parts 20000 --out runs/tolerance",
+        "runs/tolerance/report.html",
+    ),
+    "fleet": ("commonrail fleet cases/fleet/fleet.toml --workers 2 --out runs/fleet", "runs/fleet/report.html"),
+    "cri2-16": (
+        "commonrail calibrate cases/cri2-16/study.toml --out runs/cri2-16",
+        "runs/cri2-16/report.html",
+    ),
+    "catalogue": ("commonrail catalogue injectors --gallery injectors.html", "injectors.html"),
+}
 # One wave of a slider about its middle, there and back, so that the picture can be repeated without a jump.
 _MOVE = """(() => {{ const range = document.getElementById({slider!r});
     range.value = +range.min + (range.max - range.min) * {place};
@@ -36,7 +65,8 @@ _SLIDERS = "[...document.querySelectorAll('input[type=range]')].map((r) => r.id)
 
 def make_files(folder: Path) -> None:
     """Run the commands whose files are pictured."""
-    for line in _CASE.strip().splitlines():
+    (folder / "cases").symlink_to(Path(__file__).resolve().parents[1] / "cases")
+    for line in [*_CASE.strip().splitlines(), *(command for command, _ in _GALLERY.values())]:
         print(line, flush=True)
         words = [sys.executable, "-m", *line.split()]
         subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)
@@ -100,6 +130,8 @@ def main() -> None:
         trust = "[...document.querySelectorAll('h2,h3')].find((h) => /profile|Trust/i.test(h.textContent))"
         save_webp([picture(page, report, place=trust)], CARD, out / "card-trust.webp")
         save_webp(moving(page, folder / "live.html"), WIDE, out / "live.webp", quality=60)
+        for label, (_, file) in _GALLERY.items():
+            save_webp([picture(page, folder / file)], WIDE, out / f"gallery-{label}.webp", quality=60)
     size = (out / "live.webp").stat().st_size
     if size > LARGEST:
         raise SystemExit(f"live.webp has {size} bytes, more than {LARGEST}: take fewer frames or a lower quality")
