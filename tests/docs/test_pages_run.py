@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,25 +12,37 @@ import pytest
 from tests.docs.pages import PAGES, README, ROOT, Block, blocks, environment, run_python, run_shell
 
 
-@pytest.fixture(scope="session")
-def after_readme(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a clone in which the README's lines were run: it holds `my-injector` and `runs/first`."""
-    folder = tmp_path_factory.mktemp("reader")
+def run_readme(folder: Path, live: bool) -> Path:
+    """Run the README's lines in a clone's folder; without `live` reports have no chart that simulates."""
     for name in ("cases", "examples"):
         (folder / name).symlink_to(ROOT / name)
-    env = environment(folder.parent / "bin")
+    env = environment(folder.parent / f"bin-{folder.name}")
     for block in blocks(README):
         if block.language == "sh" and not block.reason:
-            run_shell(block.code, folder, env)
+            code = (
+                block.code if live else re.sub(r"^(commonrail calibrate .*)$", r"\1 --no-live", block.code, flags=re.M)
+            )
+            run_shell(code, folder, env)
     assert (folder / "runs" / "first" / "report.html").exists()
     return folder
 
 
-@pytest.fixture
-def folder(after_readme: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Such a folder for one page."""
+@pytest.fixture(scope="session")
+def after_readme(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder in which the README's lines were run: it holds `my-injector` and `runs/first`."""
+    return run_readme(tmp_path_factory.mktemp("reader"), live=True)
+
+
+@pytest.fixture(scope="session")
+def after_readme_quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same without what is compiled for a browser, which takes a minute on a fresh machine."""
+    return run_readme(tmp_path_factory.mktemp("reader"), live=False)
+
+
+def copied(done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Such a folder for one page, which is the current one."""
     copy = tmp_path / "reader"
-    shutil.copytree(after_readme, copy, symlinks=True)
+    shutil.copytree(done, copy, symlinks=True)
     monkeypatch.chdir(copy)
     return copy
 
@@ -60,14 +73,20 @@ TOGETHER = [page for page in PAGES if page != README and has(page, "sh")]
 
 @pytest.mark.process
 @pytest.mark.parametrize("page", named(ALONE))
-def test_python_of_a_page_runs(page: Path, folder: Path) -> None:
+def test_python_of_a_page_runs(
+    page: Path, after_readme_quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(after_readme_quick, tmp_path, monkeypatch)
     run([block for block in blocks(page) if block.language == "python"], page, folder)
 
 
 @pytest.mark.slow
 @pytest.mark.process
 @pytest.mark.parametrize("page", named(TOGETHER))
-def test_commands_and_python_of_a_page_run(page: Path, folder: Path) -> None:
+def test_commands_and_python_of_a_page_run(
+    page: Path, after_readme: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(after_readme, tmp_path, monkeypatch)
     run(blocks(page), page, folder)
 
 
