@@ -21,7 +21,7 @@ FRAMES, PERIOD = 28, 90  # frames of the moving picture, and the time of each [m
 LARGEST = 600_000  # bytes of the moving picture; a README should load at once
 
 _CASE = """
-commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us --plot rate.html
+commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us --report rate.html
 commonrail new my-injector
 commonrail calibrate my-injector/study.toml --out runs/first
 commonrail certainty runs/first
@@ -54,7 +54,7 @@ _GALLERY = {
         "commonrail calibrate cases/cri2-16/study.toml --out runs/cri2-16",
         "runs/cri2-16/report.html",
     ),
-    "catalogue": ("commonrail catalogue injectors --gallery injectors.html", "injectors.html"),
+    "catalogue": ("commonrail catalogue injectors --report injectors.html", "injectors.html"),
 }
 # One wave of a slider about its middle, there and back, so that the picture can be repeated without a jump.
 _MOVE = """(() => {{ const range = document.getElementById({slider!r});
