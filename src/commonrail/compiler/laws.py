@@ -20,7 +20,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
 from commonrail.compiler.table import REAL, Array
-from commonrail.physics.law import in_single, offer_laws, physics
+from commonrail.physics.law import CACHE_LINE, in_single, offer_laws, physics
 
 # What the compiler may do with sums and products, by the kind of a kernel. No "nnan"/"ninf": a candidate that blows up
 # must be seen to be non-finite. No "arcp" in single precision: a reciprocal would be the processor's estimate, and
@@ -85,6 +85,7 @@ def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = cgutils.alloca_once_value(builder, context.get_constant(types.int32, 0))
+        place.align = CACHE_LINE  # and with it the stack: a vector kept there at any place straddles two lines
         if platform.machine() not in ("x86_64", "AMD64"):
             return builder.load(place)
         kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t])
