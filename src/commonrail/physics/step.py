@@ -215,9 +215,10 @@ def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geome
     # limits of the linearisation: what is cut off is taken from the flow that was too large
     filled = here.mass + dt * (inflow - outflow)
     limited = _not_past_accumulation(here, upstream, before, filled, geometry.after.sac)
-    inflow = inflow - (filled - limited) / dt
+    per_step = 1.0 / dt  # the same for all lanes: divided once
+    inflow = inflow - (filled - limited) * per_step
     mass = _not_past_cylinder(c, here, u.cylinder, limited, geometry)
-    return SacFlows(inflow, inflow - (mass - here.mass) / dt, mass)
+    return SacFlows(inflow, inflow - (mass - here.mass) * per_step, mass)
 
 
 @physics
@@ -266,10 +267,10 @@ def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2:
     vapour = c.fuel.vapour_pressure
     at_vapour = a.mass_flow * a.root + line * (behind - vapour)
     cavity = c.return_line.impedance * at_vapour < (vapour - filling) * a.root
-    answered = a.root if cavity else a.root + c.return_line.impedance * line
-    a_flow = (at_vapour if cavity else at_vapour + line * (vapour - filling)) / answered
+    per_answered = 1.0 / (a.root if cavity else a.root + c.return_line.impedance * line)
+    a_flow = (at_vapour if cavity else at_vapour + line * (vapour - filling)) * per_answered
     z = orifice(z_hole_cda2(c, feed, here.pressure), density, hole.z_offset)
-    return z, Flow(a_flow, here.density * drain.cda2 / answered)
+    return z, Flow(a_flow, here.density * drain.cda2 * per_answered)
 
 
 @physics
