@@ -101,7 +101,7 @@ NONSENSE: dict[str, tuple[Spoil, str, str]] = {
     "ET 0.7 us": (in_study((ET, 'energising_time = "0.7 us"')), "energising", "energised for 700 ns"),
     "ET 70 ms": (in_study((ET, 'energising_time = "70 ms"')), "energising", "energised for 70 ms"),
     "lift 55 mm": (lifted, "parameter", "lift from seat to stop is 55 mm"),
-    "trigger 45 us late": (delayed(15), "shift", "us later than the simulation"),
+    "trigger 45 us late": (delayed(15), "shift", "µs later than the simulation"),
 }
 
 

@@ -345,7 +345,7 @@ def test_a_shift_that_halves_j_is_told_with_its_size(pwm: Injector, shift: float
     assert found.amount == pytest.approx(shift, abs=1e-6)  # the step of the search
     assert found.after == pytest.approx(float(data.misfit(pulse(350e-6 + shift, 700e-6))), rel=0.05)
     (finding,) = (f for f in fitted(pwm, data, simulated) if f.code == "shift")
-    assert f"come {abs(shift) * 1e6:.0f} us {'later' if shift > 0.0 else 'earlier'}" in finding.sentence
+    assert f"come {abs(shift) * 1e6:.0f} µs {'later' if shift > 0.0 else 'earlier'}" in finding.sentence
 
 
 def test_a_shift_within_what_triggers_know_is_not_told(pwm: Injector) -> None:

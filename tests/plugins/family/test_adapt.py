@@ -80,7 +80,7 @@ def test_quantities_that_no_nozzle_injects_are_refused() -> None:
 def test_a_reference_at_which_the_type_stays_shut_is_refused() -> None:
     points = injected(INJECTOR, (80.0, 400.0))
     shut = replace(points, points=(replace(points.points[0], energisings=60e-6),))
-    with pytest.raises(cr.InputError, match=r"measured at 80 MPa and 60 us, and the adapted type injects 0\.000 mm3"):
+    with pytest.raises(cr.InputError, match=r"measured at 80 MPa and 60 µs, and the adapted type injects 0\.000 mm³"):
         cr.adapt(small_type(), shut)
 
 

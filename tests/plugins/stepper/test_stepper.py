@@ -123,7 +123,7 @@ def test_a_failed_step_leaves_the_state_as_it_was(pwm: Injector) -> None:
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ({"duration": "1.5 us"}, "whole number of time steps of 1 us, and 1.5 us is 1.5 of them"),
+        ({"duration": "1.5 us"}, "whole number of time steps of 1 µs, and 1.5 µs is 1.5 of them"),
         ({"duration": 0.0}, "whole number of time steps"),
         ({"duration": 1e300}, "must be at most 1 s"),
         ({"duration": "10 us", "current": "10 A"}, "pwm drive, which takes no current; give command"),
