@@ -100,11 +100,12 @@ def wired(variant: Variant) -> Injector:
     return replace(load_injector(DRAWN), variant=variant)
 
 
-@pytest.fixture(autouse=True)
-def still_reports(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports have still charts but in tests of the page: a chart that simulates is compiled once for each wiring."""
-    if "plugins/page" not in request.node.nodeid:
-        monkeypatch.setattr("commonrail.report.page._live", lambda record, folder: "")
+@pytest.fixture(scope="session", autouse=True)
+def still_reports() -> Iterator[None]:
+    """Reports have still charts: one that simulates is compiled for each wiring. Tests of the page have it again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("commonrail.report.page._live", lambda record, folder: "")
+        yield
 
 
 @pytest.fixture(scope="module")

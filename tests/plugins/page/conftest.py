@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import commonrail as cr
+from commonrail.report import page
 
 ROOT = Path(__file__).parents[3]
+LIVE = page._live  # before `still_reports` of tests/conftest.py takes its place
+
+
+@pytest.fixture(scope="package", autouse=True)
+def live_reports() -> Iterator[None]:
+    """Reports have charts that simulate."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "_live", LIVE)
+        yield
 
 
 @pytest.fixture(scope="session")
