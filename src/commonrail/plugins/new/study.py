@@ -158,6 +158,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             *_head(injector, bench),
             *_data_lines(surveys, blocks, stated),
             *_parameter_lines(model, free, bool(named)),
+            *_optimiser_lines(blocks),
         ]
         write_text(study, "\n".join(lines))
     missing = [*_open(bench), *(f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in _open(block))]
@@ -279,8 +280,28 @@ def _parameter_lines(model: Injector, free: Sequence[Parameter], is_named: bool)
         ]
     for name in () if free else _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
         lines += ["[[parameter]]", f"name = {_toml(name)}", 'below = "10 %"', 'above = "10 %"', ""]
-    lines += ["[optimiser] # differential evolution, then `polish` refinements by least squares"]
-    return [*lines, "members = 24", "generations = 30", "polish = 3", ""]
+    return lines
+
+
+def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Search for such data.
+
+    On benches of a map and 120 shots the staged one ended at two thirds of the J of the evolution, in the same time
+    (`tools/walk_bench.py`): a map has cliffs, where quantities become zero.
+    """
+    if any(block["kind"] == "quantities" for block in blocks):
+        head = "[optimiser] # `members` are screened and evolve, least squares follow, and `polish` refinements"
+        search = [
+            'method = "staged least squares"',
+            "members = 400",
+            "evolution = 60",
+            "generations = 112",
+            "polish = 3",
+        ]
+    else:
+        head = "[optimiser] # differential evolution, then `polish` refinements by least squares"
+        search = ["members = 24", "generations = 30", "polish = 3"]
+    return [head, *search, ""]
 
 
 def _checked(key: str, block: Mapping[str, Any], stated: StatedByUser) -> bool:
