@@ -236,7 +236,7 @@ def main() -> None:
             if not bench.exists():
                 write_bench(bench, seed, given.wrong)
             if not (bench / "run" / "result.json").exists():
-                command(["calibrate", str(bench / "fit" / "study.toml"), "--out", str(bench / "run")])
+                command(["calibrate", str(bench / "fit" / "study.toml"), "--no-live", "--out", str(bench / "run")])
     if given.what != "files":
         print_table(given.folder)
 
