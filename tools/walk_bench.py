@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 import commonrail as cr
 
@@ -68,8 +68,8 @@ def seen_rate(injector: cr.Injector, rail: int, time: int) -> Floats:
     found = cr.simulate(injector, point, time_step=FINE)
     moments = np.arange(0.0, LASTING, 1e-6)  # from the trigger
     volume = SCALE * np.interp(moments - EARLY - DELAY, found.time, found.injected / found.reference_density)
-    keep = np.exp(-2.0 * np.pi * POLE * 1e-6)
-    slow = lfilter([(1.0 - keep) ** 2], [1.0, -2.0 * keep, keep**2], volume)
+    lag = butter(1, POLE, fs=1e6)
+    slow = lfilter(*lag, lfilter(*lag, volume))
     bounds = np.arange(0.0, LASTING, RASTERS["rate"])
     shown: Floats = np.diff(np.interp(bounds, moments, slow), prepend=0.0) / (1e3 * RASTERS["rate"])
     return shown
@@ -204,9 +204,9 @@ def print_table(folder: Path) -> None:
         benches += 1
         title = verdict(record, "run").title
         titles[title] = titles.get(title, 0) + 1
-        for one in record["parameters"]:
-            low, high = one["interval"]
-            if None in (low, high):
+        for one in record["certainty"]["parameters"]:
+            low, high = one["lower"], one["upper"]
+            if low is None or high is None:
                 continue
             known += 1
             holds = low <= truth[one["name"]] <= high
