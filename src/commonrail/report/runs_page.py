@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from markupsafe import Markup
 
@@ -22,7 +23,7 @@ from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.record import short_names
 from commonrail.report.fit.verdict import merits
 from commonrail.report.html import render
-from commonrail.runs.folder import read_run
+from commonrail.runs.folder import RESULT, read_run
 from commonrail.runs.listing import Run
 
 MOST = 8  # runs in the charts and in the table of differences
@@ -42,42 +43,56 @@ def runs_html(folder: Path, found: Sequence[Run], path: Path) -> str:
 
     Charts and differences are those of the first `MOST` finished calibrations.
     """
-    read = {run.folder: one for run in found if (one := _read(run)) is not None}
+    tried = {run.folder: _read(run) for run in found}
+    read = {folder: one for folder, one in tried.items() if isinstance(one, _Read)}
+    faults = {
+        run.folder: fault for run in found if run.state == "finished" and isinstance(fault := tried[run.folder], str)
+    }
     shown = list(read.values())[:MOST]
-    figures = [f for f in (_coordinates(shown), *_overlays(shown)) if f is not None]
-    drawn = list(drawings(figures, 360))
+    drawn = _drawn(shown)
     return render(
         "runs.html",
         title=f"Runs in {folder}",
         kind="Overview",
         synthetic=[],
-        lines=[_line(found, len(read), len(shown))],
-        rows=[_row(run, read.get(run.folder), path) for run in found],
+        lines=[_line(found, len(read), len(shown), len(faults))],
+        rows=[_row(run, read.get(run.folder), path, faults.get(run.folder, "")) for run in found],
         figures=drawn,
         differences=_differences(shown),
-        commands=[("Make this page again", f"commonrail runs {folder} --html {path}")],
+        commands=[("Make this page again", shlex.join(["commonrail", "runs", str(folder), "--html", str(path)]))],
         facts=[],
     )
 
 
-def _read(run: Run) -> _Read | None:
-    """Record and curves of a finished calibration; None for what is something else or cannot be read."""
-    with suppress(CommonrailError):
-        return _Read(run, *read_run(run.folder))
-    return None
+def _drawn(shown: Sequence[_Read]) -> list[Any]:
+    return list(drawings([f for f in (_coordinates(shown), *_overlays(shown)) if f is not None], 360))
 
 
-def _line(found: Sequence[Run], read: int, shown: int) -> str:
+def _read(run: Run) -> _Read | str:
+    """Record and curves of a finished calibration; why it is none, or cannot be read, in a sentence."""
+    try:
+        one = _Read(run, *read_run(run.folder))
+        _row(run, one, run.folder), _drawn([one, one]), _differences([one])
+    except CommonrailError as error:
+        return str(error)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # a record that was changed
+        return f"{run.folder / RESULT} is not as a calibration writes it; make it again with `commonrail resume`."
+    return one
+
+
+def _line(found: Sequence[Run], read: int, shown: int, faults: int) -> str:
     states = {state: sum(run.state == state for run in found) for state in dict.fromkeys(run.state for run in found)}
     counts = listed([f"{count} {state}" for state, count in states.items()])
     more = f"; charts are of the first {shown} of {read} calibrations with a result" if shown < read else ""
-    return f"{len(found)} runs: {counts}{more}."
+    lost = f"; the results of {faults} cannot be read" if faults else ""
+    return f"{len(found)} runs: {counts}{more}{lost}."
 
 
-def _row(run: Run, read: _Read | None, path: Path) -> dict[str, Any]:
+def _row(run: Run, read: _Read | None, path: Path, fault: str = "") -> dict[str, Any]:
     record = None if read is None else read.record
     report = run.folder / "report.html"
-    link = Path(os.path.relpath(report, path.parent)).as_posix() if report.is_file() else ""
+    # with "./" in front no name of a folder is taken for a scheme
+    link = f"./{quote(Path(os.path.relpath(report, path.parent)).as_posix())}" if report.is_file() else ""
     tiles = [] if record is None else merits(record["data"])
     return {
         "folder": str(run.folder),
@@ -89,7 +104,7 @@ def _row(run: Run, read: _Read | None, path: Path) -> dict[str, Any]:
         "errors": [next((t.figure for t in tiles if t.head == head), MISSING) for head in ("fit", "unseen")],
         "parameters": len(record["parameters"]) if record else MISSING,
         "time": duration(run.seconds),
-        "title": run.title or run.reason,
+        "title": fault or run.title or run.reason,
     }
 
 
