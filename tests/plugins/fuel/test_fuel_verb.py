@@ -88,6 +88,14 @@ def test_an_injector_runs_on_it_and_beyond_the_table_it_is_refused(command: Comm
         cr.load_fuel(tmp_path / "own.toml").density(80e6, 400.0)
 
 
+FALLING = "pressure [MPa],temperature [K],density [kg/m3],viscosity [mm2/s]\n" + "".join(
+    f"{p},{t},{800 - 0.1 * p},2\n" for t in (300, 350, 400) for p in (0.1, 50, 100, 200)
+)
+TINY = "pressure [MPa],temperature [K],density [kg/m3],viscosity [mm2/s]\n" + "".join(
+    f"{p},{t},{800 + 0.3 * p}e-300,2e-300\n" for t in (300, 350, 400) for p in (0.1, 50, 100, 200)
+)
+
+
 @pytest.mark.parametrize(
     ("text", "word"),
     [
@@ -96,6 +104,8 @@ def test_an_injector_runs_on_it_and_beyond_the_table_it_is_refused(command: Comm
             "pressure [MPa],temperature [K],density [kg/m3],viscosity [mm2/s]\n" + "1,300,800,2\n" * 6,
             "two temperatures",
         ),
+        (FALLING, "at 300 K density does not grow from 0.1 to 200 MPa"),
+        (TINY, "No law of a fuel comes near these values"),
     ],
 )
 def test_a_table_that_cannot_be_fitted_is_refused(command: Command, tmp_path: Path, text: str, word: str) -> None:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
-from commonrail.base.errors import InputError
+from commonrail.base.errors import InputError, nearest
+from commonrail.base.hooks import note
 from commonrail.physics.fuel import coefficient, log_compression, power_law, saturating_law, scaled_temperature
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import Column
@@ -55,11 +56,22 @@ def fit_fuel(path: Path) -> FittedFuel:
     ]
     wanted += [Column(name, unit, domain=Domain.POSITIVE) for name, unit in _OPTIONAL.items() if name in sheet.names]
     table = take_columns(sheet, wanted, least=2 * FEWEST)
+    known = [column.name for column in wanted]
+    if unused := [name for name in sheet.names if name not in known]:
+        meant = nearest(unused[0], [*known, *_OPTIONAL])
+        note(f"{path}: not used: {', '.join(unused)}{meant}")
     c = table.columns
     p, temperature, density = c["pressure"] * 1e-6, c["temperature"], c["density"]
     levels = [np.flatnonzero(temperature == level) for level in np.unique(temperature)]
     if len(levels) < 2 or min(len(np.unique(p[rows])) for rows in levels) < FEWEST:
         raise InputError(f"{path}: at least two temperatures and at each {FEWEST} pressures are needed.")
+    for rows in levels:
+        low, high = rows[np.argmin(p[rows])], rows[np.argmax(p[rows])]
+        if density[high] <= density[low]:
+            raise InputError(
+                f"{path}: at {temperature[low]:g} K density does not grow from {p[low]:g} to {p[high]:g} MPa; "
+                "check both columns."
+            )
     most = len(levels) - 1  # degree of a polynomial in temperature
     laws = _density_and_modulus(path, c, levels, most)
     line = np.polynomial.polynomial.Polynomial.fit
@@ -141,7 +153,10 @@ def _least_squares(
 
     start = np.concatenate([[*part, *[0.0] * (d + 1 - len(part))] for part, d in zip(starts, degrees, strict=True)])
     scale = np.maximum(np.abs(start), 1e-2)
-    found = least_squares(residual, start, x_scale=scale, ftol=1e-13, xtol=1e-13, max_nfev=4000)
+    try:
+        found = least_squares(residual, start, x_scale=scale, ftol=1e-13, xtol=1e-13, max_nfev=4000)
+    except ValueError as error:  # values of other orders of magnitude: the slopes overflow
+        raise InputError("No law of a fuel comes near these values; check the units of the columns.") from error
     x = np.array([float(f"{value:.9g}") for value in found.x.tolist()])
     return polynomials(x), _rounded_up(np.abs(residual(x)))
 

@@ -6,6 +6,7 @@ import json as text_of
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -52,6 +53,8 @@ def fuel(
     from commonrail.readers.fuel import load_fuel
 
     check_file(out, "--out")
+    if title is not None and not title.isprintable():
+        raise InputError("--title: a title of printable characters on one line is expected.")
     found = fit_fuel(table)
     write_text(out, _document(found, title or out.stem, table.name))
     load_fuel(out)  # what is written is read
