@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.plugins.maps.dcm import MOST_MAPS, map_of_dcm, number_text, read_dcm
+from commonrail.plugins.maps.dcm import MOST_MAPS, map_of_dcm, number_text, read_dcm, write_into_dcm
 from commonrail.plugins.maps.file import ENDINGS, write_map_file
 from commonrail.plugins.maps.table import MapTable, axes_of
 from tests.plugins.maps.tables import table
@@ -76,6 +76,7 @@ def test_numbers_have_a_point_and_no_exponent() -> None:
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7 2", "hold more than the 2 numbers that are expected for 7 × 2"),
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 999999 999999", "1 to 1000000 are read"),
         ("ST/Y   0.75", "ST/Y   zero", '"zero" are not numbers'),
+        ("ST/Y   0.75", "ST/Y   0_75", '"0_75" are not numbers'),
         ("ST/Y   0.75", "ST/Y   nan", "not finite"),
         ("ST/Y   0.75", "ST/Y   0.0", "does not increase strictly"),
         ("\nEND", "\n", "has no END"),
@@ -91,13 +92,29 @@ def test_a_damaged_dcm_is_refused_with_its_line(tmp_path: Path, old: str, new: s
     assert re.match(rf"{re.escape(str(path))}, line \d+: ", str(found.value))
 
 
+def test_a_label_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    """The numbers of one map would be written into the other."""
+    path = written(tmp_path, ".dcm", [table(), table()])
+    with pytest.raises(InputError, match=r"line \d+: the map InjVlv_tiET_MAP stands in line \d+ already"):
+        read_dcm(path)
+
+
+def test_a_map_whose_lines_are_not_found_is_not_said_to_be_written(tmp_path: Path) -> None:
+    path = written(tmp_path, ".dcm", [table()])
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\r"))
+    out = tmp_path / "out.dcm"
+    with pytest.raises(InputError, match="must end with LF or CR LF"):
+        write_into_dcm(out, path, "InjVlv_tiET_MAP", table())
+    assert not out.exists()
+
+
 def test_a_file_of_very_many_maps_is_refused_where_they_are_too_many(tmp_path: Path) -> None:
     """One of 8 MB took half a minute."""
-    one = "KENNFELD m 1 1\nST/X 1\nST/Y 1\nWERT 1\nEND\n"
+    maps = [f"KENNFELD m{i} 1 1\nST/X 1\nST/Y 1\nWERT 1\nEND\n" for i in range(MOST_MAPS + 1)]
     path = tmp_path / "many.dcm"
-    path.write_text("KONSERVIERUNG_FORMAT 2.0\n" + MOST_MAPS * one)
+    path.write_text("KONSERVIERUNG_FORMAT 2.0\n" + "".join(maps[:-1]))
     assert len(read_dcm(path)) == MOST_MAPS
-    path.write_text("KONSERVIERUNG_FORMAT 2.0\n" + (MOST_MAPS + 1) * one)
+    path.write_text("KONSERVIERUNG_FORMAT 2.0\n" + "".join(maps))
     with pytest.raises(InputError, match=f"line {2 + 5 * MOST_MAPS}: there are more than the {MOST_MAPS} maps"):
         read_dcm(path)
 

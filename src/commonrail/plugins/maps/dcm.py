@@ -27,6 +27,7 @@ from commonrail.readers.location import read_bytes
 NUMBERS = 6  # in a line
 LARGEST = 20_000_000  # [bytes]
 MOST_VALUES = 1_000_000
+MOST_DECIMALS = 15  # of a value that is written: those of a double near 1
 MOST_MAPS = 10_000  # of a file; chosen: a control unit has some thousand
 _FORMAT = "KONSERVIERUNG_FORMAT"
 _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg", "−": "-", '"': "'"})
@@ -58,6 +59,8 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
             numbers = re.sub(r"\S+", lambda _: f"{next(values) + 0.0:.{table.decimals}f}", rest)
             lines[i] = head + word + numbers
         inside &= words[:1] != ["END"]
+    if next(values, None) is not None:
+        raise InputError(f"{source}: lines of the map {label} are not found; they must end with LF or CR LF.")
     notes = "".join(f"* {_plain(note)}\n" for note in ("written by commonrail", *table.notes))
     with replacing(path, "wb") as stream:
         stream.write((notes + "\n".join(lines)).encode("latin-1"))
@@ -124,12 +127,18 @@ def read_dcm(path: Path) -> list[MapTable]:
     if not re.fullmatch(rf"{_FORMAT}\s+2\.\d", first[1]):
         raise InputError(f"{path}, line {first[0]}: a DCM file begins with {_FORMAT} 2.0; this one does not.")
     found: list[MapTable] = []
+    starts: dict[str, int] = {}  # line of each label
     for number, line in content:
         words = line.split()
         if re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]):
             if len(found) == MOST_MAPS:
                 raise InputError(f"{path}, line {number}: there are more than the {MOST_MAPS} maps that are read.")
             found.append(_read_map(path, number, words, content))
+            if starts.setdefault(found[-1].label, number) != number:
+                before = starts[found[-1].label]
+                raise InputError(
+                    f"{path}, line {number}: the map {found[-1].label} stands in line {before} already; rename one."
+                )
     return found
 
 
@@ -154,7 +163,8 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
         if word in numbers:
             numbers[word] += _floats(path, number, rest)
             if word == "WERT":
-                decimals = max([decimals, *(-int(Decimal(text).as_tuple().exponent) for text in rest.split())])
+                places = (-int(Decimal(text).as_tuple().exponent) for text in rest.split())
+                decimals = min(max([decimals, *places]), MOST_DECIMALS)
             if len(numbers[word]) > counts[word]:  # or a file of such lines is read to its end
                 raise InputError(
                     f"{path}, line {number}: the {word} lines of the map {words[1]} hold more than the {counts[word]} "
@@ -167,7 +177,7 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
 
 def _floats(path: Path, number: int, text: str) -> list[float]:
     try:
-        found = [float(word) for word in text.split()]
+        found = [float(word.replace("_", "?")) for word in text.split()]  # Python reads 2_00 as 200
     except ValueError as error:
         raise InputError(f'{path}, line {number}: "{text.strip()[:40]}" are not numbers.') from error
     if not all(map(math.isfinite, found)):

@@ -159,7 +159,8 @@ def map_(
         raise InputError("Give one or two models, or one model and --measured.")
     like = None if axes is None else map_of_dcm(axes)
     units = {path: _units(path, (pressure_unit, quantity_unit, time_unit), like) for path in (*out, *quantity_out)}
-    check_label(label or INVERSE), check_label(quantity_label)
+    kept = like.label if like is not None and fits(like.unit, "s") else INVERSE
+    check_label(label or kept), check_label(quantity_label)
     named = read_models(models, set_)
     conditions = read_conditions((cylinder_pressure, return_pressure), time_step, threads, named[0].folder)
     injector = named[0].injector
