@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -89,21 +89,21 @@ def ramps(solution: Solution, found: Features) -> list[Ramp]:
     """Ramps of each injection of a solution, by its features; NaN where one is missing."""
     low, high = FeatureSettings().ramp
     time, rate = solution.sample_time, solution.rate
-    return [_ramp(one, found, time, rate, (low, high)) for one in found.injections]
+    return [_ramp(injection, time, rate, (low, high)) for injection in found.injections]
 
 
-def _ramp(one: Injection, found: Features, time: Floats, rate: Floats, shares: tuple[float, float]) -> Ramp:
-    opening, closing = one["opening"], one["closing"]
+def _ramp(injection: Injection, time: Floats, rate: Floats, shares: tuple[float, float]) -> Ramp:
+    opening, closing, peak = injection["opening"], injection["closing"], injection["peak_rate"]
     inside = (time >= opening) & (time <= closing)
-    risen = time[inside & (rate > shares[0] * one["peak_rate"])]
-    falling = time[inside & (rate > shares[1] * one["peak_rate"])]
+    risen = time[inside & (rate > shares[0] * peak)]
+    falling = time[inside & (rate > shares[1] * peak)]
     rise = float(risen[0]) if len(risen) else np.nan
     fall = float(falling[-1]) if len(falling) else np.nan
     return Ramp(
-        (opening - one["opening_delay"], opening),
-        (rise, rise + one["rise_time"]),
-        (closing - one["closing_delay"], closing),
-        (fall, fall + one["fall_time"]),
+        (opening - injection["opening_delay"], opening),
+        (rise, rise + injection["rise_time"]),
+        (closing - injection["closing_delay"], closing),
+        (fall, fall + injection["fall_time"]),
     )
 
 
@@ -120,9 +120,10 @@ def anatomy_figure(
     pulses = () if point is None else point.pulses
     end = end_of_motion(solution, pulses)
     found = _features(solution, point)
-    instants = [t for ramp in ramps(solution, found) for t in (ramp.opening[1], ramp.closing[1])]
+    found_ramps = ramps(solution, found)
+    instants = [t for ramp in found_ramps for t in (ramp.opening[1], ramp.closing[1])]
     instants += [t for pulse in pulses for t in (pulse.start, pulse.start + pulse.duration)]
-    panels = [_delays(solution, pulses, found)] if found.injections or pulses else []
+    panels = [_delays(pulses, found_ramps)] if found_ramps or pulses else []
     for title, scale, channels in _PANELS:
         series = list(_series(solution, scale, channels, end))
         if title == RATE:
@@ -134,16 +135,18 @@ def anatomy_figure(
             is_keyed = len(series) > 1
             lines = [_upright(t, series) for t in sorted({t for t in instants if t <= end})]
             panels.append(Panel(title, (*series, *lines), _SHARES.get(title, 1.0), has_legend=is_keyed))
+    low, high = FeatureSettings().ramp
     caption = (
         "Dotted: begin and end of energising and of injection. Bars: delay from the begin of energising to that of the "
-        "rate, its rise from 20 to 80 % of the largest; delay from the end of energising to that of the rate, its fall."
+        f"rate, its rise from {100 * low:.0f} to {100 * high:.0f} % of the largest; delay from the end of energising "
+        "to that of the rate, its fall."
     )
     return Figure("Anatomy of the injection", caption, "time, µs", tuple(panels))
 
 
-def _delays(solution: Solution, pulses: tuple[Energising, ...], found: Features) -> Panel:
+def _delays(pulses: tuple[Energising, ...], found: Sequence[Ramp]) -> Panel:
     bars = [_bar(0, "rigid", pulse.start, pulse.start + pulse.duration) for pulse in pulses]
-    for ramp in ramps(solution, found):
+    for ramp in found:
         for row, look, ends in (
             (1, "start", ramp.opening),
             (1, "paper", ramp.rise),
@@ -261,7 +264,7 @@ class Section:
 
     @property
     def slowed(self) -> int:
-        """How many times slower the motion is shown."""
+        """Factor by which the motion shown is slower than the real one, with one digit."""
         time = self.values["time"]
         return int(float(f"{SECONDS * 1e6 / (time[-1] - time[0]):.1g}"))
 
