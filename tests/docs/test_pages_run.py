@@ -1,4 +1,4 @@
-"""What README and docs show is run as a reader would run it: in page order, in one folder, after the README's lines."""
+"""Commands and Python of README and docs, run as a reader would: in page order, in one folder, after the README's."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_commands_and_python_of_a_page_run(
 
 
 def test_every_block_of_code_has_a_language() -> None:
-    """What is not marked as shell or Python is no code that a reader runs."""
+    """Blocks without a language would be left out of the tests above."""
     for page in PAGES:
         inside = False
         for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):

@@ -72,7 +72,9 @@ def _read(run: Run) -> _Read | str:
     """Record and curves of a finished calibration; why it is none, or cannot be read, in a sentence."""
     try:
         one = _Read(run, *read_run(run.folder))
-        _row(run, one, run.folder), _drawn([one, one]), _differences([one])
+        _row(run, one, run.folder)  # what the page shows of it, tried alone: a fault in it loses no other run
+        _drawn([one, one])
+        _differences([one])
     except CommonrailError as error:
         return str(error)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # a record that was changed
@@ -171,7 +173,7 @@ def _name(one: _Read) -> str:
 
 
 def _differences(read: Sequence[_Read]) -> Table | None:
-    """What the studies of the runs differ in: a row for each setting, a column for each run."""
+    """Settings in which the studies differ: a row for each, a column for each run."""
     stated = [dict(_settings(one.record)) for one in read]
     keys = [k for k in dict.fromkeys(k for one in stated for k in one) if len({one.get(k) for one in stated}) > 1]
     if not keys:

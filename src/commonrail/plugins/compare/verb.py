@@ -90,7 +90,7 @@ def _compared(
 
 
 def _warnings(comparison: Comparison, named: Sequence[NamedModel]) -> list[dict[str, str]]:
-    """What is implausible, each finding once: errors, shifts and gains of the models that were fitted too."""
+    """Findings of implausible errors, shifts and gains, each once; printed to stderr and returned as records."""
     from commonrail.calibration.plausibility import of_model
     from commonrail.calibration.result import warning_records
 

@@ -134,7 +134,7 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
 
 
 def is_turned(table: MapTable) -> bool | None:
-    """Whether the pressures of a map are its y axis; None if its axes are not pressure and quantity."""
+    """True if the y axis of a map is its pressures; None if its axes are not pressure and quantity."""
     for turned, pressure, quantity in ((False, table.x, table.y), (True, table.y, table.x)):
         if fits(pressure.unit, "Pa") and (fits(quantity.unit, "kg") or fits(quantity.unit, "m3")):
             return turned
