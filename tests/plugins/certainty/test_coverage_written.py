@@ -58,11 +58,11 @@ def test_coverage_counts_the_finite_intervals() -> None:
 
 def test_the_bed_fits_and_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "found.json"
-    assert main(["white", "delay", "--bed", "cri2-16", "-n", "1", "--json", str(file)]) == 0
+    assert main(["white", "delay", "--bed", "cri2-16", "-n", "3", "--json", str(file)]) == 0
     rows = json.loads(file.read_text())
-    assert [(row["noise"], row["benches"], row["failed"]) for row in rows] == [("white", 1, 0), ("delay", 1, 0)]
-    # three intervals of 95 %: none holds the truth with a probability of 1e-4 (`make coverage` measures the share)
-    assert rows[0]["every"] >= 33.0
+    assert [(row["noise"], row["benches"], row["failed"]) for row in rows] == [("white", 3, 0), ("delay", 3, 0)]
+    # of 9 intervals of 95 % fewer than 6 hold the truth with a probability of 1e-3
+    assert rows[0]["every"] >= 66.0
     assert capsys.readouterr().out.count("\n") == 4
     with pytest.raises(SystemExit):
         main(["pink"])
