@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -23,11 +25,14 @@ def executed(path: Path, timeout: float = 1200) -> Any:
 
 
 def stripped(notebook: Any) -> Any:
-    """Without what differs from run to run: times of execution, and progress that was overwritten."""
+    """Without what differs from run to run: times of execution, progress that was overwritten, a temporary folder."""
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
         if cell.cell_type == "code":
             cell.outputs = [o for o in cell.outputs if not (o.output_type == "stream" and o.name == "stderr")]
+            for output in cell.outputs:
+                if output.output_type == "stream":  # of a path, what is below the folder
+                    output.text = re.sub(rf"{re.escape(tempfile.gettempdir())}/tmp\w+/", "", output.text)
     return notebook
 
 
