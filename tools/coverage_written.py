@@ -169,7 +169,8 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
             break
         study, start = benches.study(NOISES[noise], seed)
         try:
-            one = cr.certify(study, start, threads=1)
+            near = cr.certify(study, start, threads=1).estimate  # stands for the fit: the start is none
+            one = cr.certify(study, dict(zip(near.likelihood.names, near.point.tolist(), strict=True)), threads=1)
         except cr.SimulationError:
             failed += 1
             continue

@@ -190,3 +190,17 @@ def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
     """
     half, single = (NORMAL * abs(spread) / change if change > 0.0 else np.inf for change in (joint, alone))
     return ParameterVerdict.by_width(half, single, value).value
+
+
+JOINT = 0.05  # probability that noise alone moves the most likely values so far from the true ones
+
+
+def outside_joint_region(gain: float, parameters: int) -> bool:
+    """True if values lie outside the joint region of 95 % of so many parameters about the most likely values.
+
+    `gain`: 2 ln L of the most likely values less that of the values, compared with the quantile of chi-squared with as
+    many degrees of freedom as parameters (Wilks 1938). False where it is not known (NaN).
+    """
+    from scipy.special import chdtri  # slow to import
+
+    return bool(gain > chdtri(parameters, JOINT))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -181,10 +182,21 @@ def test_the_verb_writes_result_and_report(study: cr.Study, tmp_path: Path) -> N
     assert "there is no such folder" in wrong.sentence
 
 
+def test_an_end_far_from_the_fitted_values_is_to_be_confirmed_by_other_starts(study: cr.Study) -> None:
+    """One search that leaves the fitted values may end in another optimum; several that agree have not."""
+    away = {name: 1.01 * value for name, value in TRUTH.items()}
+    alone, among = (cr.certify(study, away, threads=1, starts=starts) for starts in (1, 4))
+    assert "no search from other starts has confirmed it" in alone.withdrawn
+    assert {judged.verdict.value for judged in alone.verdicts} == {"withdrawn"}
+    assert among.withdrawn == ""
+    assert "pinned" in {judged.verdict.value for judged in among.verdicts}
+
+
 def test_a_notebook_shows_its_verdicts_and_intervals(found: cr.Certainty) -> None:
     line = repr(found)
     assert f"{len(found.verdicts)} parameter" in line
-    assert f"{sum(judged.verdict.value == 'pinned' for judged in found.verdicts)} pinned" in line
+    for verdict, count in Counter(judged.verdict.value for judged in found.verdicts).items():
+        assert f"{count} {verdict}" in line
     assert len(line) < 300
     html = found._repr_html_()
     assert all(name in html for name in found.estimate.likelihood.names)

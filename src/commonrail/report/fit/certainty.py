@@ -24,7 +24,6 @@ from commonrail.data.records import Record
 DIGITS = 5
 MOST_PERCENT = 1000.0  # of a value, above which half an interval or a move is no figure any more
 OPEN = "not bounded by the data"  # interval
-JOINT = 0.05  # probability that noise alone moves the most likely values so far from the true ones
 FRICTION = "friction"  # suspect of the test that fits it
 
 
@@ -62,20 +61,19 @@ class Difference(NamedTuple):
 def difference(record: Record) -> Difference | None:
     """Difference of the most likely values from the calibrated ones; None of a record without it.
 
-    The calibrated values lie outside the joint region of 95 % if 2 ln L of the most likely ones is higher by more than
-    that quantile of chi-squared with as many degrees of freedom as parameters (Wilks).
+    It matters if an interval, or the joint region of all parameters, excludes the calibrated values.
     """
     found = record.get("certainty")
     if not found:
         return None
-    from scipy.special import chdtri  # slow to import
+    from commonrail.calibration.identifiability import outside_joint_region  # slow to import
 
     if "taken" in found and found["gain"] == 0.0:
         return Difference("The calibrated values are the most likely ones, which were adopted.", False)
     best = {p["name"]: number(p.get("best")) for p in record["parameters"]}
     excluded = [p["name"] for p in found["parameters"] if _excludes(p, best[p["name"]])]
     gain = number(found["gain"])
-    matters = bool(excluded) or (gain is not None and gain > chdtri(len(best), JOINT))
+    matters = bool(excluded) or (gain is not None and outside_joint_region(gain, len(best)))
     if gain is None and not excluded:
         return None
     higher = "" if gain is None else f": 2 ln L is higher by {significant(gain, 3)} at its most likely values"
