@@ -347,7 +347,8 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
                 bound += 1
             keep(work, rows, trace, block, k + 1)
             is_due = k % job.check_every == job.check_every - 1
-            if is_due and check(work, rows, StopRule(real(k), job.checks_at_rest, job.check_every), out):
+            rule = StopRule(real(k), real(job.checks_at_rest), real(job.check_every))
+            if is_due and check(work, rows, rule, out):
                 break
             if real(k + 1) >= next_end:
                 report_ended(work, rows, real(k + 1), out)

@@ -170,8 +170,8 @@ class StopRule(NamedTuple):
     """When a lane ends: the present step, checks at rest that it takes (0: never), and steps between two checks."""
 
     step: float
-    checks: int
-    every: int
+    checks: float
+    every: float
 
 
 @physics
@@ -259,7 +259,7 @@ def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
             checks = work[at(rows, rows.checks_at_rest, lane)] + 1.0 if still else 0.0
             work[at(rows, rows.checks_at_rest, lane)] = checks
             enough = checks > rule.checks and checks * rule.every > work[at(rows, rows.longest_contact, lane)]
-            if (rule.checks > 0 and enough) or not _is_sound(work, rows, lane):
+            if (rule.checks > 0.0 and enough) or not _is_sound(work, rows, lane):
                 _report(work, rows, lane, out)
                 work[at(rows, rows.has_ended, lane)] = 1.0
         if work[at(rows, rows.has_ended, lane)] != 0.0:
