@@ -97,7 +97,7 @@ def without_waiting(block: list[str]) -> list[str]:
         operation, _, operands = line.replace("\t", " ").partition(" ")
         if not re.search(r"%[yz]mm", operands):
             continue
-        operands = re.sub(r"(\d*)\((%\w+)[^)]*\)", _in_line, operands)
+        operands = re.sub(r"([.\w]*)\((%\w+)[^)]*\)", _in_line, operands)
         *sources, result = re.split(r",\s*(?![^(]*\))", operands.strip())
         given = [re.sub(r"mm\d+", f"mm{31 - i % 2}", source) for i, source in enumerate(sources)]
         if "mm" in result:
@@ -108,7 +108,8 @@ def without_waiting(block: list[str]) -> list[str]:
 
 
 def _in_line(place: re.Match[str]) -> str:
-    return f"{int(place[1] or 0) & ~63}({'%rdx' if place[2] == '%rsp' else '%rsi'})"
+    offset = int(place[1]) if place[1].isdigit() else 0  # a constant has a name in place of an offset
+    return f"{offset & ~63 or ''}({'%rdx' if place[2] == '%rsp' else '%rsi'})"
 
 
 def repeated(block: list[str]) -> str:
