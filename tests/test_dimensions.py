@@ -32,7 +32,7 @@ from commonrail.physics.components import (
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.physics.model import Inputs, Setting, Waves
-from commonrail.physics.variants import EXTENDING, Variant, wiring
+from commonrail.physics.variants import EXTENDING, Variant, connections_of, wiring
 from commonrail.readers.injector.file import load_injector
 from tests.dimensions import (
     UNIFORM,
@@ -292,7 +292,7 @@ def test_a_step_of_the_injector_keeps_the_units_of_its_state(variant: Variant) -
         waves = Waves(at.rail, at.rail, at.low)
         states = [s]
         for _ in range(3):
-            s, waves = wired.step(m.c, s, u, waves, at.dt)
+            s, waves = connections_of(variant).step(m.c, s, u, waves, at.dt)
             states.append(s)
     for path in wired.state.paths:
         values = [functools.reduce(getattr, path.split("."), state) for state in states]

@@ -12,7 +12,17 @@ import commonrail as cr
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.engine.plan import coefficients_at
 from commonrail.physics.model import Inputs, Setting, Waves
-from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, unread_inputs, unread_parameters, wiring
+from commonrail.physics.variants import (
+    COMMAND,
+    DRIVE,
+    RAIL,
+    RETURN,
+    Variant,
+    connections_of,
+    unread_inputs,
+    unread_parameters,
+    wiring,
+)
 
 DT, STEPS, CHANGED = 1e-6, 400, 100
 ON, OFF = 20e-6, 280e-6  # of the energising, or of the measured drive [s]
@@ -59,7 +69,7 @@ def marched(variant: Variant, factors: Mapping[str, float] = {}, changed: tuple[
         inputs = Inputs(rail, at.cylinder, at.low, trace, now - ON, now - OFF)
         if step >= CHANGED:
             inputs = inputs._replace(**{name: _other(name, getattr(inputs, name)) for name in changed})
-        state, waves = wired.step(c, state, inputs, waves, DT)
+        state, waves = connections_of(variant).step(c, state, inputs, waves, DT)
     ideal = variant.boundary is Boundary.IDEAL and hasattr(state, "rail")
     return state._replace(rail=None) if ideal else state
 

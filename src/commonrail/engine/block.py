@@ -1,6 +1,6 @@
 """The loop over blocks, steps and lanes that the lanes run.
 
-Travelling waves wait in three ring buffers behind one pointer, the other rows of `recorder.Working` behind another.
+Travelling waves wait in three ring buffers behind one pointer, the other rows of `job.Working` behind another.
 Parameters are read once, through the rings' memory, before the first wave is written. How many lanes there are, and in
 which precision, is a choice of the machine: see `Vector`.
 """
@@ -11,10 +11,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
-from commonrail.engine.job import NEVER
+from commonrail.engine.job import FIGURE, FUEL, NEVER
 from commonrail.engine.recorder import (
-    FIGURE,
-    FUEL,
     Sample,
     StopRule,
     at,
@@ -30,7 +28,7 @@ from commonrail.engine.recorder import (
 )
 from commonrail.physics.law import layout_of, physics
 from commonrail.physics.model import Inputs, Setting, Waves
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import Variant, connections_of, wiring
 
 # Inputs of a block in each step: waves that arrive from its rings, boundary pressures, clocks of the drive.
 
@@ -279,7 +277,7 @@ def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs) -> L
     """
     wired = wiring(variant)
     load_coefficients, load_state, store_state = wired.coefficients.load, wired.state.load, wired.state.store
-    step, lifts = wired.step, wired.body.lifts
+    step, lifts = connections_of(variant).step, wired.body.lifts
 
     @physics
     def advance(work, count, inputs, dt):  # type: ignore[no-untyped-def]

@@ -14,9 +14,8 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
-from commonrail.engine.job import VECTORS, Job
+from commonrail.engine.job import FUEL, VECTORS, Job, Outcome
 from commonrail.engine.lanes import Misfit, tabled, trace_paths
-from commonrail.engine.recorder import FUEL, Outcome
 from commonrail.physics.variants import Variant, wiring
 
 # A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:

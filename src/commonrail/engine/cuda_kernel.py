@@ -30,8 +30,8 @@ from commonrail.engine.block import (
     gather_number,
     make_simulate,
 )
-from commonrail.engine.job import VECTORS, Job, Samples
-from commonrail.engine.recorder import at, make_rows, record
+from commonrail.engine.job import VECTORS, Job, Samples, make_rows
+from commonrail.engine.recorder import at, record
 from commonrail.physics.law import physics
 from commonrail.physics.model import Inputs
 from commonrail.physics.variants import Variant

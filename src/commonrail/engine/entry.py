@@ -9,8 +9,7 @@ from typing import Any
 from commonrail.base.choices import Precision
 from commonrail.compiler.laws import TABLE, clock_reader, exchange_rounding, of_table, row_copier, row_gatherer
 from commonrail.engine.block import ClockedMemory, Machine, keep_if_asked, make_clocks, make_simulate
-from commonrail.engine.job import GIVEN, VECTORS
-from commonrail.engine.recorder import Outcome, make_rows, shape_of
+from commonrail.engine.job import GIVEN, VECTORS, Outcome, make_rows, shape_of
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE
 from commonrail.physics.variants import Variant
 

@@ -1,21 +1,25 @@
-"""Arrays that a run of the fast engines is given: operating points, candidates, samples to compare with."""
+"""Memory of a run of the fast engines: what it is given, the working rows of its blocks, and what it returns."""
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.arrays import Floats, Ints
-from commonrail.base.choices import Precision
+from commonrail.base.choices import Actuation, Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.table import REAL, WHOLE, Array, address, floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, Trace, courses
+from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.injector import Injector
-from commonrail.physics.law import CACHE_LINE
-from commonrail.physics.model import Inputs
+from commonrail.physics.law import CACHE_LINE, layout_of
+from commonrail.physics.model import Inputs, Waves
+from commonrail.physics.variants import Variant, model_of, wiring
 
 NEVER = 1 << 62  # step of a turn that is not reached
 
@@ -183,6 +187,137 @@ def _aligned(count: int, real: Any) -> NDArray[Any]:
     whole = np.empty(count + CACHE_LINE // size, real)
     first = -(address(whole) // size) % (CACHE_LINE // size)
     return whole[first : first + count]
+
+
+# Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
+#
+# Coefficients, state, the waves that leave and that arrive, and what the loop keeps of a lane, behind one pointer.
+
+
+class Progress(NamedTuple):
+    """Numbers that the loop keeps of each lane; instants are in steps, and zero is none."""
+
+    # mass injected [kg] before the step, and at the end of the last sample
+    injected_before: float
+    injected_at_sample: float
+    absolute: float  # sums of the samples' errors [m³/s], and of their squares [(m³/s)²]
+    squared: float
+    density: float  # makes a volume of a sample [kg/m³]
+    greatest_lift: float  # of the tip [m]
+    opening: float  # instants
+    last_closing: float
+    first_closing: float
+    is_open: float  # 1 while the needle counts as open
+    injected_at_lift: float  # mass injected when the tip last left its seat [kg]
+    tip_before: float  # lift of the tip before the step [m]
+    checks_at_rest: float  # checks for which it has rested
+    injected_at_check: float  # mass injected at the last check [kg]
+    has_ended: float  # 1 once the lane has ended
+    longest_contact: float  # of a bouncing needle or valve, in steps
+    farthest_lift: float  # beyond the stop [m]
+    earliest_end: float  # first step at which the injection may have ended
+    steps: float  # number of steps
+    clock_turns: float  # turns of the clocks so far
+
+
+class Working(NamedTuple):
+    """All rows: a wave arrives between two slots of its ring, after a delay of whole steps and a fraction."""
+
+    coefficients: Any
+    state: Any
+    leaving: Waves
+    arriving: Waves
+    arriving_before: Waves
+    inputs: Inputs
+    progress: Progress
+    delay_steps: Waves
+    delay_fraction: Waves
+
+
+# rows that the loop itself reads: single ones of the state, first ones of groups
+_BOTH = {
+    "injected": "nozzle.injected",
+    "returned": "cumulative_flows.returned",
+    "supplied": "cumulative_flows.supplied",
+    "sac_pressure": "sac.pressure",
+    "accumulation_pressure": "accumulation.fuel.pressure",
+}
+_STATE = {
+    Actuation.SERVO: _BOTH
+    | {
+        "control_pressure": "control_chamber.fuel.pressure",
+        "return_pressure": "return_line.pressure",
+        "valve_lift": "valve.lift",
+    },
+    # The armature takes the valve's place. There is no control chamber that must refill before the injection has ended,
+    # and no return line: its wave stands still.
+    Actuation.DIRECT: _BOTH
+    | {
+        "control_pressure": "accumulation.fuel.pressure",
+        "return_pressure": "accumulation.fuel.pressure",
+        "valve_lift": "body.z.armature",
+    },
+}
+_DELAYS = {
+    Actuation.SERVO: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.back"},
+    Actuation.DIRECT: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.feed"},
+}
+_LOOP = {
+    **{name: name for name in Working._fields if name not in ("coefficients", "progress")},
+    **{name: f"inputs.{name}" for name in ("cylinder", "since_start", "since_end")},
+    **{name: f"progress.{name}" for name in Progress._fields},
+}
+
+
+def _paths(actuation: Actuation) -> dict[str, str]:
+    """Rows that the loop reads, by the names that it uses."""
+    return _LOOP | {name: f"state.{path}" for name, path in _STATE[actuation].items()} | _DELAYS[actuation]
+
+
+FUEL = layout_of(FuelCoefficients)
+Rows = namedtuple("Rows", ("lanes", *_paths(Actuation.SERVO), "tip", "top", "end"))  # type: ignore[misc]
+
+
+def make_rows(variant: Variant, lanes: int) -> Any:
+    """`Rows` of a variant: the number of lanes, the rows by name, and how many there are."""
+    body, held = wiring(variant).body, model_of(variant.actuation)
+    choices = (("coefficients", held.Coefficients), ("state", held.State), ("body", body.State))
+    rows = layout_of(Working, choices)
+    ends = (rows.row(f"state.body.{name}") for name in (body.TIP, body.TOP))
+    return Rows(lanes, *map(rows.row, _paths(variant.actuation).values()), *ends, len(rows.paths))  # type: ignore[call-arg]
+
+
+@cache
+def shape_of(variant: Variant, vector: Vector) -> Shape:
+    """Sizes of the memory of a block."""
+    columns = len(wiring(variant).parameters.paths) + len(FUEL.paths)
+    return Shape(make_rows(variant, vector.lanes).end, vector.lanes, columns, np.dtype(vector.real).itemsize)
+
+
+class Outcome(NamedTuple):
+    """Figures of the simulations of a run, (candidates, points).
+
+    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
+    `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
+    finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
+    a needle on its seat and a SAC that had emptied when the simulation ended.
+    """
+
+    injected: Any
+    returned: Any
+    supplied: Any
+    opening: Any
+    closing: Any
+    greatest_lift: Any
+    absolute: Any
+    squared: Any
+    sound: Any
+    closed_at_start: Any
+    closed_at_end: Any
+    first_closing: Any
+
+
+FIGURE: Any = Outcome._make(range(len(Outcome._fields)))  # where each stands in `out`, (lanes, figures)
 
 
 # Boundary conditions of operating points as `Courses`.

@@ -14,10 +14,9 @@ from commonrail.compiler.cache import Source
 from commonrail.compiler.load import Kernel
 from commonrail.compiler.table import WHOLE, floats
 from commonrail.engine.block import Memory, copy_number, make_advance, make_begin, make_wave_transport
-from commonrail.engine.job import MAXIMUM_STEPS
+from commonrail.engine.job import FUEL, MAXIMUM_STEPS, make_rows
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import Prepared, make_job, prepare
-from commonrail.engine.recorder import FUEL, make_rows
 from commonrail.engine.status import check_inputs
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE

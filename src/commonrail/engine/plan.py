@@ -14,9 +14,8 @@ from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.base.choices import Actuation, Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.job import MAXIMUM_STEPS as MAXIMUM_STEPS
-from commonrail.engine.job import VECTORS, Courses, Job, courses_of
+from commonrail.engine.job import VECTORS, Courses, Job, Outcome, courses_of
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
-from commonrail.engine.recorder import Outcome
 from commonrail.engine.status import OK, STILL_INJECTING, Status, check_point, note_limits, note_narrow_pipe
 from commonrail.engine.time_step import Medium, medium_of, too_long
 from commonrail.physics.fuel import Fuel

@@ -19,11 +19,10 @@ from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.base.hooks import naming
 from commonrail.base.units import to_text
 from commonrail.engine import lanes, plan
-from commonrail.engine.job import VECTORS
+from commonrail.engine.job import VECTORS, Outcome
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, admissible, candidate_matrix, read_candidates, statuses_of
-from commonrail.engine.recorder import Outcome
 from commonrail.engine.solution import Batch, Solution, read_channels, relative_balance
 from commonrail.engine.status import Status, check_inputs, which_failed
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step

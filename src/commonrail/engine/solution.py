@@ -119,7 +119,7 @@ def all_channels(c: Any, variant: Variant, states: States, pressures: States, cy
         **pressures,
         "coil_current": np.asarray(magnet.current),
         "magnetic_force": np.asarray(solenoid.magnetic_force(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
-        "discharge_coefficient": _discharge(wired.laws.discharge, c.nozzle, at, variant.nozzle_law != ""),
+        "discharge_coefficient": _discharge(wired.discharge, c.nozzle, at, variant.nozzle_law != ""),
     }
 
 

@@ -32,7 +32,7 @@ from commonrail.physics.flow import Contents, Flow, contents, jet, orifice
 from commonrail.physics.law import layout_of, physics
 from commonrail.physics.model import Coefficients, CumulativeFlows, ambient_density, control_volume, seat_contact
 from commonrail.physics.state_vector import Core, DirectCore, Masses, NeedleMasses, core_of, make_frame
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import Variant, connections_of, wiring
 
 # Laws that the reference solves at one instant: boundaries, coil and drives, without any time step.
 
@@ -188,7 +188,7 @@ def coil_law(variant: Variant) -> Callable[..., float]:
     """Law of the coil's flux rate: that of the drive for a step of no length, but for the PWM, which events switch."""
     if variant.drive is Drive.PWM:
         return switched
-    law = wiring(variant).laws.drive
+    law = wiring(variant).drive
 
     @physics
     def flux_rate(c: Any, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
@@ -250,7 +250,7 @@ def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflo
 
 def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
     """Function (coefficients, masses of fuel, greatest lift so far, positions) → `Hydraulics`."""
-    lifts_of, volumes_of = wiring(variant).body.lifts, wiring(variant).volumes
+    lifts_of, volumes_of = wiring(variant).body.lifts, connections_of(variant).volumes
 
     @physics
     def hydraulics(c: Any, fuel: Any, reached: float, z: Any) -> Hydraulics:
@@ -269,7 +269,7 @@ def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
 
 def make_needle_flows(variant: Variant) -> Callable[..., tuple[Flow, Flow]]:
     """Function (coefficients, hydraulics, cylinder pressure [Pa]) → flows through needle seat and nozzle."""
-    discharge = wiring(variant).laws.discharge
+    discharge = wiring(variant).discharge
 
     @physics
     def needle_flows(c: Any, h: Hydraulics, cylinder: float) -> tuple[Flow, Flow]:
@@ -302,7 +302,8 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
     load, load_outside = wired.coefficients.load, OUTSIDE.load
     load_core, store_core = core_of(variant).load, core_of(variant).store
     load_masses, store_masses = wired.positions.load, wired.positions.store
-    accelerations, gap_law, needle_flows = wired.accelerations, wired.laws.gap_cda2, make_needle_flows(variant)
+    accelerations, gap_law = wired.accelerations, connections_of(variant).gap_cda2
+    needle_flows = make_needle_flows(variant)
     store_accelerations = store_chain if variant.body is Body.FLEXIBLE else store_rigid
     inlet_of, coil = inlet_law(variant), coil_law(variant)
 

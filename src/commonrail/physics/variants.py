@@ -13,7 +13,7 @@ from commonrail.base import registry
 from commonrail.base.arguments import chosen, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.physics import connections, model, step
+from commonrail.physics import model
 from commonrail.physics.components import drive, feed_pipe, nozzle, plunger_needle
 from commonrail.physics.law import Layout, layout_of, physics
 
@@ -101,15 +101,14 @@ class Variant(_Wired):
 
 
 class Wiring(NamedTuple):
-    """Laws of a variant, and the layouts of its parameters, its lane and its body's positions."""
+    """Laws of a variant's components, and the layouts of its parameters, its lane and its body's positions."""
 
     body: model.Body
-    laws: Any  # `StepLaws` or `DirectLaws`
     accelerations: model.Accelerations
+    drive: model.DriveLaw
+    discharge: model.DischargeLaw
     setup: Callable[..., Any]  # coefficients from parameters
     rest: Callable[..., Any]  # state at rest
-    step: Callable[..., Any]  # one time step
-    volumes: Callable[..., Any]  # volumes that moving masses leave to the fuel, from their lifts
     longest_contact: Callable[..., Any]  # longest time for which what has closed may touch and yet leave its seat again
     farthest: Callable[..., Any]  # lift beyond which the body has passed its stop
     parameters: Layout
@@ -125,10 +124,7 @@ _DRIVES: dict[Drive, model.DriveLaw] = {
     Drive.CURRENT: drive.current_trace,
     Drive.FREE_WHEEL: drive.free_wheel,
 }
-_FLOWS: dict[Laws, tuple[model.DischargeLaw, model.GapLaw]] = {
-    Laws.PAPER: (nozzle.discharge, connections.plain_gap_cda2),
-    Laws.EXTENDED: (nozzle.shaped_discharge, connections.land_gap_cda2),
-}
+_DISCHARGES: dict[Laws, model.DischargeLaw] = {Laws.PAPER: nozzle.discharge, Laws.EXTENDED: nozzle.shaped_discharge}
 
 # Parameters that only the extended laws know: at zero the laws are the paper's.
 EXTENDING = (
@@ -179,10 +175,8 @@ def _installed_law(name: str) -> model.DischargeLaw:
     return physics(law)
 
 
-def _flow_laws(variant: Variant) -> tuple[model.DischargeLaw, model.GapLaw]:
-    """Discharge of the nozzle and (c_d A)² of the valve's seat."""
-    discharge, gap_cda2 = _FLOWS[variant.laws]
-    return _installed_law(variant.nozzle_law) if variant.nozzle_law else discharge, gap_cda2
+def _discharge(variant: Variant) -> model.DischargeLaw:
+    return _installed_law(variant.nozzle_law) if variant.nozzle_law else _DISCHARGES[variant.laws]
 
 
 def kernel_name(variant: Variant) -> str:
@@ -195,31 +189,19 @@ def kernel_name(variant: Variant) -> str:
 
 @functools.cache
 def wiring(variant: Variant) -> Wiring:
-    """Laws and layouts of a variant."""
+    """Laws of a variant's components, and its layouts."""
     return _direct(variant) if variant.actuation is Actuation.DIRECT else _servo(variant)
 
 
 def _servo(variant: Variant) -> Wiring:
-    ideal = variant.boundary is Boundary.IDEAL
-    body, advance, accelerations = _body_of(variant)
-    discharge, gap_cda2 = _flow_laws(variant)
-    laws = step.StepLaws(
-        advance=advance,
-        lifts=body.lifts,
-        drive=_DRIVES[variant.drive],
-        inlet=step.ideal_rail if ideal else step.rail_volume,
-        draw=step.draw_nothing if ideal else step.draw_from_rail,
-        discharge=discharge,
-        gap_cda2=gap_cda2,
-    )
+    body, _, accelerations = _body_of(variant)
     return Wiring(
         body=body,
-        laws=laws,
         accelerations=accelerations,
+        drive=_DRIVES[variant.drive],
+        discharge=_discharge(variant),
         setup=model.coefficients,
         rest=model.make_rest(body),
-        step=step.make_step(laws),
-        volumes=connections.volumes_of,
         longest_contact=model.longest_contact,
         farthest=model.farthest_lift,
         parameters=layout_of(model.Parameters),
@@ -233,16 +215,13 @@ def _direct(variant: Variant) -> Wiring:
     from commonrail.physics import direct_acting
     from commonrail.physics.components import direct_needle
 
-    discharge, _ = _flow_laws(variant)
-    laws = direct_acting.DirectLaws(_DRIVES[variant.drive], step.ideal_rail, discharge)
     return Wiring(
         body=direct_needle,
-        laws=laws,
         accelerations=direct_needle.accelerations,
+        drive=_DRIVES[variant.drive],
+        discharge=_discharge(variant),
         setup=direct_acting.coefficients,
         rest=direct_acting.rest,
-        step=direct_acting.make_step(laws),
-        volumes=direct_acting.volumes_of,
         longest_contact=direct_acting.longest_contact,
         farthest=direct_acting.farthest_lift,
         parameters=layout_of(direct_acting.Parameters),
@@ -250,6 +229,42 @@ def _direct(variant: Variant) -> Wiring:
         coefficients=layout_of(direct_acting.Coefficients),
         positions=layout_of(direct_needle.Positions),
     )
+
+
+class Connections(NamedTuple):
+    """Laws between the components of a variant."""
+
+    step: Callable[..., Any]  # one time step
+    volumes: Callable[..., Any]  # volumes that moving masses leave to the fuel, from their lifts
+    gap_cda2: Any  # `GapLaw` of the valve; None for a direct-acting injector, which has none
+
+
+@functools.cache
+def connections_of(variant: Variant) -> Connections:
+    """Laws between the components of a variant, imported for the compiler: who runs a compiled kernel needs none."""
+    from commonrail.physics import connections, step
+
+    wired = wiring(variant)
+    if variant.actuation is Actuation.DIRECT:
+        from commonrail.physics import direct_acting
+
+        direct = direct_acting.DirectLaws(wired.drive, step.ideal_rail, wired.discharge)
+        return Connections(direct_acting.make_step(direct), direct_acting.volumes_of, None)
+    ideal = variant.boundary is Boundary.IDEAL
+    gaps: dict[Laws, model.GapLaw] = {
+        Laws.PAPER: connections.plain_gap_cda2,
+        Laws.EXTENDED: connections.land_gap_cda2,
+    }
+    laws = step.StepLaws(
+        advance=_body_of(variant)[1],
+        lifts=wired.body.lifts,
+        drive=wired.drive,
+        inlet=step.ideal_rail if ideal else step.rail_volume,
+        draw=step.draw_nothing if ideal else step.draw_from_rail,
+        discharge=wired.discharge,
+        gap_cda2=gaps[variant.laws],
+    )
+    return Connections(step.make_step(laws), connections.volumes_of, laws.gap_cda2)
 
 
 # Inputs and parameters that a variant does not read, so that none is ignored in silence.

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import commonrail as cr
+from commonrail.engine.job import Outcome
 from commonrail.engine.loop import CoursePlan
 from commonrail.engine.plan import candidate_matrix
-from commonrail.engine.recorder import Outcome
 from commonrail.plugins.export.entry_points import channels
 from commonrail.plugins.page.module import wasm_module
 

@@ -10,7 +10,7 @@ entry                 arguments
 ``kernel_begin``      work, waves, ring, theta, rail, cylinder, low, dt, figures: puts the injector to rest
 ``kernel_march``      work, waves, ring, first, count, inputs (count, 6), dt: steps first … first + count − 1
 ``kernel_observe``    work, channels: reads the channels of the present state
-``kernel_figures``    work, cylinder, figures: reads the fields of `engine.recorder.Outcome`
+``kernel_figures``    work, cylinder, figures: reads the fields of `engine.job.Outcome`
 ``kernel_medium``     fuel, pressure, medium: density [kg/m³], bulk modulus [Pa] and sound speed [m/s] of a fuel
 ====================  ==================================================================================================
 """
@@ -30,7 +30,8 @@ from commonrail.engine.block import (
     make_own_inputs,
     make_wave_transport,
 )
-from commonrail.engine.recorder import FUEL, Outcome, make_rows, report_remaining
+from commonrail.engine.job import FUEL, Outcome, make_rows
+from commonrail.engine.recorder import report_remaining
 from commonrail.physics import fuel_kernel
 from commonrail.physics.components import solenoid
 from commonrail.physics.law import physics
@@ -169,7 +170,7 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
 
     rows, size, wired = make_rows(variant, 1), sizes(variant), wiring(variant)
     load_coefficients, load_state = wired.coefficients.load, wired.state.load
-    working, seen, noted, discharge = size.work, size.channels, size.figures, wired.laws.discharge
+    working, seen, noted, discharge = size.work, size.channels, size.figures, wired.discharge
     tip, top, state, cylinder = rows.tip, rows.top, rows.state, rows.cylinder
     observe_rest = _observe_direct if variant.actuation is Actuation.DIRECT else _observe_servo
 
@@ -214,7 +215,7 @@ def _observe_direct(c, s, top, out):  # type: ignore[no-untyped-def]
 # ``kernel_block``          work (rows, LANES), waves (3 ring, LANES), ring, first, count,
 #                           inputs (count, inputs, LANES),
 #                           dt, alike: steps first … first + count − 1; alike is 1 where all waves take as long
-# ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.recorder.Outcome` of all lanes
+# ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.job.Outcome` of all lanes
 # ========================  ==========================================================================================
 #
 # A block is put together from single injectors (`export.entry_points`): a lane has the rows that an injector has alone.

@@ -18,8 +18,8 @@ from numpy.polynomial import chebyshev
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
 from commonrail.engine import plan
+from commonrail.engine.job import Outcome, make_rows
 from commonrail.engine.plan import BACKFLOW
-from commonrail.engine.recorder import Outcome, make_rows
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import TIME_STEPS, Medium, bears, limiting, room_left
 from commonrail.physics.fuel import Fuel

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from commonrail.compiler.cache import kept_or_made
-from commonrail.engine.recorder import make_rows
+from commonrail.engine.job import make_rows
 from commonrail.physics.variants import Variant
 from commonrail.plugins.export import object_files
 from commonrail.plugins.export.entry_points import sizes
