@@ -79,7 +79,7 @@ MODELS = {
         ("plugins.features.targets_file", "TargetModel"),
         ("data.noise", "NoiseModel"),
     ],
-    "Injector": [("readers.injector.model", "_Head")],
+    "Injector": [("readers.injector.file", "_Head")],
     "Fuel": [("readers.fuel", "FuelModel")],
     "Type": [
         ("plugins.family.injector_type", "_TypeModel"),

@@ -430,9 +430,6 @@ from .readers.fuel import (
     load_fuel as load_fuel,
 )
 from .readers.injector.file import (
-    dump_injector as dump_injector,
-)
-from .readers.injector.file import (
     injector_catalogue as injector_catalogue,
 )
 from .readers.injector.file import (
@@ -440,6 +437,9 @@ from .readers.injector.file import (
 )
 from .readers.injector.file import (
     load_meters as load_meters,
+)
+from .readers.injector.writer import (
+    dump_injector as dump_injector,
 )
 from .report.page import (
     write_report as write_report,

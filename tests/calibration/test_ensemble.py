@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.base.output import SUMS
+from commonrail.base.input import SUMS
 from commonrail.calibration import scoring
 from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.scoring import equal_ends, members_of

@@ -19,7 +19,7 @@ from commonrail.data.quantities.reading import QuantitiesModel
 from commonrail.data.quantities.returned import ReturnsModel
 from commonrail.physics.injector import parameter_quantities
 from commonrail.readers.columns import Column
-from commonrail.readers.injector.model import component_quantities
+from commonrail.readers.injector.file import component_quantities
 from commonrail.readers.tables import read_columns
 from commonrail.readers.toml import ParameterTable, Quantities
 

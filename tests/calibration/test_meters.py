@@ -19,7 +19,8 @@ from commonrail.calibration.search import goal_of
 from commonrail.calibration.study_file.file import load_study
 from commonrail.physics.injector import Source
 from commonrail.physics.meters import LowPass, Meter
-from commonrail.readers.injector.file import dump_injector, load_injector, load_meters
+from commonrail.readers.injector.file import load_injector, load_meters
+from commonrail.readers.injector.writer import dump_injector
 from commonrail.runs.fingerprint import content_of
 
 Edit = Callable[..., Path]

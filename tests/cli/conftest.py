@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from commonrail.cli.grammar import cli
 from commonrail.plugins.new.study import write_new
+from tests.readers.conftest import injector_file  # noqa: F401
 
 
 class Done(NamedTuple):

@@ -27,7 +27,8 @@ from commonrail.physics.injector import Injector, parameter_paths
 from commonrail.plugins.family.injector_type import load_type
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.tolerance.file import load_tolerances
-from commonrail.readers.injector.file import injector_text, load_injector
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.writer import injector_text
 from commonrail.readers.overview import survey
 from commonrail.report.page import write_report
 from commonrail.runs.folder import read_run

@@ -14,7 +14,8 @@ from commonrail.base.registry import Catalogue
 from commonrail.calibration.study_file.file import load_study
 from commonrail.data.curves.data import RateData
 from commonrail.physics.injector import parameter_quantities
-from commonrail.readers.injector.file import dump_injector, load_injector
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.writer import dump_injector
 
 TEXT = Catalogue("commonrail.physics", "catalogue/injectors", "{}").text("direct-acting-kr", "")
 

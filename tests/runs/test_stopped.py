@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.readers.injector.file import dump_injector, load_injector
+from commonrail.cli.model_name import read_model_name
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.writer import dump_injector
 from commonrail.runs.folder import note_stopped
-from commonrail.runs.model_name import read_model_name
 
 
 @pytest.fixture

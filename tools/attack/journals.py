@@ -19,7 +19,8 @@ from commonrail.calibration.search import Progress
 from commonrail.calibration.study_file.file import load_study
 from commonrail.plugins.fleet import journal as fleet_journal
 from commonrail.plugins.new.study import write_new
-from commonrail.readers.injector.file import injector_text, load_injector
+from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector.writer import injector_text
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.folder import read_run
 from commonrail.runs.journal import JOURNAL, Journal, read_about

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -132,3 +134,48 @@ def similar_names(path: Path) -> str:
         return nearest(path.name, sorted(entry.name for entry in path.parent.iterdir()))
     except OSError:
         return ""
+
+
+# Checksums of result files, in a file ``SHA256SUMS`` beside them that ``sha256sum -c SHA256SUMS`` reads too.
+
+SUMS = "SHA256SUMS"
+_LARGEST = 100_000  # [bytes]
+_LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+)")
+
+
+def check_sum(path: Path) -> None:
+    """Refuse a file that is not the one that was written, as far as there is a checksum beside it.
+
+    Raises `InputError` if the checksums list the file with another digest, or cannot be read.
+    """
+    sums = path.parent / SUMS
+    if not (sums.is_file() and path.is_file()):
+        return
+    if listed(sums).get(path.name, "") not in ("", digest(path)):
+        raise InputError(
+            f"{path}: this is not the file that was written: its SHA-256 is another than in {SUMS} beside it; take a "
+            "copy that is whole or make it again, and if it was changed on purpose, copy it to another folder."
+        )
+
+
+def listed(sums: Path) -> dict[str, str]:
+    """Digests in a file of checksums by the names of the files.
+
+    Raises `InputError` if a line is not a digest, two spaces and a name.
+    """
+    found = {}
+    for i, line in enumerate(read_plain(sums, _LARGEST).decode("utf-8", "replace").splitlines(), 1):
+        parts = _LINE.fullmatch(line)
+        if parts is None:
+            raise InputError(
+                f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are "
+                "damaged: take a copy of the run that is whole."
+            )
+        found[parts["name"]] = parts["digest"]
+    return found
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file of any size."""
+    with opened(path, sys.maxsize) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]

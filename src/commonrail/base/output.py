@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import csv
 import errno
-import hashlib
 import os
 import re
 import secrets
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from commonrail.base.errors import InputError, OutputError
-from commonrail.base.input import opened, read_plain
+from commonrail.base.errors import OutputError
+from commonrail.base.input import SUMS, digest
 
 # Texts in tables that a spreadsheet would compute: neutralised where tables are written, restored where they are read.
 #
@@ -159,13 +157,6 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-# Checksums of result files, in a file ``SHA256SUMS`` beside them that ``sha256sum -c SHA256SUMS`` reads too.
-
-SUMS = "SHA256SUMS"
-_LARGEST = 100_000  # [bytes]
-_LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+)")
-
-
 @contextmanager
 def summed(folder: Path, *names: str) -> Iterator[None]:
     """Write files of a folder in the block; their checksums follow when all are there.
@@ -181,41 +172,4 @@ def summed(folder: Path, *names: str) -> Iterator[None]:
         path.unlink(missing_ok=True)
     yield
     written = [name for name in names if (folder / name).is_file()]
-    write_text(path, "".join(f"{_digest(folder / name)}  {name}\n" for name in written))
-
-
-def check_sum(path: Path) -> None:
-    """Refuse a file that is not the one that was written, as far as there is a checksum beside it.
-
-    Raises `InputError` if the checksums list the file with another digest, or cannot be read.
-    """
-    sums = path.parent / SUMS
-    if not (sums.is_file() and path.is_file()):
-        return
-    if listed(sums).get(path.name, "") not in ("", _digest(path)):
-        raise InputError(
-            f"{path}: this is not the file that was written: its SHA-256 is another than in {SUMS} beside it; take a "
-            "copy that is whole or make it again, and if it was changed on purpose, copy it to another folder."
-        )
-
-
-def listed(sums: Path) -> dict[str, str]:
-    """Digests in a file of checksums by the names of the files.
-
-    Raises `InputError` if a line is not a digest, two spaces and a name.
-    """
-    found = {}
-    for i, line in enumerate(read_plain(sums, _LARGEST).decode("utf-8", "replace").splitlines(), 1):
-        parts = _LINE.fullmatch(line)
-        if parts is None:
-            raise InputError(
-                f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are "
-                "damaged: take a copy of the run that is whole."
-            )
-        found[parts["name"]] = parts["digest"]
-    return found
-
-
-def _digest(path: Path) -> str:
-    with opened(path, sys.maxsize) as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
+    write_text(path, "".join(f"{digest(folder / name)}  {name}\n" for name in written))

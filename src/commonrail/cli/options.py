@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import CommonrailError, InputError, nearest
-from commonrail.base.output import check_target, writing
 from commonrail.base.units import parse, parse_difference, to_text
 from commonrail.cli.grammar import Argument, Option
 
 if TYPE_CHECKING:
     from commonrail.base.arrays import Floats
     from commonrail.calibration.study import Study
+    from commonrail.cli.model_name import NamedModel
     from commonrail.engine.operating_point import Energising
     from commonrail.physics.injector import Injector
-    from commonrail.runs.model_name import NamedModel
     from commonrail.workers.workers import Workers
 
 # Places to write to: refused before the work rather than after it.
@@ -37,6 +36,8 @@ def check_file(path: Path | None, option: str) -> None:
         raise InputError(f"{option}: {path} is a folder; name a file in it.")
     if not path.parent.is_dir():
         raise InputError(f"{option}: there is no folder {path.parent}; make it or name another.")
+    from commonrail.base.output import check_target, writing
+
     check_target(path)
     if path.exists():
         from commonrail.runs.copies import refuse_file_of_run  # slow to import
@@ -71,6 +72,8 @@ def check_folder(path: Path) -> None:
     above = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not above.is_dir():
         raise InputError(f"{path}: {above} is a file; name a folder.")
+    from commonrail.base.output import writing
+
     with writing(path):
         tempfile.TemporaryFile(dir=above).close()
 
@@ -268,7 +271,7 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
 
 def read_models(texts: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
     """Models of a command line, all of them with the values of ``--set``; one that is changed is no run any more."""
-    from commonrail.runs.model_name import read_model_names
+    from commonrail.cli.model_name import read_model_names
 
     named = read_model_names(texts)
     if not settings:

@@ -15,8 +15,8 @@ from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, PluginError, StudyError
 from commonrail.base.hooks import note
-from commonrail.base.input import opened
-from commonrail.base.output import check_sum, write_text
+from commonrail.base.input import check_sum, opened
+from commonrail.base.output import write_text
 from commonrail.base.text import significant
 from commonrail.data.records import Record, Traces
 from commonrail.report.draw.figure import drawings, figure_html, small_drawings

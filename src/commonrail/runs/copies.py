@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.errors import CommonrailError, InputError, StudyError
-from commonrail.base.input import fingerprint, read_plain, sha256
-from commonrail.base.output import SUMS, listed, replacing, write_text, writing
+from commonrail.base.input import SUMS, fingerprint, listed, read_plain, sha256
+from commonrail.base.output import replacing, write_text, writing
 from commonrail.readers.location import read_text
 from commonrail.readers.toml import LARGEST_TOML
 from commonrail.runs.checksums import rows_of

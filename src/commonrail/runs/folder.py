@@ -11,8 +11,8 @@ from typing import Any
 from commonrail.base.arguments import file_path, instance, mapping
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
-from commonrail.base.input import read_plain, sha256
-from commonrail.base.output import check_sum, summed, write_text, writing
+from commonrail.base.input import check_sum, read_plain, sha256
+from commonrail.base.output import summed, write_text, writing
 from commonrail.calibration.result import CERTAINTY, result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
@@ -20,7 +20,7 @@ from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import DataSet, Score
 from commonrail.data.records import LABELS, MEAN, MEASURED
 from commonrail.physics.meters import is_of_meter
-from commonrail.readers.injector.file import dump_injector
+from commonrail.readers.injector.writer import dump_injector
 from commonrail.readers.location import read_text
 from commonrail.readers.toml import read_toml
 from commonrail.runs.traces import Curve, Traces, read_traces, write_traces

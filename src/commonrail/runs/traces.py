@@ -11,7 +11,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.output import check_sum, write_csv
+from commonrail.base.input import check_sum
+from commonrail.base.output import write_csv
 from commonrail.data.records import MEASURED, MM3_PER_MS
 from commonrail.readers.columns import Column
 from commonrail.readers.csv import CsvFile

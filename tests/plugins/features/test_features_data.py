@@ -24,7 +24,7 @@ from commonrail.plugins.features import targets as module
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.table import find_feature
 from commonrail.plugins.features.targets import FeatureData
-from commonrail.readers.injector.file import dump_injector
+from commonrail.readers.injector.writer import dump_injector
 from commonrail.readers.location import Place, Reach
 from tests.data.samples import PRESSURES, STEP, curve_table
 

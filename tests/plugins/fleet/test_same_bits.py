@@ -14,7 +14,7 @@ from commonrail.physics.variants import Variant
 from commonrail.plugins.fleet.member import calibrate_study, write_study
 from commonrail.plugins.fleet.run import run_fleet
 from commonrail.plugins.fleet.study import load_fleet
-from commonrail.readers.injector.file import dump_injector
+from commonrail.readers.injector.writer import dump_injector
 from tests.conftest import wired
 from tests.plugins.fleet.conftest import SEARCH, edited
 from tests.runs.test_same_bits import LEVEL_3

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from commonrail.base.choices import Actuation, Body, Engine, Precision
 from commonrail.base.errors import InputError, SimulationError
-from commonrail.base.output import write_csv, write_text, writing
 from commonrail.base.text import FieldUnit, field_unit, number, quantity
 from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_json, print_pairs, say
@@ -28,11 +27,11 @@ from commonrail.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from commonrail.cli.model_name import NamedModel
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.engine.solution import Metered, Solution
     from commonrail.physics.injector import Injector
     from commonrail.physics.meters import Meter
-    from commonrail.runs.model_name import NamedModel
 
 
 @verb
@@ -106,8 +105,8 @@ def simulate(
       commonrail simulate runs/first/calibrated.toml --rail-pressure 160MPa --energising-time 700us \\
           --meter bench --report seen.html
     """
+    from commonrail.cli.model_name import read_model_name
     from commonrail.engine.operating_point import OperatingPoint
-    from commonrail.runs.model_name import read_model_name
 
     if engine is Engine.REFERENCE and precision is not Precision.F64:
         raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
@@ -166,6 +165,10 @@ def _meter_of(model: NamedModel, name: str) -> Meter:
 
 
 def _write(run: Run, out: Path | None, report: Path | None) -> list[str]:
+    if out is None and report is None:
+        return []
+    from commonrail.base.output import write_text, writing
+
     if out is not None:
         with writing(out, "--out"):
             write_rows(run, out)
@@ -318,6 +321,8 @@ def _shown_record(shown: Metered | None) -> dict[str, Any]:
 
 def write_rows(run: Run, path: Path) -> None:
     """Write rate and channels against time; the rate is the mean over the step that ends at the time."""
+    from commonrail.base.output import write_csv
+
     s = run.solution
     names = [f"{name} [{_unit(name).name}]" for name in s.channels]
     columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]

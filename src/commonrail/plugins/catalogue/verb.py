@@ -78,7 +78,7 @@ def _write_injector(name: str, json: bool) -> None:
     """Write the file of an injector, comments and sources included, into the current folder."""
     from commonrail.base.output import write_text
     from commonrail.cli.options import check_file
-    from commonrail.readers.injector.model import CATALOGUE
+    from commonrail.readers.injector.file import CATALOGUE
 
     text, path = CATALOGUE.text(name), Path(f"{name}.toml")
     if path.exists():

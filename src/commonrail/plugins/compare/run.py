@@ -14,13 +14,13 @@ from commonrail.base.errors import CommonrailError, ConfigurationError
 from commonrail.base.hooks import naming
 from commonrail.calibration.scoring import check_drive
 from commonrail.calibration.study import Study
+from commonrail.cli.model_name import check_labels
 from commonrail.data.base import DataSet, Missing, Score
 from commonrail.data.metering import with_meters
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
-from commonrail.runs.model_name import check_labels
 
 
 class Failure(NamedTuple):

@@ -16,8 +16,8 @@ from commonrail.cli.options import Json, Settings, Threads, read_models
 
 if TYPE_CHECKING:
     from commonrail.calibration.plausibility import Finding
+    from commonrail.cli.model_name import NamedModel
     from commonrail.plugins.compare.run import Comparison
-    from commonrail.runs.model_name import NamedModel
 
 
 @verb

@@ -57,9 +57,9 @@ def export(
       commonrail export library virtual-lino-2016 --out injector
       commonrail export fmu runs/study-1 --platforms linux64,win64 --out injector.fmu
     """
+    from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.export.fmu import check_fmi, write_fmu
     from commonrail.plugins.export.library import write_library
-    from commonrail.runs.model_name import read_model_name
 
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)

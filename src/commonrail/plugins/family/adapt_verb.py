@@ -65,9 +65,9 @@ def adapt(
       commonrail adapt types/cri2.toml --advise --injector part.toml
       commonrail adapt types/cri2.toml --from points.csv --injector part.toml --out model.toml
     """
+    from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.family.adapt import adapt as run
-    from commonrail.readers.injector.file import dump_injector
-    from commonrail.runs.model_name import read_model_name
+    from commonrail.readers.injector.writer import dump_injector
 
     named = None if injector is None else read_model_name(injector)
     part = None if named is None else named.injector

@@ -14,8 +14,7 @@ from commonrail.base.arguments import file_path, number, plain_text, sequence
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
-from commonrail.base.input import fingerprint
-from commonrail.base.output import check_sum
+from commonrail.base.input import check_sum, fingerprint
 from commonrail.base.units import to_text
 from commonrail.calibration.study_file.file import load_study
 from commonrail.physics.injector import Injector, Source, parameter_quantities

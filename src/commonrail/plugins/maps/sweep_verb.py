@@ -102,11 +102,11 @@ def sweep(
       commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary dwell=1000:3000:100us \\
           --first-energising-time 350us --hold 5mm3 --change --label InjWave_dtiET_MAP --out wave.dcm
     """
+    from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.maps.file import check_map_file
     from commonrail.plugins.maps.sweep import Base
     from commonrail.plugins.maps.sweep import sweep as run
     from commonrail.plugins.maps.table import check_label
-    from commonrail.runs.model_name import read_model_name
 
     refuse_unused(
         {

@@ -34,12 +34,12 @@ from commonrail.plugins.maps.choices import Beyond, Several
 if TYPE_CHECKING:
     from commonrail.base.arrays import Floats
     from commonrail.calibration.study import Study
+    from commonrail.cli.model_name import NamedModel
     from commonrail.physics.injector import Injector
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.response import Conditions
     from commonrail.plugins.maps.run import InjectionMap
     from commonrail.plugins.maps.table import MapTable, MapUnits
-    from commonrail.runs.model_name import NamedModel
 
 
 class Bands(StrEnum):

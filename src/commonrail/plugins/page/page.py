@@ -46,7 +46,7 @@ from commonrail.plugins.page.subject import (
     stable_sliders,
     variant_of,
 )
-from commonrail.readers.injector.file import injector_text
+from commonrail.readers.injector.writer import injector_text
 from commonrail.report.draw.axis import INK
 from commonrail.report.draw.figure import DASHES, LOOKS, colour_of, figure_html, line_of, small_html
 from commonrail.report.html import render

@@ -18,6 +18,7 @@ from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
+from commonrail.cli.model_name import read_model_name
 from commonrail.data.base import DataSet, Role
 from commonrail.data.curves.data import RateData
 from commonrail.data.metering import with_meters
@@ -32,7 +33,6 @@ from commonrail.physics.meters import is_of_meter
 from commonrail.physics.variants import Variant
 from commonrail.plugins.certainty.posterior.file import RefusedDrawsError, read_posterior
 from commonrail.runs.folder import POSTERIOR, RESULT, read_fit, read_result
-from commonrail.runs.model_name import read_model_name
 
 # Fan of a page: several fits that explain the data almost as well as the best one, or parts that scatter.
 

@@ -180,8 +180,8 @@ def _with_settings(subject: Injector | Study, settings: Sequence[str]) -> Inject
 def _subject(source: str) -> Injector | Study:
     """Injector, study, or study at the values of a run."""
     from commonrail.calibration.study_file.file import load_study
+    from commonrail.cli.model_name import read_model_name
     from commonrail.readers.toml import read_toml
-    from commonrail.runs.model_name import read_model_name
 
     path = Path(source)
     if path.is_dir():

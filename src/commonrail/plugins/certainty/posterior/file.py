@@ -13,8 +13,8 @@ import numpy as np
 from commonrail.base.arguments import file_path, instance
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.input import opened, read_plain, sha256
-from commonrail.base.output import check_sum, replacing
+from commonrail.base.input import check_sum, opened, read_plain, sha256
+from commonrail.base.output import replacing
 from commonrail.base.text import listed, number
 from commonrail.plugins.certainty.posterior.sample import Posterior
 from commonrail.runs.folder import POSTERIOR

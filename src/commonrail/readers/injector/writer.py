@@ -1,0 +1,150 @@
+"""Injectors to TOML, complete and exact: every value as the shortest decimal that is the same float."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from commonrail.base.arguments import file_path, instance, instances, known_names, mapping, plain_text
+from commonrail.base.choices import Actuation
+from commonrail.base.output import write_text
+from commonrail.base.units import to_text
+from commonrail.physics.fuel import Fuel, Law
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
+from commonrail.physics.law import Q
+from commonrail.readers.fuel import load_fuel, shipped_fuels
+from commonrail.readers.toml import (
+    UNSTATED,
+    inline_table,
+    key_text,
+    table_lines,
+    value_text,
+)
+
+if TYPE_CHECKING:
+    from commonrail.physics.meters import Meter
+
+FORMAT = "commonrail-injector/1"
+
+
+def dump_injector(
+    injector: Injector,
+    path: str | Path,
+    notes: Mapping[str, str] | None = None,
+    header: str = "",
+    meters: Sequence[Meter] = (),
+) -> None:
+    """Write a complete injector file, which `load_injector` reads back bit by bit.
+
+    Parameters
+    ----------
+    injector : Injector
+    path : str or Path
+    notes : mapping of str to str, optional
+        Sources of values that a calibration has fitted, by dotted name; they are marked F.
+    header : str
+        Comment at the top of the file.
+    meters : sequence of Meter
+        Those that the injector was calibrated with, to be kept beside it; `load_meters` reads them.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    ConfigurationError
+        If an argument is of another kind, or a note belongs to no parameter.
+    """
+    instance(injector, Injector, "injector")
+    path = file_path(path, "path of an injector")
+    notes = mapping({} if notes is None else notes, "notes", '{"nozzle.holes": "measured again"}')
+    known_names(list(notes), injector.quantities, "notes", "nozzle.holes")
+    for note in notes.values():
+        plain_text(note, "notes")
+    from commonrail.physics.meters import Meter
+
+    known = instances(meters, Meter, "meters")
+    write_text(path, injector_text(injector, notes, plain_text(header, "header"), known))
+
+
+def injector_text(injector: Injector, notes: Mapping[str, str], header: str, meters: Sequence[Meter] = ()) -> str:
+    """The file's text."""
+    lines = [f"# {line}" if line else "#" for line in header.splitlines()]
+    lines += [f"{key} = {value_text(value)}" for key, value in _identity(injector).items()]
+    sources = dict(injector.sources) | {name: Source("F", note) for name, note in notes.items()}
+    fuel = FUEL_TEMPERATURE.partition(".")[0]
+    tables: dict[str, list[str]] = {}
+    for name, q in injector.quantities.items():
+        table, key = name.split(".")
+        entry = _entry(injector.values[name], q, sources.get(name, UNSTATED))
+        tables.setdefault(table, ["", f"[{table}]"]).append(f"{key} = {entry}")
+    tables[fuel] += _fuel_lines(injector.fuel, fuel)
+    for own in tables.values():
+        lines += own
+    for meter in meters:  # of the bench, not of the injector
+        lines += _meter_lines(meter)
+    return "\n".join(lines) + "\n"
+
+
+def _meter_lines(meter: Meter) -> Iterator[str]:
+    from commonrail.physics.meters import QUANTITIES
+
+    yield from table_lines(f"meters.{key_text(meter.name)}", {"law": meter.law.value, "order": meter.order})
+    for key, value in meter.values.items():
+        yield f"{key} = {_entry(value, QUANTITIES[key], meter.sources.get(key, UNSTATED))}"
+
+
+def _identity(injector: Injector) -> dict[str, str]:
+    variant = injector.variant
+    identity = {
+        "format": FORMAT,
+        "name": injector.name,
+        "title": injector.title,
+        "variant": variant.body.value,
+        "rail_boundary": variant.boundary.value,
+        "drive_kind": variant.drive.value,
+    }
+    if variant.actuation is not Actuation.SERVO:
+        identity["actuation"] = variant.actuation.value
+    if variant.nozzle_law:
+        identity["nozzle_law"] = variant.nozzle_law
+    return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
+
+
+def _entry(value: float, q: Q, source: Source) -> str:
+    """``{value = "0.000215 m", mark = "E", source = "…"} # 215 um: diameter of the Z-hole``."""
+    # float(): a NumPy float writes its type into its repr.
+    stated = float(value) if q.unit == "1" else f"{float(value)!r} {q.unit}"
+    entry = inline_table({"value": stated, "mark": source.mark, "source": source.text})
+    return f"{entry} # {to_text(value, q.unit)}: {q.meaning}"
+
+
+def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
+    """By name if this very fuel ships with the package, else law by law."""
+    if fuel.name in shipped_fuels() and load_fuel(fuel.name) == fuel:
+        yield f"name = {value_text(fuel.name)}"
+    else:
+        yield from table_lines(f"{table}.definition", _fuel_document(fuel))
+
+
+def _fuel_document(fuel: Fuel) -> dict[str, Any]:
+    """Table that `parse_fuel` reads, and the name."""
+    eq2 = ("k1", "k2", "k3", "k4")
+    density = eq2 if fuel.density_kind == "eq2" else ("at_zero_pressure",)
+    low, high = (pressure / 1e6 for pressure in fuel.pressure_range)
+    document = {
+        "name": fuel.name,
+        "title": fuel.title,
+        "source": fuel.source,
+        "range": {"pressure_MPa": [low, high], "temperature_K": list(fuel.temperature_range)},
+        "density": {"kind": fuel.density_kind} | _law(fuel.density_law, "kg/m3", density),
+        "kinematic_viscosity": _law(fuel.viscosity_law, "mm2/s", eq2[:3]),
+        "vapour_pressure": _law(fuel.vapour_law, "ln(Pa)", ("ln_pressure",)),
+    }
+    optional = {"bulk_modulus": fuel.bulk_modulus_law, "isentropic_bulk_modulus": fuel.isentropic_law}
+    return document | {key: _law(law, "MPa", eq2) for key, law in optional.items() if law is not None}
+
+
+def _law(law: Law, unit: str, names: tuple[str, ...]) -> dict[str, Any]:
+    origin = {"mark": law.origin.mark, "source": law.origin.source, "error": law.origin.error}
+    return {"unit": unit} | origin | {n: list(k) for n, k in zip(names, law.coefficients, strict=True)}
