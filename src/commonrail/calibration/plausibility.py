@@ -16,8 +16,7 @@ from commonrail.base.choices import Drive
 from commonrail.base.errors import one_line
 from commonrail.base.text import quantity
 from commonrail.calibration.space import Space
-from commonrail.calibration.stable_time_step import longest_for_all
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Study, longest_for_all
 from commonrail.data.base import DataSet, Role, Score, widths_of
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import reference_density

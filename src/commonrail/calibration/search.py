@@ -34,8 +34,7 @@ from commonrail.calibration.optimisers.polish import Refinement, RefinementSetti
 from commonrail.calibration.optimisers.registry import blamed, registered
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
-from commonrail.calibration.stable_time_step import longest_for_all
-from commonrail.calibration.study import Method, Study
+from commonrail.calibration.study import Method, Study, longest_for_all
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.engine.time_step import nice_step

@@ -30,14 +30,21 @@ from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.parameter import Condition, Mark, Parameter, percent_bounds
 from commonrail.calibration.space import Space
-from commonrail.calibration.stable_time_step import step_for_all
 from commonrail.data.base import DataSet, Role
 from commonrail.data.metering import check_meters, meters_of
 from commonrail.data.quantities.data import QuantityData, levels
 from commonrail.data.registry import of_role
-from commonrail.engine.time_step import check_step
+from commonrail.engine.time_step import (
+    DEFAULT_STEP,
+    TIME_STEPS,
+    check_step,
+    longest,
+    medium_of,
+    nice_step,
+    stiffest_corner,
+)
 from commonrail.physics.injector import Injector
-from commonrail.physics.meters import QUANTITIES, Meter
+from commonrail.physics.meters import QUANTITIES, Meter, is_of_meter
 from commonrail.readers.toml import UNSTATED
 
 # Further searches by which a study's fit is judged.
@@ -323,3 +330,30 @@ def _free(injector: Injector, name: str, bounds: Any) -> Parameter:
         wanted = f'(lower, upper) or a share such as "10 %", not {bounds!r}'
         raise ConfigurationError(f"The bounds of {name} must be {wanted}.")
     return Parameter(name, reference, lower, upper, unit, mark=cast(Mark, origin.mark), source=origin.text)
+
+
+# Time step of a study: short enough for every candidate within its bounds.
+
+
+def longest_for_all(injector: Injector, space: Space) -> float:
+    """Longest step [s] that every candidate within the bounds bears, at any pressure of the fuel's range."""
+    lower, upper = (
+        {name: value for name, value in zip(space.names, bound.tolist(), strict=True) if not is_of_meter(name)}
+        for bound in (space.lower, space.upper)
+    )
+    corner = stiffest_corner(injector.values, lower, upper)
+    return longest(injector.variant, corner, medium_of(injector, injector.fuel.pressure_range[1]))
+
+
+def step_for_all(injector: Injector, space: Space) -> float:
+    """Default step [s], or the largest round one that the stiffest corner of the bounds bears if that is shorter.
+
+    Raises `ConfigurationError` if no step that the engines accept is short enough.
+    """
+    step = min(DEFAULT_STEP, nice_step(longest_for_all(injector, space)))
+    if step < TIME_STEPS.low:
+        raise ConfigurationError(
+            "No time step is short enough for the stiffest parameters within the bounds; narrow the bounds of "
+            "stiffnesses, masses, volumes and lengths, or check their units."
+        )
+    return step

@@ -11,9 +11,8 @@ import pytest
 
 import commonrail as cr
 from commonrail.plugins.maps.axes import MapAxes
-from commonrail.plugins.maps.bands import _tables, with_bands
 from commonrail.plugins.maps.response import Conditions
-from commonrail.plugins.maps.run import InjectionMap, injection_map
+from commonrail.plugins.maps.run import InjectionMap, _tables, injection_map, with_bands
 from commonrail.readers.grid import read_grid
 from commonrail.readers.quantity_matrix import find_map
 from commonrail.runs.folder import read_fit

@@ -17,8 +17,7 @@ from commonrail.calibration.constraints import parse_products
 from commonrail.calibration.objective import Loss
 from commonrail.calibration.parameter import Condition, Parameter, Prior, percent_bounds
 from commonrail.calibration.space import Space
-from commonrail.calibration.stable_time_step import step_for_all
-from commonrail.calibration.study import Judgement, Method, Study
+from commonrail.calibration.study import Judgement, Method, Study, step_for_all
 from commonrail.calibration.study_file.keys import (
     MOST_CONSTRAINTS,
     ConditionModel,

@@ -19,8 +19,7 @@ from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space, sample_priors
-from commonrail.calibration.stable_time_step import step_for_all
-from commonrail.calibration.study import Method, Study
+from commonrail.calibration.study import Method, Study, step_for_all
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.reading import AFTER_ENERGISING, QuantitiesModel
 from commonrail.data.study_block import Context

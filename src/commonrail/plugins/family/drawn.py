@@ -16,7 +16,7 @@ from commonrail.base.units import to_text
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space, sample_priors
-from commonrail.calibration.stable_time_step import step_for_all
+from commonrail.calibration.study import step_for_all
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch

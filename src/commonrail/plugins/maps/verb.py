@@ -267,7 +267,7 @@ def _with_bands(
     """Map with the bands of a fit; why there are none is said where they are not asked for."""
     if fit is None:
         return found
-    from commonrail.plugins.maps.bands import with_bands
+    from commonrail.plugins.maps.run import with_bands
 
     try:
         say("predicting the bands of its cells ...")

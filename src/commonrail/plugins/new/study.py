@@ -19,7 +19,7 @@ from commonrail.base.units import to_text
 from commonrail.calibration.influence import around
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
-from commonrail.calibration.stable_time_step import step_for_all
+from commonrail.calibration.study import step_for_all
 from commonrail.data.base import DataSet
 from commonrail.data.registry import kind_of
 from commonrail.data.simulator import Simulator
