@@ -268,9 +268,8 @@ def python() -> str:
     """Every public name with its docstring, by the package that it is of."""
     import commonrail
 
-    homes = re.findall(
-        r"from \.([\w.]+) import \(\s*(\w+) as \w+", (ROOT / "src/commonrail/__init__.pyi").read_text(encoding="utf-8")
-    )
+    stub = (ROOT / "src/commonrail/__init__.pyi").read_text(encoding="utf-8")
+    homes = re.findall(r"from \.([\w.]+) import (\w+) as \w+", stub)
     groups: dict[str, list[str]] = defaultdict(list)
     for home, name in homes:
         top = home.split(".")
