@@ -21,15 +21,7 @@ from numba import cuda
 
 from commonrail.base.choices import Precision
 from commonrail.compiler.laws import offer_overloads
-from commonrail.engine.block import (
-    INPUTS,
-    Inlets,
-    Machine,
-    Memory,
-    copy_number,
-    gather_number,
-    make_simulate,
-)
+from commonrail.engine.block import INPUTS, Inlets, Machine, Memory, copy_number, gather_number, make_simulate
 from commonrail.engine.job import VECTORS, Job, Samples, make_rows
 from commonrail.engine.recorder import at, record
 from commonrail.physics.law import physics

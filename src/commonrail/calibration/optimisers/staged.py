@@ -28,14 +28,7 @@ from commonrail.calibration.optimisers.base import (
     ranked,
 )
 from commonrail.calibration.optimisers.evolution import FEWEST_MEMBERS, Treatment, crossover, draw, mutate, treat, wins
-from commonrail.calibration.optimisers.least_squares import (
-    DescentLoss,
-    Descents,
-    LossSum,
-    Rules,
-    advance,
-    recognised,
-)
+from commonrail.calibration.optimisers.least_squares import DescentLoss, Descents, LossSum, Rules, advance, recognised
 from commonrail.calibration.space import Space, sample_priors
 
 # Settings of the staged least squares.

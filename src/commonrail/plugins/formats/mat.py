@@ -16,14 +16,7 @@ from commonrail.base.text import counted
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, find_column, finite
 from commonrail.readers.guarded import read_apart
 from commonrail.readers.location import MOST_COLUMNS
-from commonrail.readers.quantity_matrix import (
-    KINDS,
-    FoundMap,
-    GivenUnits,
-    filled_points,
-    kind_of,
-    matrix_form,
-)
+from commonrail.readers.quantity_matrix import KINDS, FoundMap, GivenUnits, filled_points, kind_of, matrix_form
 
 # Variables of a MAT file, of version 5 to 7 or of version 7.3, which is HDF5; both are read in a child process.
 #

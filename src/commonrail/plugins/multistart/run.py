@@ -32,14 +32,7 @@ from commonrail.calibration.optimisers.base import (
     noise_of,
     ranked,
 )
-from commonrail.calibration.optimisers.least_squares import (
-    DescentLoss,
-    Descents,
-    LossSum,
-    Rules,
-    advance,
-    recognised,
-)
+from commonrail.calibration.optimisers.least_squares import DescentLoss, Descents, LossSum, Rules, advance, recognised
 from commonrail.calibration.space import Space, sample_priors
 
 POOL = 10  # candidates, for each start, whose better half starts are chosen from

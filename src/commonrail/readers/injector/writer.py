@@ -14,13 +14,7 @@ from commonrail.physics.fuel import Fuel, Law
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
 from commonrail.physics.law import Q
 from commonrail.readers.fuel import load_fuel, shipped_fuels
-from commonrail.readers.toml import (
-    UNSTATED,
-    inline_table,
-    key_text,
-    table_lines,
-    value_text,
-)
+from commonrail.readers.toml import UNSTATED, inline_table, key_text, table_lines, value_text
 
 if TYPE_CHECKING:
     from commonrail.physics.meters import Meter
