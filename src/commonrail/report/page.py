@@ -146,6 +146,7 @@ def report_html(
     record: Record,
     traces: Traces,
     run: str = "RUN",
+    *,
     bench: bool = False,
     course: Floats | None = None,
     draws: Mapping[str, Floats] = {},
