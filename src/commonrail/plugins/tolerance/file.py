@@ -36,8 +36,8 @@ from commonrail.plugins.tolerance.study import (
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
-from commonrail.readers.location import Place, Reach, located
-from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model, read_toml
+from commonrail.readers.location import located
+from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model_file
 
 SCHEMA = 1
 
@@ -306,10 +306,8 @@ def load_tolerances(path: str | Path) -> Tolerances:
         If `path` is no path, or values contradict one another.
     """
     file = file_path(path, "path of a tolerance study")
-    document, text = read_toml(file)
-    at = Place(str(file))
-    model = read_model(_ToleranceModel, document, at)
-    injector = named_injector(model.injector, file.parent, Reach(file, model.allow_outside), at / "injector")
+    model, at, reach, text = read_model_file(_ToleranceModel, file)
+    injector = named_injector(model.injector, file.parent, reach, at / "injector")
     dimensions = []
     for i, item in enumerate(model.dimension):
         with located((at / "dimension")[i]):
