@@ -72,6 +72,7 @@ FIELDS: dict[type, str] = {
     contact.Contact: "N, N s/m",
     flow.Restriction: "m4 Pa, m4",
     flow.Flow: "kg/s, kg/(s Pa)",
+    flow.Guide: "m3, 1/Pa",
     flow.Jet: "kg/s, kg/s",
     flow.Contents: "kg, kg/m3, Pa, Pa m3/kg",
     control_chamber.Coefficients: "m3, m4, m4, kg/s, 1, m4, m4, kg/s",

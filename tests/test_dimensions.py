@@ -62,7 +62,7 @@ VALUES = {
     "1": 0.7, "s": 1e-6, "m": 3e-5, "m²": 1e-6, "m³": 1e-8, "m⁴": 3e-16, "1/m³": 1e8, "m/s": 1.5, "kg": 8.6e-6,
     "1/kg": 300.0, "kg/m³": 850.0, "kg/m3": 850.0, "kg/s": 0.02, "N": 100.0, "N/m": 1e8, "s/m": 0.2, "Pa": 9e7,
     "Pa s": 2e-3, "kg/(s Pa)": 1e-9, "Pa m³/kg": 2e6, "m⁴ Pa": 1e-8, "s/m²": 5e5, "V": 14.0, "A": 10.0, "V/A": 100.0,
-    "Wb": 5e-5, "s/kg": 1e-4, "N s/m": 2.0,
+    "Wb": 5e-5, "s/kg": 1e-4, "N s/m": 2.0, "m/Pa": 2e-14, "1/Pa": 9e-9,
 }  # fmt: skip
 TRIALS = (1.0, 1e-3, 1e2)
 
@@ -115,6 +115,7 @@ def model() -> Model:
     injector = load_injector("virtual-lino-2016")
     f = with_units(fuel_kernel.FuelCoefficients, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]))
     further = dict.fromkeys(EXTENDING, 1e-6) | {"nozzle.discharge_growth": 1e-10, "nozzle.knot_6": 500e-6}
+    further |= {"plunger_needle.gap_widening": 2e-14, "plunger_needle.eccentricity": 0.3}
     plain = injector.with_values({"solenoid.eddy_lag": 20e-6, "return_line.length": 0.5, **further}).parameters
     p = plain._make(with_units(type(room), room) for room in plain)
     at = Setting._make(map(quantity, AT, ("Pa", "Pa", "Pa", "s")))
@@ -218,6 +219,7 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (contact.contact_over_step, "dt * dt * per_mass", "dt * per_mass"),
         (flow.gap_conductance, "/ (12.0 * length)", "/ 12.0"),
         (flow.gap_conductance, "gap * gap * gap", "gap * gap"),
+        (flow.guide_of, "widening / gap", "widening"),
         (flow.jet, "2.0 * density * abs(cda2_dp)", "2.0 * abs(cda2_dp)"),
         (flow.orifice, "density * through.cda2", "through.cda2"),
         (flow.mean_departure, "3.0 * volume", "3.0"),

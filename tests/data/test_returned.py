@@ -37,7 +37,11 @@ def test_the_return_quantity_is_that_of_a_whole_injection_at_the_density_of_the_
         assert value > 1.001 * solution.returned_volume  # fuel at 0.5 MPa needs more room than at 5 MPa
 
 
-def test_what_leaks_between_strokes_is_that_of_an_injector_at_rest(regulated: Injector) -> None:
+@pytest.mark.parametrize("guided", [{}, {"plunger_needle.gap_widening": 2e-14, "plunger_needle.eccentricity": 0.5}])
+def test_what_leaks_between_strokes_is_that_of_an_injector_at_rest(
+    regulated: Injector, guided: dict[str, float]
+) -> None:
+    regulated = regulated.with_values(guided)
     # energised so shortly that the valve stays shut: what a longer horizon adds is leakage alone
     short, long = (OperatingPoint(160e6, 20e-6, horizon=horizon) for horizon in (5e-3, 10e-3))
     batch = simulate_batch(regulated, [short, long], time_step=STEP, stop_when_closed=False)

@@ -35,8 +35,10 @@ def test_books_balance_when_pressures_move_and_waves_travel(regulated: Injector)
     assert abs(simulate(injector, point).balance) < ROUNDING
 
 
-def test_with_the_needle_shut_only_the_guides_leak(regulated: Injector) -> None:
-    injector = regulated.with_values({"return_line.length": 0.0, "feed_pipe.friction_factor": 0.0})
+@pytest.mark.parametrize(("widening", "eccentricity"), [(0.0, 0.0), (2e-14, 0.4)])
+def test_with_the_needle_shut_only_the_guides_leak(regulated: Injector, widening: float, eccentricity: float) -> None:
+    guided = {"plunger_needle.gap_widening": widening, "plunger_needle.eccentricity": eccentricity}
+    injector = regulated.with_values({"return_line.length": 0.0, "feed_pipe.friction_factor": 0.0, **guided})
     rows = traced(injector, OperatingPoint(160e6, (), horizon=4e-3), 1e-6)
     p = injector.parameters.plunger_needle
     f = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
@@ -47,7 +49,8 @@ def test_with_the_needle_shut_only_the_guides_leak(regulated: Injector) -> None:
     ):
         pressure = before[-1000:].mean()
         viscosity = fuel.kinematic_viscosity(f, 0.5 * (pressure + 0.5e6))
-        expected += 3.141592653589793 * diameter * gap**3 / (12 * length) * (pressure - 0.5e6) / viscosity
+        cubed = (gap + widening * 0.5 * (pressure + 0.5e6)) ** 3 * (1.0 + 1.5 * eccentricity**2)
+        expected += 3.141592653589793 * diameter * cubed / (12 * length) * (pressure - 0.5e6) / viscosity
     returned = (rows["cumulative_flows.returned"][-1] - rows["cumulative_flows.returned"][-1001]) / 1e-3
     # the pressures tremble by 1e-4 when the leakage sets in
     assert returned == pytest.approx(expected, rel=1e-6)

@@ -21,6 +21,7 @@ LAWS = {
     "land of the valve": {"valve.seat_land": 100e-6},
     "viscous friction": {"plunger_needle.viscous": 20.0},
     "dry friction": {"plunger_needle.friction": 10.0},
+    "guides that widen": {"plunger_needle.gap_widening": 2e-14, "plunger_needle.eccentricity": 0.5},
 }
 ALL = {name: value for one in LAWS.values() for name, value in one.items()} | {"nozzle.discharge_growth": 2e-10}
 POINT = OperatingPoint(100e6, 500e-6, horizon=2e-3)

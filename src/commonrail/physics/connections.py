@@ -9,7 +9,18 @@ from commonrail.physics import fuel_kernel as fuel
 from commonrail.physics.components import needle_seat, valve
 from commonrail.physics.components.nozzle import RESIDUAL_LIFT
 from commonrail.physics.components.plunger_needle import Motion
-from commonrail.physics.flow import Contents, Flow, Restriction, choked, jet, leakage_slope, orifice, series
+from commonrail.physics.flow import (
+    Contents,
+    Flow,
+    Guide,
+    Restriction,
+    choked,
+    jet,
+    leakage_slope,
+    orifice,
+    series,
+    widened,
+)
 from commonrail.physics.law import physics
 from commonrail.physics.model import Coefficients, accumulation_volume, control_volume
 
@@ -111,12 +122,23 @@ def nozzle_flow(c: Any, sac: Contents, cylinder: float, discharge: float) -> Flo
 
 
 @physics
-def guide_leak(c: Coefficients, conductance: float, pressure: float, low: float) -> Flow:
+def guide_leak(c: Coefficients, guide: Guide, pressure: float, low: float) -> Flow:
     """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure.
 
-    `conductance`: of `gap_conductance` [m³]; `pressure`, `low`: at both ends [Pa].
+    `guide`: whose gap no pressure widens; `pressure`, `low`: at both ends [Pa].
     """
-    slope = leakage_slope(conductance, fuel.fluidity(c.fuel, middle(pressure, low)))
+    slope = leakage_slope(guide.conductance, fuel.fluidity(c.fuel, middle(pressure, low)))
+    return Flow(slope * (pressure - low), slope)
+
+
+@physics
+def widening_leak(c: Coefficients, guide: Guide, pressure: float, low: float) -> Flow:
+    """Leakage through a guide, Eq. (5), with gap and viscosity at its mean pressure; signature as of `guide_leak`.
+
+    `pressure`, `low`: at both ends [Pa].
+    """
+    mean = middle(pressure, low)
+    slope = leakage_slope(guide.conductance * widened(guide.growth, mean), fuel.fluidity(c.fuel, mean))
     return Flow(slope * (pressure - low), slope)
 
 

@@ -302,8 +302,9 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
     load, load_outside = wired.coefficients.load, OUTSIDE.load
     load_core, store_core = core_of(variant).load, core_of(variant).store
     load_masses, store_masses = wired.positions.load, wired.positions.store
-    accelerations, gap_law = wired.accelerations, connections_of(variant).gap_cda2
-    needle_flows = make_needle_flows(variant)
+    accelerations, needle_flows = wired.accelerations, make_needle_flows(variant)
+    laws = connections_of(variant).laws
+    gap_law, leak_law = laws.gap_cda2, laws.leak
     store_accelerations = store_chain if variant.body is Body.FLEXIBLE else store_rigid
     inlet_of, coil = inlet_law(variant), coil_law(variant)
 
@@ -328,8 +329,8 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
             drain=drain_flow(c, chamber, gap_cda2, s.outlet, wave),
             seat=seat.mass_flow,
             nozzle=spray.mass_flow,
-            plunger_leak=connections.guide_leak(c, guides.plunger_leak, chamber.pressure, outside.low).mass_flow,
-            needle_leak=connections.guide_leak(c, guides.needle_leak, h.accumulation.pressure, outside.low).mass_flow,
+            plunger_leak=leak_law(c, guides.plunger_gap, chamber.pressure, outside.low).mass_flow,
+            needle_leak=leak_law(c, guides.needle_gap, h.accumulation.pressure, outside.low).mass_flow,
         )
 
         # balances of the volumes, Eq. (3)

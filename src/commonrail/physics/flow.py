@@ -108,14 +108,57 @@ def series(first: float, second: float) -> float:
 # Leakage through the ring gap of a guide, Eq. (5).
 
 
-@physics
-def gap_conductance(diameter: float, gap: float, length: float) -> float:
-    """π d g³/(12 l), the geometry of Eq. (5) [m³]: concentric gap, laminar, fully developed flow.
+#
+# Body and rod of a guide give way to the pressure in their gap, in proportion to it: g(p) = g₀ + C p. By Lamé's
+# equations of a thick-walled cylinder (Timoshenko and Goodier, Theory of Elasticity, section 28) and of a rod pressed
+# from its sides, both of one material and without an axial load,
+#
+#     C = d/(E (1 − d²/D²))
+#
+# with d of the guide, D of the body's outside and Young's modulus E. The flow along the gap (Reynolds' equation),
+# q = −ρ π d g(p)³/(12 η(p)) dp/dx, integrates over the length to q l = π d/12 ∫ g(p)³/ν(p) dp between the pressures at
+# its ends. Eq. (5) is its midpoint rule, gap and viscosity at the mean pressure. Both grow with p, so g³/ν is flat.
 
-    `diameter`: diameter d of the guide [m]; `gap`: radial gap g [m], ≥ 0, small against d; `length`: length l of the
-    guide [m], > 0.
+
+class Guide(NamedTuple):
+    """Conductance of Eq. (5) without pressure [m³], and growth of the gap by the pressure in it, C/g₀ [1/Pa]."""
+
+    conductance: float
+    growth: float
+
+
+@physics
+def gap_conductance(diameter: float, gap: float, length: float, eccentricity: float) -> float:
+    """π d g³ (1 + 3/2 ε²)/(12 l), the geometry of Eq. (5) [m³]: thin ring gap, laminar, fully developed flow.
+
+    The paper's is concentric, ε = 0; a rod that lies at the wall of its guide leaks 2.5 times as much
+    (Piercy, Hooper and Winny 1933, Philosophical Magazine 15, 647, in the limit of a thin gap).
+
+    `diameter`: diameter d of the guide [m]; `gap`: mean radial gap g [m], ≥ 0, small against d; `length`: length l of
+    the guide [m], > 0; `eccentricity`: distance of the axes over the gap, ε [1], 0 to 1, the same at all pressures.
     """
-    return pi * diameter * gap * gap * gap / (12.0 * length)
+    off_centre = 1.0 + 1.5 * eccentricity * eccentricity
+    return pi * diameter * gap * gap * gap * off_centre / (12.0 * length)
+
+
+@physics
+def guide_of(diameter: float, gap: float, length: float, eccentricity: float, widening: float) -> Guide:
+    """Guide from its drawing, as conductance [m³] and growth [1/Pa]; one without a gap stays tight.
+
+    `diameter`, `gap`, `length`: d, g₀ without pressure and l [m]; `eccentricity`: ε [1]; `widening`: C [m/Pa], ≥ 0.
+    """
+    growth = widening / gap if gap > 0.0 else 0.0
+    return Guide(gap_conductance(diameter, gap, length, eccentricity), growth)
+
+
+@physics
+def widened(growth: float, pressure: float) -> float:
+    """(g/g₀)³ of a gap that the pressure in it has widened, g = g₀ (1 + p C/g₀) [1].
+
+    `growth`: C/g₀ [1/Pa]; `pressure`: mean pressure in the gap [Pa].
+    """
+    ratio = 1.0 + growth * pressure
+    return ratio * ratio * ratio
 
 
 @physics
@@ -124,7 +167,7 @@ def leakage_slope(conductance: float, fluidity: float) -> float:
 
     Eq. (5) times the density: ρ π d g³/(12 η l) = conductance/ν, since η = ρ ν.
 
-    `conductance`: `gap_conductance` [m³]; `fluidity`: 1/ν at the gap's mean pressure [s/m²].
+    `conductance`: π d g³/(12 l) [m³]; `fluidity`: 1/ν at the gap's mean pressure [s/m²].
     """
     return conductance * fluidity
 

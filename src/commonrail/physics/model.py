@@ -24,7 +24,7 @@ from commonrail.physics.components import (
 )
 from commonrail.physics.components.plunger_needle import Motion, SeatContact
 from commonrail.physics.elementary import exponential
-from commonrail.physics.flow import Contents, filled
+from commonrail.physics.flow import Contents, Flow, Guide, filled
 from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import physics
 
@@ -219,6 +219,12 @@ class DischargeLaw(Protocol):
     """
 
     def __call__(self, c: Any, lift_reached: float, sac: float, cylinder: float, /) -> float: ...
+
+
+class LeakLaw(Protocol):
+    """Leakage through a guide, Eq. (5): (coefficients, guide, pressures at both ends [Pa]) → flow."""
+
+    def __call__(self, c: Any, guide: Guide, pressure: float, low: float, /) -> Flow: ...
 
 
 class GapLaw(Protocol):

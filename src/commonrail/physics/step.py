@@ -30,7 +30,6 @@ from commonrail.physics.components.plunger_needle import Loads, Motion, loads
 from commonrail.physics.connections import (
     Volumes,
     drain_cda2,
-    guide_leak,
     middle,
     nozzle_cda2,
     remembered_lift,
@@ -51,6 +50,7 @@ from commonrail.physics.model import (
     GapLaw,
     InletLaw,
     Inputs,
+    LeakLaw,
     State,
     Waves,
     ambient_density,
@@ -275,16 +275,15 @@ def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2:
 
 @physics
 def fill_control_chamber(
-    c: Coefficients, s: State, u: Inputs, feed: float, filling: float, geometry: StepGeometry
+    c: Coefficients, s: State, feed: float, filling: float, leak: Flow, geometry: StepGeometry
 ) -> ChamberFlows:
     """Control chamber, Eq. (3) in mass: dm/dt = q_Z − q_A − q_leak, by Eq. (4), (4) and (5).
 
-    `feed`, `filling`: as of `hole_flows` [Pa].
+    `feed`, `filling`: as of `hole_flows` [Pa]; `leak`: of the plunger's guide at t_n.
     """
     here, dt = s.control_chamber.fuel, geometry.dt
     # balance at t_n, and its slopes in the chamber's pressure
     z, a = hole_flows(c, s, feed, filling, geometry.gap_cda2)
-    leak = guide_leak(c, c.plunger_needle.guides.plunger_leak, here.pressure, u.low)
     balance = Flow(z.mass_flow - a.mass_flow - leak.mass_flow, z.slope + a.slope + leak.slope)
     # implicit mean over the step
     departure = mean_departure_of(here, balance, geometry.before.control, geometry.after.control, dt)
@@ -329,11 +328,12 @@ class StepLaws(NamedTuple):
     draw: DrawLaw
     discharge: DischargeLaw  # discharge coefficient of the nozzle
     gap_cda2: GapLaw  # (c_d A)² of the valve's seat
+    leak: LeakLaw  # leakage through a guide
 
 
 def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
-    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law = laws
+    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law, leak_law = laws
 
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
@@ -367,13 +367,14 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         feed = from_inlet * inlet.pressure + (1.0 - from_inlet) * upstream
         back = 2.0 * u.low - arriving.back if c.return_line.impedance > 0.0 else u.low
         filling = return_line.without_flow(c.return_line, s.return_line, back)
-        chamber = fill_control_chamber(c, s, u, feed, filling, geometry)
+        plunger_leak = leak_law(c, c.plunger_needle.guides.plunger_gap, here.pressure, u.low)
+        chamber = fill_control_chamber(c, s, feed, filling, plunger_leak, geometry)
         outlet = return_line.advance(c.return_line, filling, c.fuel.vapour_pressure, chamber.a_hole)
 
         # accumulation volume: Eq. (3), (5), and the feed pipe's end, Eq. (6)
-        leak = guide_leak(c, c.plunger_needle.guides.needle_leak, store.pressure, u.low)
+        needle_leak = leak_law(c, c.plunger_needle.guides.needle_gap, store.pressure, u.low)
         outflow = sac.seat + (1.0 - from_inlet) * chamber.z_hole
-        filled = fill_accumulation(c, s, arrived.down, outflow, leak, geometry)
+        filled = fill_accumulation(c, s, arrived.down, outflow, needle_leak, geometry)
 
         drawn = dt * (inlet.flow + from_inlet * chamber.z_hole)
         ends = feed_pipe.State(inlet.flow, filled.pipe)

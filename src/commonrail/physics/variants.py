@@ -132,6 +132,7 @@ EXTENDING = (
     "valve.seat_land",
     "plunger_needle.viscous",
     "plunger_needle.friction",
+    "plunger_needle.gap_widening",
 )
 
 _NOZZLE_LAWS = "nozzle_laws"  # group of the registry
@@ -236,7 +237,7 @@ class Connections(NamedTuple):
 
     step: Callable[..., Any]  # one time step
     volumes: Callable[..., Any]  # volumes that moving masses leave to the fuel, from their lifts
-    gap_cda2: Any  # `GapLaw` of the valve; None for a direct-acting injector, which has none
+    laws: Any  # `StepLaws`; None for a direct-acting injector, which has laws of its own
 
 
 @functools.cache
@@ -251,10 +252,11 @@ def connections_of(variant: Variant) -> Connections:
         direct = direct_acting.DirectLaws(wired.drive, step.ideal_rail, wired.discharge)
         return Connections(direct_acting.make_step(direct), direct_acting.volumes_of, None)
     ideal = variant.boundary is Boundary.IDEAL
-    gaps: dict[Laws, model.GapLaw] = {
-        Laws.PAPER: connections.plain_gap_cda2,
-        Laws.EXTENDED: connections.land_gap_cda2,
+    flows: dict[Laws, tuple[model.GapLaw, model.LeakLaw]] = {
+        Laws.PAPER: (connections.plain_gap_cda2, connections.guide_leak),
+        Laws.EXTENDED: (connections.land_gap_cda2, connections.widening_leak),
     }
+    gap_cda2, leak = flows[variant.laws]
     laws = step.StepLaws(
         advance=_body_of(variant)[1],
         lifts=wired.body.lifts,
@@ -262,9 +264,10 @@ def connections_of(variant: Variant) -> Connections:
         inlet=step.ideal_rail if ideal else step.rail_volume,
         draw=step.draw_nothing if ideal else step.draw_from_rail,
         discharge=wired.discharge,
-        gap_cda2=gaps[variant.laws],
+        gap_cda2=gap_cda2,
+        leak=leak,
     )
-    return Connections(step.make_step(laws), connections.volumes_of, laws.gap_cda2)
+    return Connections(step.make_step(laws), connections.volumes_of, laws)
 
 
 # Inputs and parameters that a variant does not read, so that none is ignored in silence.

@@ -19,18 +19,18 @@ from commonrail.data.simulator import Candidates
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.solution import Batch
-from commonrail.physics.connections import guide_leak
-from commonrail.physics.flow import gap_conductance
+from commonrail.physics.connections import widening_leak
+from commonrail.physics.flow import Guide, guide_of
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.physics.meters import Given
 from commonrail.readers.toml import Unit
 
 PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]
 
-# Diameter, gap and length of the guides that leak into the return line.
+# Arguments of `guide_of` for the guides that leak into the return line.
 _GUIDES = (
-    ("plunger_diameter", "plunger_gap", "plunger_guide_length"),
-    ("guide_diameter", "needle_gap", "needle_guide_length"),
+    ("plunger_diameter", "plunger_gap", "plunger_guide_length", "eccentricity", "gap_widening"),
+    ("guide_diameter", "needle_gap", "needle_guide_length", "eccentricity", "gap_widening"),
 )
 
 
@@ -109,18 +109,18 @@ def leak_at_rest(candidates: Candidates, points: Sequence[OperatingPoint]) -> Fl
     names, values = candidates.simulator.of_injector(candidates.values)
     columns = {name: values[:, i] for i, name in enumerate(names)}
 
-    def of(name: str) -> Any:  # the laws are written for single numbers, and hold for arrays
+    def of(name: str) -> Floats:
         return np.asarray(columns.get(name, np.full(len(values), injector.values[name])))
 
-    guides: Any = [gap_conductance(*(of(f"plunger_needle.{key}") for key in guide)) for guide in _GUIDES]
-    conductance = np.sum(guides, axis=0)
+    guides = [np.vectorize(guide_of)(*(of(f"plunger_needle.{key}") for key in keys)) for keys in _GUIDES]
     warmth, which = np.unique(of(FUEL_TEMPERATURE), return_inverse=True)
     leaks = np.empty((len(values), len(points)))
     for i, temperature in enumerate(warmth.tolist()):
         warm, rows = injector.with_values({FUEL_TEMPERATURE: temperature}), which.reshape(-1) == i
         for k, point in enumerate(points):
             rail, _, low = point.initial_pressures()
-            leaks[rows, k] = guide_leak(
-                coefficients_at(warm, point, candidates.simulator.time_step), conductance[rows], rail, low
-            ).mass_flow
+            c = coefficients_at(warm, point, candidates.simulator.time_step)
+            # the law is written for single numbers, and holds for arrays
+            flows: Any = [widening_leak(c, Guide(*(x[rows] for x in guide)), rail, low).mass_flow for guide in guides]
+            leaks[rows, k] = np.sum(flows, axis=0)
     return leaks

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
 from commonrail.physics.components.contact import Contact, contact, damped_gain
-from commonrail.physics.flow import gap_conductance, pipe_area
+from commonrail.physics.flow import Guide, guide_of, pipe_area
 from commonrail.physics.law import Domain, Q, physics
 
 # Chain of nine masses on seven cylinders: a law of one mass or one cylinder, unrolled over all of them.
@@ -150,6 +150,19 @@ class Parameters(NamedTuple):
     plunger_guide_length: Annotated[float, Q("m", "length of the plunger guide", usual=(1e-3, 0.2))]
     needle_gap: Annotated[float, Q("m", "radial gap of the needle guide", Domain.NON_NEGATIVE, usual=(0.2e-6, 50e-6))]
     needle_guide_length: Annotated[float, Q("m", "length of the needle guide", usual=(1e-3, 0.2))]
+    gap_widening: Annotated[
+        float,
+        Q(
+            "m/Pa",
+            "widening of both guides' gaps by the mean pressure in them (0: none)",
+            Domain.NON_NEGATIVE,
+            0.0,
+            usual=(2e-15, 3e-13),
+        ),
+    ]
+    eccentricity: Annotated[
+        float, Q("1", "eccentricity of plunger and needle in their guides, over the gap", Domain.UNIT, 0.0)
+    ]
     spring_preload: Annotated[
         float, Q("N", "force of the needle spring, needle closed and unloaded", Domain.NON_NEGATIVE, usual=(1.0, 2e3))
     ]
@@ -176,13 +189,13 @@ class Parameters(NamedTuple):
 
 
 class Guides(NamedTuple):
-    """Pressure areas [m²], gap conductances of Eq. (5) [m³], needle spring, upper stop, friction of each guide."""
+    """Pressure areas [m²], gaps of the guides, needle spring, upper stop, friction of each guide."""
 
     plunger_area: float
     guide_area: float
     stem_area: float
-    plunger_leak: float
-    needle_leak: float
+    plunger_gap: Guide
+    needle_gap: Guide
     spring_preload: float
     spring_stiffness: float
     stop_lift: float
@@ -283,8 +296,8 @@ def coefficients(p: Parameters, dt: float) -> Coefficients:
         plunger_area=pipe_area(p.plunger_diameter),
         guide_area=pipe_area(p.guide_diameter),
         stem_area=pipe_area(p.stem_diameter),
-        plunger_leak=gap_conductance(p.plunger_diameter, p.plunger_gap, p.plunger_guide_length),
-        needle_leak=gap_conductance(p.guide_diameter, p.needle_gap, p.needle_guide_length),
+        plunger_gap=guide_of(p.plunger_diameter, p.plunger_gap, p.plunger_guide_length, p.eccentricity, p.gap_widening),
+        needle_gap=guide_of(p.guide_diameter, p.needle_gap, p.needle_guide_length, p.eccentricity, p.gap_widening),
         spring_preload=p.spring_preload,
         spring_stiffness=p.spring_stiffness,
         stop_lift=p.stop_lift,
