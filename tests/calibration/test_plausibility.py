@@ -290,6 +290,8 @@ def test_one_set_that_makes_all_of_j_is_told(pwm: Injector) -> None:
     assert codes(of_values(study(pwm, *twins), [scored(d, 1.1 * pulse()) for d in twins])) == ["share"]
     check = replace(second, role=Role.VALIDATION)
     assert of_values(study(pwm, first, check), scores) == ()
+    met = [scores[0], scored(second, 1.02 * QUANTITY)]  # within its tolerance of 5 %: nothing is neglected
+    assert of_values(study(pwm, first, second), met) == ()
 
 
 def test_a_set_that_makes_nothing_of_j_is_told_if_no_other_makes_all(pwm: Injector) -> None:

@@ -17,7 +17,7 @@ from commonrail.base.errors import one_line
 from commonrail.base.text import quantity
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, longest_for_all
-from commonrail.data.base import DataSet, Role, Score, widths_of
+from commonrail.data.base import DataSet, Role, Score, ToleratedData, widths_of
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import reference_density
 from commonrail.engine.time_step import step_advice
@@ -255,7 +255,7 @@ def start_findings(data: DataSet, score: Score) -> Iterator[Finding]:
 
 
 def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) -> Iterator[Finding]:
-    """Fitted sets that make nearly all of J, or nearly nothing of it.
+    """Fitted sets that make nearly all of J, or nearly nothing of it, while the others, or they, miss their tolerances.
 
     `scores`: one for each data set; `of`: what the scored model is called.
     """
@@ -267,14 +267,20 @@ def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) ->
     shares = costs / total
     light = min(LIGHT, 0.1 / len(fitted))
     alone = bool(shares.max() > HEAVY)
-    for (d, _), share in zip(fitted, shares, strict=True):
-        if share > HEAVY or (share < light and not alone):
+    missed = [not _is_met(d, cost) for (d, _), cost in zip(fitted, costs, strict=True)]
+    for (d, _), share, misses in zip(fitted, shares, missed, strict=True):
+        if (share > HEAVY and sum(missed) > misses) or (share < light and misses and not alone):
             yield found(
                 "share",
                 d.name,
                 f"it makes {100.0 * share:.3g} % of J with the {of}: the fit will follow "
                 f"{'it alone' if alone else 'the other sets'}; set the weights of the data so that each counts.",
             )
+
+
+def _is_met(data: DataSet, cost: float) -> bool:
+    """True for a set whose values lie within its stated tolerances: it is heeded, however little of J it makes."""
+    return isinstance(data, ToleratedData) and cost <= data.weight * len(data.measured)
 
 
 def set_cost(data: DataSet, score: Score) -> float:
