@@ -35,8 +35,8 @@ SPARSE, ADDED, FREE = 4, 3, 10
 
 
 def whole_map(study: cr.Study) -> cr.QuantityData:
-    """All measured quantities of the case as one map."""
-    sets = [one for one in study.data if isinstance(one, cr.QuantityData)]
+    """All injected quantities of the case as one map."""
+    sets = [one for one in study.data if isinstance(one, cr.QuantityData) and one.kind == cr.QuantityData.kind]
     points = tuple(p for one in sets for p, ok in zip(one.points, one.judged, strict=True) if ok)
     return of_points(sets[0], points, np.concatenate([one.quantity[one.judged] for one in sets]))
 

@@ -13,6 +13,7 @@ from commonrail.calibration.study_file.file import load_study
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
+from commonrail.data.quantities.returned import ReturnData
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
 from commonrail.plugins.family.study import load_family
@@ -48,12 +49,16 @@ def expected(pressures: list[int]) -> list[tuple[int, int, float]]:
 
 
 def test_real_injectors_map_is_that_of_its_source() -> None:
-    fit, check = load_study(CASES / "cri2-16" / "study.toml").data
+    fit, check, returned = load_study(CASES / "cri2-16" / "study.toml").data
     assert isinstance(fit, QuantityData)
     assert isinstance(check, QuantityData)
     assert (fit.role, rows(fit)) == (Role.FIT, expected([40, 80, 160]))
     assert (check.role, rows(check)) == (Role.VALIDATION, expected([120]))
     assert np.count_nonzero(fit.dead_time) == 3
+    assert isinstance(returned, ReturnData)
+    assert returned.source.startswith("specified")
+    assert rows(returned) == [(135, 1000, 39.0), (160, 900, 42.0)]  # nominal values of two plans
+    assert returned.stroke_period == 60e-3  # 1,000 strokes a minute
 
 
 @pytest.mark.parametrize(
@@ -94,8 +99,11 @@ def test_the_familys_maps_are_those_of_their_sources() -> None:
 def test_real_injectors_study_is_not_synthetic() -> None:
     study = load_study(CASES / "cri2-16" / "study.toml")
     assert study.synthetic == ""
-    assert study.space.dimension == 37
-    assert all(p.prior is not None and p.mark == "F" and "map 164" in p.source for p in study.space.parameters)
+    assert study.space.dimension == 39
+    gaps = [p for p in study.space.parameters if p.name.endswith("_gap")]
+    assert [p.prior is not None and "[E]" in p.source for p in gaps] == [True, True]
+    others = [p for p in study.space.parameters if p not in gaps]
+    assert all(p.prior is not None and p.mark == "F" and "map 164" in p.source for p in others)
     assert study.space.satisfies(study.space.reference)
     assert isinstance(study.method.evolution, StagedSettings)
 
