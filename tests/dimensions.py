@@ -73,6 +73,7 @@ FIELDS: dict[type, str] = {
     flow.Restriction: "m4 Pa, m4",
     flow.Flow: "kg/s, kg/(s Pa)",
     flow.Guide: "m3, 1/Pa",
+    valve.Film: "N s m2, m",
     flow.Jet: "kg/s, kg/s",
     flow.Contents: "kg, kg/m3, Pa, Pa m3/kg",
     control_chamber.Coefficients: "m3, m4, m4, kg/s, 1, m4, m4, kg/s",
@@ -94,7 +95,7 @@ FIELDS: dict[type, str] = {
     nozzle.Coefficients: "m4, m4, kg/s, s, 1, m, m, 1/m, 1/m, of its own",
     nozzle.Shape: "1, m, 1/m",
     plunger_needle.Coefficients: "N/m, N s/m, 1/kg, s/kg, s2/kg, N/m, kg, of their own",
-    plunger_needle.Guides: "m2, m2, m2, m3, m3, N, N/m, m, N/m, s/m, N s/m, N",
+    plunger_needle.Guides: "m2, m2, m2, of their own, of their own, N, N/m, m, N/m, s/m, N s/m, N",
     plunger_needle.Loads: "N, N, N, N, N",
     plunger_needle.Motion: "m, m, m",
     plunger_needle.State: "m, m/s, m/s",
@@ -106,7 +107,7 @@ FIELDS: dict[type, str] = {
     solenoid.Circuit: "A, A/Wb, A",
     solenoid.Coefficients: "A/(Wb m), A/Wb, 1/Wb2, N/Wb2, m, ohm, 1, s",
     valve.State: "m, m/s",
-    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, 1",
+    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, 1, of their own, of their own",
 }
 
 

@@ -234,6 +234,7 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (feed_pipe.middle_loss, "0.5 * c.admittance", "0.5"),
         (valve.at_rest, " / (c.contact_stiffness + c.spring_stiffness)", ""),
         (valve.rates, "c.per_mass * (force", "(force"),
+        (valve.film_damping, "h * h * h", "h * h"),
         (rigid_body.accelerations, " / c.total_mass", ""),
         (plunger_needle.cylinder_stiffness, " / length", ""),
         (plunger_needle.loads, "low * g.plunger_area", "low"),

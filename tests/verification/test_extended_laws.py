@@ -21,6 +21,12 @@ LAWS = {
     "land of the valve": {"valve.seat_land": 100e-6},
     "viscous friction": {"plunger_needle.viscous": 20.0},
     "dry friction": {"plunger_needle.friction": 10.0},
+    "squeeze films": {
+        "valve.stop_disc": 8e-3,
+        "valve.stop_film": 20e-6,
+        "valve.seat_disc": 4e-3,
+        "valve.seat_film": 10e-6,
+    },
     "guides that widen": {"plunger_needle.gap_widening": 2e-14, "plunger_needle.eccentricity": 0.5},
 }
 ALL = {name: value for one in LAWS.values() for name, value in one.items()} | {"nozzle.discharge_growth": 2e-10}

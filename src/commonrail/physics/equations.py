@@ -304,7 +304,7 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
     load_masses, store_masses = wired.positions.load, wired.positions.store
     accelerations, needle_flows = wired.accelerations, make_needle_flows(variant)
     laws = connections_of(variant).laws
-    gap_law, leak_law = laws.gap_cda2, laws.leak
+    gap_law, leak_law, film_law = laws.gap_cda2, laws.leak, laws.film
     store_accelerations = store_chain if variant.body is Body.FLEXIBLE else store_rigid
     inlet_of, coil = inlet_law(variant), coil_law(variant)
 
@@ -361,7 +361,7 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
 
         slopes = Core(
             solenoid=magnet,
-            valve=valve.rates(c.valve, s.valve, magnetic_force, pressing),
+            valve=valve.rates(c.valve, s.valve, magnetic_force, pressing, film_law(c.valve, s.valve)),
             fuel=masses,
             nozzle=nozzle.State(remembering, q.nozzle),
             cumulative_flows=CumulativeFlows(q.drain.flow + q.plunger_leak + q.needle_leak, supplied),

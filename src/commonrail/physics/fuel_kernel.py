@@ -151,6 +151,15 @@ def kinematic_viscosity(f: FuelCoefficients, p: float) -> float:
 
 
 @physics
+def dynamic_viscosity(f: FuelCoefficients, p: float) -> float:
+    """Return the dynamic viscosity η = ρ ν [Pa s] at a pressure.
+
+    Arguments as in `fluidity`.
+    """
+    return density(f, p) / fluidity(f, p)
+
+
+@physics
 def sound_speed(f: FuelCoefficients, rho: float) -> float:
     """Return the isentropic speed of sound [m/s] at a density, a of Eq. (6): a^2 = K_S/rho.
 

@@ -227,6 +227,12 @@ class LeakLaw(Protocol):
     def __call__(self, c: Any, guide: Guide, pressure: float, low: float, /) -> Flow: ...
 
 
+class FilmLaw(Protocol):
+    """Damping coefficient of the films that the valve squeezes [N s/m]: (coefficients of the valve, its state)."""
+
+    def __call__(self, c: valve.Coefficients, s: valve.State, /) -> float: ...
+
+
 class GapLaw(Protocol):
     """(c_d A)² of the valve's gap [m⁴]: (coefficients, control chamber, pressure behind [Pa], lift [m])."""
 
@@ -242,10 +248,10 @@ GIVE = 2e-3
 
 @physics
 def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
-    """Coefficients of every part; wave speeds and laminar offsets at the rail pressure of time zero."""
+    """Coefficients of every part; wave speeds, laminar offsets and films at the pressures of time zero."""
     density = fuel.density(f, at.rail)
     speed = fuel.sound_speed(f, density)
-    viscosity = density * fuel.kinematic_viscosity(f, at.rail)
+    viscosity, seat = fuel.dynamic_viscosity(f, at.rail), 0.5 * (at.rail + at.low)
     low_density = fuel.density(f, at.low)
     feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
     back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density), at.dt)
@@ -255,7 +261,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         rail=feed_pipe.rail_coefficients(p.rail),
         feed_pipe=feed,
         control_chamber=control_chamber.coefficients(p.control_chamber, viscosity),
-        valve=valve.coefficients(p.valve),
+        valve=valve.coefficients(p.valve, fuel.dynamic_viscosity(f, at.low), fuel.dynamic_viscosity(f, seat)),
         solenoid=solenoid.coefficients(p.solenoid),
         drive=p.drive,
         return_line=back,

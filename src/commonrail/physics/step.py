@@ -47,6 +47,7 @@ from commonrail.physics.model import (
     DischargeLaw,
     DrawLaw,
     DriveLaw,
+    FilmLaw,
     GapLaw,
     InletLaw,
     Inputs,
@@ -172,13 +173,14 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 
 
 @physics
-def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.State:
+def move_valve(c: Coefficients, s: State, gap_cda2: float, film: float, dt: float) -> valve.State:
     """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
 
-    `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴].
+    `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `film`: damping coefficient of what is squeezed [N s/m].
     """
     pressure = seat_pressure(c, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
-    return valve.advance(c.valve, s.valve, solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux), pressure, dt)
+    magnetic_force = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
+    return valve.advance(c.valve, s.valve, magnetic_force, pressure, film, dt)
 
 
 @physics
@@ -329,18 +331,19 @@ class StepLaws(NamedTuple):
     discharge: DischargeLaw  # discharge coefficient of the nozzle
     gap_cda2: GapLaw  # (c_d A)² of the valve's seat
     leak: LeakLaw  # leakage through a guide
+    film: FilmLaw  # what the valve squeezes
 
 
 def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
-    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law, leak_law = laws
+    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law, leak_law, film_law = laws
 
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
         """State at t_n + dt, and the waves that leave."""
         here, behind = s.control_chamber.fuel, s.return_line.pressure
         # valve (Newton's second law) and solenoid, Eq. (11), (12)
-        moved_valve = move_valve(c, s, gap_law(c, here, behind, s.valve.lift), dt)
+        moved_valve = move_valve(c, s, gap_law(c, here, behind, s.valve.lift), film_law(c.valve, s.valve), dt)
         lift = middle(s.valve.lift, moved_valve.lift)
         gap = AirGap(c.valve.lift - lift, lift - s.valve.lift)
         magnet, conducting = magnetise(c, s, u, gap, drive_law, dt)

@@ -14,7 +14,7 @@ from commonrail.base.arguments import chosen, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.physics import model
-from commonrail.physics.components import drive, feed_pipe, nozzle, plunger_needle
+from commonrail.physics.components import drive, feed_pipe, nozzle, plunger_needle, valve
 from commonrail.physics.law import Layout, layout_of, physics
 
 
@@ -133,6 +133,8 @@ EXTENDING = (
     "plunger_needle.viscous",
     "plunger_needle.friction",
     "plunger_needle.gap_widening",
+    "valve.stop_disc",
+    "valve.seat_disc",
 )
 
 _NOZZLE_LAWS = "nozzle_laws"  # group of the registry
@@ -252,11 +254,11 @@ def connections_of(variant: Variant) -> Connections:
         direct = direct_acting.DirectLaws(wired.drive, step.ideal_rail, wired.discharge)
         return Connections(direct_acting.make_step(direct), direct_acting.volumes_of, None)
     ideal = variant.boundary is Boundary.IDEAL
-    flows: dict[Laws, tuple[model.GapLaw, model.LeakLaw]] = {
-        Laws.PAPER: (connections.plain_gap_cda2, connections.guide_leak),
-        Laws.EXTENDED: (connections.land_gap_cda2, connections.widening_leak),
+    chosen_laws: dict[Laws, tuple[model.GapLaw, model.LeakLaw, model.FilmLaw]] = {
+        Laws.PAPER: (connections.plain_gap_cda2, connections.guide_leak, valve.no_film),
+        Laws.EXTENDED: (connections.land_gap_cda2, connections.widening_leak, valve.film_damping),
     }
-    gap_cda2, leak = flows[variant.laws]
+    gap_cda2, leak, film = chosen_laws[variant.laws]
     laws = step.StepLaws(
         advance=_body_of(variant)[1],
         lifts=wired.body.lifts,
@@ -266,6 +268,7 @@ def connections_of(variant: Variant) -> Connections:
         discharge=wired.discharge,
         gap_cda2=gap_cda2,
         leak=leak,
+        film=film,
     )
     return Connections(step.make_step(laws), connections.volumes_of, laws)
 

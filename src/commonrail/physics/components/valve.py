@@ -10,6 +10,8 @@ from commonrail.physics.elementary import sine
 from commonrail.physics.flow import pipe_area
 from commonrail.physics.law import Domain, Q, physics
 
+_USUAL_DISC, _USUAL_FILM = (0.2e-3, 30e-3), (0.2e-6, 300e-6)  # of a seat to an armature; roughness to air gap [m]
+
 
 class Parameters(NamedTuple):
     """Moving mass, springs and seat of the valve."""
@@ -38,10 +40,31 @@ class Parameters(NamedTuple):
             usual=(1e-6, 1e-3),
         ),
     ]
+    stop_disc: Annotated[
+        float,
+        Q("m", "diameter of the disc that squeezes fuel at the stop (0: none)", Domain.NON_NEGATIVE, 0.0, _USUAL_DISC),
+    ]
+    stop_film: Annotated[
+        float, Q("m", "film under that disc with the valve at its stop", Domain.POSITIVE, 10e-6, usual=_USUAL_FILM)
+    ]
+    seat_disc: Annotated[
+        float,
+        Q("m", "diameter of the disc that squeezes fuel at the seat (0: none)", Domain.NON_NEGATIVE, 0.0, _USUAL_DISC),
+    ]
+    seat_film: Annotated[
+        float, Q("m", "film under that disc with the valve on its seat", Domain.POSITIVE, 10e-6, usual=_USUAL_FILM)
+    ]
+
+
+class Film(NamedTuple):
+    """Squeeze film: damping times its thickness cubed, 3π η d⁴/32 [N s m²], and its thickness at the end [m]."""
+
+    cubed: float
+    thickness: float
 
 
 class Coefficients(NamedTuple):
-    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact, land.
+    """Inverse mass [1/kg], lift [m], spring, damper, seat area [m²], c_d times gap area per lift [m], contact, films.
 
     `land` is 12 l/(π d sin³ θ) of the seat's land [1].
     """
@@ -56,6 +79,8 @@ class Coefficients(NamedTuple):
     contact_stiffness: float
     contact_damping: float
     land: float
+    stop: Film
+    seat: Film
 
 
 class State(NamedTuple):
@@ -70,8 +95,40 @@ TYPICAL = State(1e-5, 1e-1)  # sizes for a solver's absolute tolerances
 
 
 @physics
-def coefficients(p: Parameters) -> Coefficients:
-    """Coefficients of the valve."""
+def film_of(disc: float, thickness: float, viscosity: float) -> Film:
+    """Film [N s m²], [m] between a disc and a plane, Reynolds' equation: it resists by 3π η d⁴/(32 h³) per speed.
+
+    (Hamrock, Schmid and Jacobson, Fundamentals of Fluid Film Lubrication, chapter 12.) A ring of mean diameter D and
+    width w is a disc of d⁴ = 32/3 D w³.
+
+    `disc`: d [m]; `thickness`: h at the end of the travel [m], > 0; `viscosity`: η of the fuel in it [Pa s].
+    """
+    return Film(3.0 * pi * viscosity * disc * disc * disc * disc / 32.0, thickness)
+
+
+@physics
+def no_film(c: Coefficients, s: State) -> float:
+    """Damping coefficient of a valve that squeezes no fuel [N s/m]; signature as of `film_damping`."""
+    return 0.0
+
+
+@physics
+def film_damping(c: Coefficients, s: State) -> float:
+    """Damping coefficient of the film that is squeezed [N s/m]: at the stop while the valve opens, else at the seat.
+
+    A film that is drawn apart breaks, and resists no longer.
+    """
+    film, distance = (c.stop, c.lift - s.lift) if s.velocity > 0.0 else (c.seat, s.lift)
+    h = film.thickness + max(distance, 0.0)
+    return film.cubed / (h * h * h)
+
+
+@physics
+def coefficients(p: Parameters, low_viscosity: float, seat_viscosity: float) -> Coefficients:
+    """Coefficients of the valve.
+
+    `low_viscosity`, `seat_viscosity`: η of the fuel about the armature and in the seat [Pa s].
+    """
     return Coefficients(
         per_mass=1.0 / p.mass,
         lift=p.lift,
@@ -83,6 +140,8 @@ def coefficients(p: Parameters) -> Coefficients:
         contact_stiffness=p.contact_stiffness,
         contact_damping=p.contact_damping,
         land=12.0 * p.seat_land / (pi * p.seat_diameter * sine(p.seat_angle) ** 3),
+        stop=film_of(p.stop_disc, p.stop_film, low_viscosity),
+        seat=film_of(p.seat_disc, p.seat_film, seat_viscosity),
     )
 
 
@@ -103,26 +162,27 @@ def air_gap(c: Coefficients, s: State) -> float:
 
 
 @physics
-def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, dt: float) -> State:
+def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, film: float, dt: float) -> State:
     """State after one leapfrog step.
 
     `s`: lift at t_n, velocity half a step before; `magnetic_force`: magnetic force F_ev at t_n [N]; `seat_pressure`:
-    excess over the return pressure on the seat area [Pa].
+    excess over the return pressure on the seat area [Pa]; `film`: damping coefficient of `film_damping` [N s/m].
     """
     force, damping = forces_over_step(c, s, magnetic_force, seat_pressure, dt)
     per_mass = dt * c.per_mass
-    velocity = s.velocity + damped_gain(s.velocity, per_mass * force, 0.5 * per_mass * damping)
+    velocity = s.velocity + damped_gain(s.velocity, per_mass * force, 0.5 * per_mass * (damping + film))
     return State(s.lift + dt * velocity, velocity)
 
 
 @physics
-def rates(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float) -> State:
+def rates(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, film: float) -> State:
     """Rates of lift and velocity [m/s], [m/s²], for a solver that has both at one time.
 
-    `s`: lift and velocity at one time; `c`, `magnetic_force`, `seat_pressure`: as in `forces`.
+    `s`: lift and velocity at one time; `c`, `magnetic_force`, `seat_pressure`: as in `forces`; `film`: damping
+    coefficient of `film_damping` [N s/m].
     """
     force, damping = forces(c, s.lift, magnetic_force, seat_pressure)
-    return State(s.velocity, c.per_mass * (force - damping * s.velocity))
+    return State(s.velocity, c.per_mass * (force - (damping + film) * s.velocity))
 
 
 @physics
