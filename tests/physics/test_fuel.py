@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.physics import fuel_kernel
 from commonrail.readers.fuel import fuel_catalogue, load_fuel
 
 NAMES = fuel_catalogue()
@@ -173,3 +177,40 @@ def test_temperature_outside_the_range_is_refused(temperature: float) -> None:
 def test_temperatures_rounded_from_celsius_are_inside() -> None:
     fuel = load_fuel("iso4113")
     assert fuel.density(0.0, np.nextafter(293.15, 0.0)) > fuel.density(0.0, 393.15000000000003)
+
+
+def test_adiabatic_compression_follows_the_isentropic_modulus() -> None:
+    """ρ = ρ(0) exp ∫ dp/K_S by quadrature; volumes and waves then feel one modulus."""
+    plain, temperature = load_fuel("n-dodecane"), 353.15
+    fuel = replace(plain, adiabatic=True)
+    low = plain.pressure_range[0]
+    compression, _ = quad(lambda p: 1.0 / float(plain.isentropic_bulk_modulus(p, temperature)), low, 160e6)
+    expected = float(fuel.density(low, temperature)) * np.exp(compression)
+    assert fuel.density(160e6, temperature) == pytest.approx(expected, rel=1e-7)  # of the quadrature
+    f = fuel_kernel.fuel_coefficients(fuel, temperature)
+    stiffness = fuel_kernel.stiffness(f, expected)
+    modulus = float(plain.isentropic_bulk_modulus(160e6, temperature))
+    assert stiffness * expected == pytest.approx(modulus, rel=2e-3)  # of the polynomials
+    assert fuel_kernel.sound_speed(f, expected) ** 2 == pytest.approx(stiffness, rel=1e-9)
+
+
+@pytest.mark.parametrize("temperature", [313.15, 353.15])
+def test_an_adiabatic_fuel_is_near_the_isentrope_of_coolprop(temperature: float) -> None:
+    coolprop = pytest.importorskip("CoolProp.CoolProp", reason="the development extra has CoolProp")
+    plain, state = load_fuel("n-dodecane"), coolprop.AbstractState("HEOS", "n-Dodecane")
+    fuel = replace(plain, adiabatic=True)
+    state.update(coolprop.PT_INPUTS, 0.1e6, temperature)
+    entropy = state.smass()
+    for p in (80e6, 160e6):
+        state.update(coolprop.PSmass_INPUTS, p, entropy)
+        density, modulus = state.rhomass(), state.rhomass() * state.speed_sound() ** 2
+        # it takes K_S at the temperature before the compression, which heats by 12 to 23 K
+        assert fuel.density(p, temperature) == pytest.approx(density, rel=5e-3)
+        assert modulus < fuel.bulk_modulus(p, temperature) < 1.08 * modulus
+        assert plain.density(p, temperature) > 1.008 * density
+        assert plain.bulk_modulus(p, temperature) < 0.95 * modulus
+
+
+def test_a_fuel_of_one_modulus_is_not_called_adiabatic() -> None:
+    with pytest.raises(ConfigurationError, match="iso4113 states no isentropic modulus"):
+        replace(load_fuel("iso4113"), adiabatic=True)

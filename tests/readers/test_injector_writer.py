@@ -97,3 +97,11 @@ def test_fuel_with_a_name_of_the_catalogue_but_other_laws_is_written_out(tmp_pat
 def test_unwritable(tmp_path: Path, injector_file: Edit) -> None:
     with pytest.raises(OutputError, match=r"absent/copy\.toml cannot be written \(No such file"):
         dump_injector(load_injector(injector_file()), tmp_path / "absent" / "copy.toml")
+
+
+@pytest.mark.parametrize("title", [None, "a fuel of its own"])
+def test_how_volumes_compress_the_fuel_reads_back(tmp_path: Path, injector_file: Edit, title: str | None) -> None:
+    known = load_fuel("n-dodecane")
+    fuel = replace(known, adiabatic=True, title=title or known.title)
+    dump_injector(replace(load_injector(injector_file()), fuel=fuel), tmp_path / "copy.toml")
+    assert load_injector(tmp_path / "copy.toml").fuel == fuel

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
@@ -9,6 +11,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.physics import fuel_kernel as fuel
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.readers.fuel import load_fuel
 from tests.tracing import traced
 
 # a few thousand bookings of 1e-16 of the mass in the pipe, which is 100 times what is injected
@@ -23,6 +26,16 @@ def test_books_balance(request: pytest.FixtureRequest, wiring: str, pressure: fl
     solution = simulate(injector, OperatingPoint(pressure, pulses))
     assert solution.injected_mass > 1e-6
     assert abs(solution.balance) < ROUNDING
+
+
+def test_books_balance_with_a_fuel_that_is_compressed_adiabatically(regulated: Injector) -> None:
+    point = OperatingPoint(160e6, 300e-6)
+    solutions = [
+        simulate(replace(regulated, fuel=replace(load_fuel("n-dodecane"), adiabatic=adiabatic)), point)
+        for adiabatic in (False, True)
+    ]
+    assert all(abs(solution.balance) < ROUNDING for solution in solutions)
+    assert abs(solutions[1].injected_mass / solutions[0].injected_mass - 1.0) > 0.01  # it matters for a short injection
 
 
 def test_books_balance_when_pressures_move_and_waves_travel(regulated: Injector) -> None:

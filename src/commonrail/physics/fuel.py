@@ -195,6 +195,9 @@ class Fuel:
         Where the stated errors hold [Pa], [K]. Temperatures outside raise `InputError`.
     mark, source : str
         The weakest mark among the laws; one sentence on the whole.
+    adiabatic : bool
+        Compressed without exchange of heat: the isentropic modulus, at the stated temperature, takes the place of the
+        isothermal one in volumes and in the density that is integrated from it.
     """
 
     name: str
@@ -208,6 +211,19 @@ class Fuel:
     temperature_range: tuple[float, float]
     mark: str
     source: str
+    adiabatic: bool = False
+
+    def __post_init__(self) -> None:
+        if self.adiabatic and (self.bulk_modulus_law is None or self.isentropic_law is None):
+            raise ConfigurationError(
+                f"Fuel {self.name} states no isentropic modulus beside an isothermal one, so that adiabatic "
+                "compression is the same as isothermal; omit compression, or state both moduli."
+            )
+
+    @property
+    def compression_law(self) -> Law | None:
+        """Law of the modulus that volumes feel; None where the density is explicit."""
+        return self.isentropic_law if self.adiabatic else self.bulk_modulus_law
 
     @property
     def density_kind(self) -> str:
@@ -242,7 +258,7 @@ class Fuel:
         return np.asarray(_density(self, held, at) * stretch)
 
     def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
-        """Return the isothermal bulk modulus rho dp/d(rho) [Pa]; shapes as in `density`."""
+        """Return the bulk modulus rho dp/d(rho) [Pa], isothermal unless `adiabatic`; shapes as in `density`."""
         held, _, at = self._read(p, temperature)
         return np.asarray(_MPA * _modulus(self, held, at))
 
@@ -301,15 +317,15 @@ class Fuel:
 
 def _density(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
     """Density [kg/m3] at pressures inside the range [MPa]."""
-    if fuel.bulk_modulus_law is None:
+    if fuel.compression_law is None:
         return saturating_law(held, *fuel.density_law.at(temperature))
-    compression = log_compression(held, *fuel.bulk_modulus_law.at(temperature))
+    compression = log_compression(held, *fuel.compression_law.at(temperature))
     return np.asarray(fuel.density_law.at(temperature)[0] * exp(compression))
 
 
 def _modulus(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
-    """Isothermal modulus [MPa] at pressures inside the range [MPa]."""
-    if fuel.bulk_modulus_law is not None:
-        return saturating_law(held, *fuel.bulk_modulus_law.at(temperature))
+    """Modulus rho dp/d(rho) [MPa] at pressures inside the range [MPa]."""
+    if fuel.compression_law is not None:
+        return saturating_law(held, *fuel.compression_law.at(temperature))
     _, k2, k3, k4 = fuel.density_law.at(temperature)
     return _density(fuel, held, temperature) / saturating_slope(held, k2, k3, k4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
@@ -137,8 +138,9 @@ MeterTables = Annotated[Any, PlainValidator(_meter_tables)]
 
 
 class _FuelTable(Sourced):
-    """Fuel in one of three forms, and its temperature."""
+    """Fuel in one of three forms, its temperature, and how volumes compress it."""
 
+    compression: Literal["isothermal", "adiabatic"] | None = None
     name: str | None = None
     file: str | None = None
     definition: Annotated[Any, PlainValidator(_Definition.model_validate)] = None
@@ -373,7 +375,8 @@ def _fuel(table: _FuelTable, base: Injector | None, temperature: float, at: Plac
         raise (at / "temperature").error(
             f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K"
         )
-    return fuel
+    with located(at / "compression"):
+        return replace(fuel, adiabatic=table.compression == "adiabatic") if table.compression else fuel
 
 
 def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -115,7 +116,9 @@ def _entry(value: float, q: Q, source: Source) -> str:
 
 def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
     """By name if this very fuel ships with the package, else law by law."""
-    if fuel.name in shipped_fuels() and load_fuel(fuel.name) == fuel:
+    if fuel.adiabatic:
+        yield 'compression = "adiabatic"'
+    if fuel.name in shipped_fuels() and load_fuel(fuel.name) == replace(fuel, adiabatic=False):
         yield f"name = {value_text(fuel.name)}"
     else:
         yield from table_lines(f"{table}.definition", _fuel_document(fuel))
