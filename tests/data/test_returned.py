@@ -15,6 +15,7 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.returned import ReturnData, leak_at_rest
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import prepare
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.physics.injector import Injector
 from tests.data.samples import SAMPLES, STEP
@@ -62,6 +63,17 @@ def test_a_wider_gap_leaks_with_its_cube(regulated: Injector) -> None:
     leak = leak_at_rest(Candidates(Simulator(regulated, names, STEP, 1), values), POINTS)
     np.testing.assert_allclose(leak[1] / leak[0], 8.0, rtol=1e-12)  # rounding of three products
     assert (leak[2] > 1.1 * leak[0]).all()  # warmer fuel is thinner
+
+
+def test_candidates_after_the_first_prepare_nothing(regulated: Injector, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = returns(stroke_period=0.06)
+    simulator, calls = Simulator(regulated, (), STEP, 1), []
+    monkeypatch.setattr("commonrail.data.simulator.prepare", lambda *given: calls.append(given) or prepare(*given))
+    data.simulated(simulator, ITSELF)
+    first = len(calls)
+    assert first > 0
+    data.simulated(simulator, ITSELF)
+    assert len(calls) == first
 
 
 def test_injected_and_returned_maps_do_not_interpolate_one_another(regulated: Injector) -> None:

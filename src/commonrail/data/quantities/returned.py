@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -95,12 +96,13 @@ class ReturnData(QuantityData):
 
     def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
         """Densities at the end of the return line, (1 or candidates, points) [kg/m³]; see `QuantityData.densities`."""
-        return candidates.densities([_at_the_end(point) for point in points], given)
+        return candidates.densities(_at_the_end(tuple(points)), given)
 
 
-def _at_the_end(point: OperatingPoint) -> OperatingPoint:
-    """The point with the return line's pressure in the cylinder, where densities are taken."""
-    return replace(point, cylinder_pressure=point.return_pressure)
+@lru_cache(maxsize=64)  # a simulator prepares the same sequence once, and would keep each new one
+def _at_the_end(points: tuple[OperatingPoint, ...]) -> tuple[OperatingPoint, ...]:
+    """The points with the return line's pressure in the cylinder, where densities are taken."""
+    return tuple(replace(point, cylinder_pressure=point.return_pressure) for point in points)
 
 
 def leak_at_rest(candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
