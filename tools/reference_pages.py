@@ -75,6 +75,7 @@ MODELS = {
         ("data.curves.samples", "ShotsModel"),
         ("data.quantities.reading", "QuantitiesModel"),
         ("data.quantities.returned", "ReturnsModel"),
+        ("plugins.plans.data", "PlanModel"),
         ("plugins.features.targets_file", "FeaturesModel"),
         ("plugins.features.targets_file", "TargetModel"),
         ("data.noise", "NoiseModel"),

@@ -122,6 +122,12 @@ from .plugins.paper.run import Reproduction as Reproduction
 from .plugins.paper.run import reproduce as reproduce
 from .plugins.paper.seeds import SeedProgress as SeedProgress
 from .plugins.paper.seeds import for_seeds as for_seeds
+from .plugins.plans.data import PlanData as PlanData
+from .plugins.plans.run import PlanResult as PlanResult
+from .plugins.plans.run import run_plan as run_plan
+from .plugins.plans.study import PlanTest as PlanTest
+from .plugins.plans.study import TestPlan as TestPlan
+from .plugins.plans.study import load_plan as load_plan
 from .plugins.prediction.run import Prediction as Prediction
 from .plugins.prediction.run import predict as predict
 from .plugins.sensitivity.file import Sensitivity as Sensitivity

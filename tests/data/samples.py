@@ -68,6 +68,16 @@ def train_table(values: np.ndarray) -> str:
     return curve_table(rates)
 
 
+def plan_table(values: np.ndarray) -> str:
+    """Deliveries and a return, with a band of 20 %."""
+    places = ((60, 300, "delivery"), (60, 700, "delivery"), (160, 300, "delivery"), (160, 700, "return"))
+    rows = (
+        f"test {i},{measure},{rail},{time},{float(q)!r},20\n"
+        for i, ((rail, time, measure), q) in enumerate(zip(places, values, strict=True))
+    )
+    return "test,measure,rail_pressure [MPa],energising_time [us],nominal [m3],half_band [%]\n" + "".join(rows)
+
+
 TRAIN = """
 rail_pressure = "160 MPa"
 energisings = [{ start = "0 us", duration = "300 us" }, { start = "1300 us", duration = "300 us" }]
@@ -86,5 +96,6 @@ SAMPLES = {
         partial(map_table, column="return_quantity"),
         4,
     ),
+    "test plan": Sample('stroke_rate = "1000 1/min"\n', plan_table, 4),
     "features": Sample(TRAIN, train_table, 2, "0.0"),
 }

@@ -15,6 +15,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "quantities": "commonrail.data.quantities.data:QuantityData",
         "return quantities": "commonrail.data.quantities.returned:ReturnData",
         "features": "commonrail.plugins.features.targets:FeatureData",
+        "test plan": "commonrail.plugins.plans.data:PlanData",
     },
     "optimisers": {"multi-start least squares": "commonrail.plugins.multistart.run:REGISTERED"},
     "readers": {  # by the ending of a file's name; all else is CSV
@@ -65,6 +66,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "next": "commonrail.plugins.next.verb:next_",
         "predict": "commonrail.plugins.prediction.verb:predict",
         "compare": "commonrail.plugins.compare.verb:compare",
+        "plan": "commonrail.plugins.plans.verb:plan",
         "fleet": "commonrail.plugins.fleet.verb:fleet",
         "type": "commonrail.plugins.family.verb:type_",
         "adapt": "commonrail.plugins.family.adapt_verb:adapt",

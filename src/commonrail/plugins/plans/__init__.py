@@ -1,0 +1,1 @@
+"""Test plans of workshops: an injector judged by nominal quantities with bands."""

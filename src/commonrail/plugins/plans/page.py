@@ -1,0 +1,219 @@
+"""Test plans in reports: table of the tests, tolerance fields as a picture, sentences, and the page of one model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series
+from commonrail.base.table import LARGE, SIGNS, SMALL, Cell, Part, Table, table_of
+from commonrail.base.text import MISSING, counted, fixed, listed, megapascal, number, pressure, several, signed
+from commonrail.data.base import Merit, View
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Models, Plotted, Record, Shown, Texts
+from commonrail.plugins.plans.study import Measure, State
+from commonrail.report.draw.figure import drawings
+from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
+
+SIMULATED = "simulated"  # label of the one model of `commonrail plan`
+WIDEST = 4.0  # half bands beyond which a marker of the picture stays at its edge; chosen
+_NOTE = (
+    f"Distances from the nominal quantity in half bands: ±1 at the limits; {SIGNS[SMALL]} inside, {SIGNS[LARGE]} not."
+)
+
+
+class PlanView(View):
+    """Tables, figures and sentences of test plans."""
+
+    def has(self, data: Record, label: str) -> bool:
+        """True if the model has a number for any test."""
+        return any(number(row.get(label)) is not None for row in data["rows"])
+
+    def operating_point(self, data: Record) -> Record:
+        """Operating point of the first test."""
+        first: Record = data["rows"][0]
+        return first
+
+    def merit(self, data: Sequence[Record]) -> Merit:
+        """Number of tests inside their bands."""
+        best, start = (sum(d["inside"].get(label, 0) for d in data) for label in (JUDGED, "start"))
+        rms = several([d["rms"].get(JUDGED) for d in data], lambda v: fixed(v, 2))
+        words = f"tests inside their bands (start {start}), rms {rms} half bands"
+        return Merit(f"{best} of {sum(len(d['rows']) for d in data)}", words)
+
+    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
+        """Root mean square distances of the tests."""
+        return "the least distance from the nominal quantities", [d["rms"] for d in data]
+
+    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
+        """Tests of each plan."""
+        return [plan_table(d, {label: texts[label] for label in texts if self.has(d, label)}) for d in data]
+
+    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
+        """Tests of each plan."""
+        return [plan_table(d, {label: label for label in labels}) for d in data]
+
+    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
+        """Tolerance fields and distances."""
+        return [plan_figure(data, plotted.models)]
+
+    compared_figures = figures
+
+
+def _name(row: Record) -> str:
+    """Name of a test, with its measure where that is the return."""
+    return f"{row['test']} (return)" if row["measure"] == Measure.RETURN.value else str(row["test"])
+
+
+def _times(row: Record) -> str:
+    """Energising times in µs: 800, or "250 + 600, dwell 900"."""
+    first, second = fixed(row["energising_time"], 0, MICROSECOND), row["second"]
+    if second is None:
+        return first
+    dwell, last = (fixed(second[key], 0, MICROSECOND) for key in ("dwell", "energising_time"))
+    return f"{first} + {last}, dwell {dwell}"
+
+
+def _cells(found: Record) -> Iterator[Cell]:
+    """Quantity, and its distance with the sign of its state."""
+    yield Cell(fixed(found.get("value"), 2, MM3))
+    size = SMALL if found.get("state") == State.INSIDE.value else LARGE
+    yield Cell(signed(found.get("distance"), 2), size if found else "")
+
+
+def plan_table(data: Record, texts: Texts) -> Table:
+    """Table of the tests: band, then quantity and distance of each label, and of the bench if it has measured any.
+
+    `data`: record of a plan; `texts`: heads by label.
+    """
+    parts = [
+        Part(("test",), lambda row: (_name(row),)),
+        Part(("rail, MPa", "energising, µs"), lambda row: (megapascal(row["rail_pressure"]), _times(row))),
+        Part(("band",), lambda row: (row["band"],)),
+        Part(
+            [head for text in texts.values() for head in (text, "distance")],
+            lambda row: (cell for label in texts for cell in _cells(row["found"].get(label, {}))),
+        ),
+    ]
+    if any(row["bench"] for row in data["rows"]):
+        parts.append(Part(("bench", "distance"), lambda row: _cells(row["bench"] or {})))
+    return table_of(f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE)
+
+
+def plan_figure(data: Record, models: Models) -> Figure:
+    """Tolerance field of each test in half bands, with models and bench as markers."""
+    rows = data["rows"]
+    places = tuple(float(i) for i in range(len(rows)))
+    series = [
+        Series(m.text, m.look, tuple(_edged(r["found"].get(k, {})) for r in rows), places, MARKERS, m.family)
+        for k, m in models.items()
+    ]
+    series.append(Series("bench", MEASURED, tuple(_edged(row["bench"] or {}) for row in rows), places, MARKERS))
+    shown = tuple(s for s in series if any(x is not None for x in s.x))
+    reach = max([1.5, *(abs(x) for s in shown for x in s.x if x is not None)])
+    # a quantity with an upper limit alone begins at nothing
+    start = tuple(-1.0 if r["lower"] is not None else 0.0 if r["nominal"] is None else -reach for r in rows)
+    end = tuple(reach if row["upper"] is None else 1.0 for row in rows)
+    return Figure(
+        f"Tolerance fields of {data['name']}",
+        f"Bars are what passes, zero is the nominal quantity; a marker beyond {WIDEST:.0f} half bands is at the edge.",
+        "distance from the nominal quantity, half bands",
+        (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=tuple(map(_name, rows))),),
+    )
+
+
+def _edged(found: Record) -> float | None:
+    distance = number(found.get("distance"))
+    return None if distance is None else max(-WIDEST, min(WIDEST, distance))
+
+
+# One model on one plan: sentences, the first screen, the page.
+
+
+def plan_lines(record: Record) -> list[str]:
+    """Sentences: the model, the part that the bench measured, tests without a number, what a return lacks."""
+    data = record["data"]
+    rows = data["rows"]
+    inside, rms = data["inside"][SIMULATED], fixed(data["rms"][SIMULATED], 2)
+    found = [(row, row["found"][SIMULATED]) for row in rows]
+    lines = [
+        f"{record['injector']['name']}: {inside} of {counted(len(rows), 'test')} of {data['name']} inside the band"
+        f"{'' if rms == MISSING else f', rms {rms} half bands'}.{_outside(found)}"
+    ]
+    if any(row["bench"] for row in rows):
+        lines.append(part_verdict(rows)[1])
+    lines += [f"{_name(row)} has no number: {row['reason']}" for row in rows if row["reason"]]
+    without = [_name(row) for row in rows if row["measure"] == Measure.RETURN.value and not row["stroke_rate"]]
+    if without:
+        lines.append(f"Without a stroke rate {listed(without)} lacks what the guides leak until the next stroke.")
+    return lines
+
+
+def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
+    """Word on the part that the bench measured, pass, fail or open, and the sentence that says it."""
+    found = [(row, row["bench"]) for row in rows if row["bench"]]
+    if outside := _outside(found):
+        return "fail", f"The part fails.{outside}"
+    if len(found) < len(rows):
+        return "open", f"The part is inside in {counted(len(found), 'test')}; {len(rows) - len(found)} have no result."
+    return "pass", f"The part passes: all {counted(len(rows), 'test')} inside the band."
+
+
+def _outside(found: Sequence[tuple[Record, Record]]) -> str:
+    """Behind a sentence: the tests outside, with their distances."""
+    texts = [
+        f"{_name(row)} {f['state']} ({signed(f['distance'], 1)})" for row, f in found if f["state"] != State.INSIDE
+    ]
+    return f" Outside: {', '.join(texts)}." if texts else ""
+
+
+def plan_tables(record: Record) -> list[Table]:
+    """Table of the tests."""
+    return [plan_table(record["data"], {SIMULATED: SIMULATED})]
+
+
+def _tiles(data: Record) -> list[Tile]:
+    rows, inside = data["rows"], data["inside"][SIMULATED]
+    tiles = [Tile("model", f"{inside} of {len(rows)}", "tests inside", GOOD if inside == len(rows) else BAD)]
+    far = max(rows, key=lambda row: abs(row["found"][SIMULATED]["distance"] or 0.0))
+    tiles.append(Tile("farthest", signed(far["found"][SIMULATED]["distance"], 2), f"half bands: {_name(far)}"))
+    if any(row["bench"] for row in rows):
+        word, words = part_verdict(rows)
+        tiles.append(Tile("part", word, words, {"pass": GOOD, "fail": BAD, "open": CARE}[word]))
+    return tiles
+
+
+def plan_figures(record: Record) -> list[Figure]:
+    """Tolerance fields."""
+    return [plan_figure(record["data"], {SIMULATED: Shown(SIMULATED, JUDGED)})]
+
+
+def plan_html(record: Record, command: str) -> str:
+    """Page of a model on a plan, with the command that makes it again."""
+    injector, data = record["injector"], record["data"]
+    pressures = [pressure(data["rows"][0][key]) for key in ("cylinder_pressure", "return_pressure")]
+    return render(
+        "plan.html",
+        package=__package__,
+        record=record,
+        kind="Test plan",
+        lines=plan_lines(record),
+        tiles=_tiles(data),
+        first=drawings(plan_figures(record))[0],
+        tables=plan_tables(record),
+        synthetic=[injector["synthetic"]] if injector["synthetic"] else [],
+        commands=[("Judge again", command)],
+        facts=[
+            ("Model", f"{injector['title'] or injector['name']} ({injector['variant']})"),
+            ("Cylinder and return pressure", " and ".join(pressures)),
+            ("Time step", f"{fixed(record['time_step'], 2, MICROSECOND)} µs"),
+        ],
+    )
+
+
+PLAN = Presenter(
+    lambda found: plan_lines(found.record()),
+    lambda found: plan_tables(found.record()),
+    lambda found: plan_figures(found.record()),
+)

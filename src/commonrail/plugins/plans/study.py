@@ -1,0 +1,323 @@
+"""Test plan of an injector: tests with a nominal quantity per stroke and its band, read from a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import Limits, Quantity, amount, chosen, instances, number, plain_text, settle
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.hooks import note
+from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, OperatingPoint
+from commonrail.physics.law import Domain
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table
+from commonrail.readers.location import Place, located
+from commonrail.readers.tables import open_sheet, take_columns
+
+AFTER_ENERGISING = 3e-3  # simulated after the end of energising, as of a quantity map [s]
+NO_INJECTION = 0.01  # share of the nominal quantity below which a test is said to inject nothing [1]; chosen
+STROKE_RATES = Limits(0.01, 1e3, (0.1, 100.0), ("Hz",))  # [1/s]
+
+
+class Measure(StrEnum):
+    """Quantity that a test collects."""
+
+    DELIVERY = "delivery"
+    RETURN = "return"
+
+
+class State(StrEnum):
+    """Place of a quantity in the band of its test."""
+
+    INSIDE = "inside"
+    BELOW = "below"
+    ABOVE = "above"
+    NO_INJECTION = "no injection"
+    FAILED = "no number"
+
+
+@dataclass(frozen=True)
+class PlanTest:
+    """One test of a plan.
+
+    Attributes
+    ----------
+    name : str
+        As the plan calls it: VL, EM, LL, VE, leak.
+    rail_pressure : float
+        [Pa].
+    energisings : tuple of Energising
+        One or two; of duration zero for the leakage of the closed injector.
+    nominal : float or None
+        Quantity per stroke, in the unit of its plan (m³ or kg).
+    lower, upper : float or None
+        Limits of the quantity; at least one.
+    measure : Measure
+    stroke_rate : float or None
+        Strokes of the bench [1/s], for what the guides leak between two strokes.
+    bench : float or None
+        Quantity that the bench measured of a part.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value makes no sense, or limits and nominal quantity contradict one another.
+    """
+
+    name: str
+    rail_pressure: float
+    energisings: tuple[Energising, ...]
+    nominal: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    measure: Measure = Measure.DELIVERY
+    stroke_rate: float | None = None
+    bench: float | None = None
+
+    def __post_init__(self) -> None:
+        plain_text(self.name, "name of a test")
+        settle(
+            self,
+            rail_pressure=amount(self.rail_pressure, "Pa", "rail pressure", RAIL_PRESSURES),
+            energisings=tuple(Energising(*pulse) for pulse in self.energisings),
+            measure=chosen(self.measure, Measure, "measure of a test"),
+        )
+        for key in ("nominal", "lower", "upper", "bench"):
+            if (value := getattr(self, key)) is not None:
+                settle(self, **{key: number(value, "m3", f"{key} quantity")})
+        if self.stroke_rate is not None:
+            settle(self, stroke_rate=amount(self.stroke_rate, "1/s", "stroke rate", STROKE_RATES))
+        if self.measure is Measure.DELIVERY and not all(pulse.duration > 0.0 for pulse in self.energisings):
+            raise ConfigurationError(
+                f'The energising time of the test {self.name} must be greater than zero; with measure = "return" it '
+                "may be zero."
+            )
+        if self.upper is None and (self.lower is None or self.nominal is None):
+            raise ConfigurationError(
+                f"The test {self.name} has no band; state half_band, upper_limit, or lower_limit beside nominal."
+            )
+        low, high = -math.inf if self.lower is None else self.lower, math.inf if self.upper is None else self.upper
+        if not low < self.middle < high:
+            raise ConfigurationError(
+                f"The lower limit, nominal quantity and upper limit of the test {self.name} must increase."
+            )
+
+    @property
+    def middle(self) -> float:
+        """Quantity from which distances count: the nominal one, else the middle of two limits, zero below one."""
+        if self.nominal is not None:
+            return self.nominal
+        return 0.0 if self.lower is None else 0.5 * (self.lower + (self.upper or 0.0))
+
+    @property
+    def half_bands(self) -> tuple[float, float]:
+        """Half band below and above the middle; of a limit alone that of its side on both."""
+        below = None if self.lower is None else self.middle - self.lower
+        above = None if self.upper is None else self.upper - self.middle
+        return below or above or math.nan, above or below or math.nan
+
+    @property
+    def band(self) -> str:
+        """Band as plans print it [mm³]: 45.8 ± 4.2, 60 −5 +6, ≤ 60, ≥ 10."""
+        middle, below, above = (1e9 * v for v in (self.middle, *self.half_bands))
+        if self.lower is None or self.upper is None:
+            limit = f"≥ {middle - below:.4g}" if self.upper is None else f"≤ {middle + above:.4g}"
+            return limit if self.nominal is None else f"{middle:.4g}, {limit}"
+        ends = f"± {above:.3g}" if math.isclose(below, above, rel_tol=1e-6) else f"−{below:.3g} +{above:.3g}"
+        return f"{middle:.4g} {ends}"
+
+    def state(self, value: float) -> State:
+        """Place of a quantity; NaN is none."""
+        if not math.isfinite(value):
+            return State.FAILED
+        if self.upper is not None and value > self.upper:
+            return State.ABOVE
+        if self.lower is not None and value < self.lower:
+            nothing = self.measure is Measure.DELIVERY and value < NO_INJECTION * self.middle
+            return State.NO_INJECTION if nothing else State.BELOW
+        return State.INSIDE
+
+    def point(self, cylinder_pressure: Quantity, return_pressure: Quantity) -> OperatingPoint:
+        """Operating point, pressures in [Pa], that is simulated until `AFTER_ENERGISING`."""
+        last = self.energisings[-1]
+        end = last.start + last.duration + AFTER_ENERGISING
+        return OperatingPoint(self.rail_pressure, self.energisings, cylinder_pressure, return_pressure, horizon=end)
+
+    def scaled(self, factor: float) -> PlanTest:
+        """The test with all quantities times a factor, such as masses made volumes."""
+        values = (self.nominal, self.lower, self.upper, self.bench)
+        nominal, lower, upper, bench = (None if value is None else value * factor for value in values)
+        return replace(self, nominal=nominal, lower=lower, upper=upper, bench=bench)
+
+
+@dataclass(frozen=True)
+class TestPlan:
+    """Test plan: its name, its tests, and the unit of their quantities, m3 or kg."""
+
+    name: str
+    tests: tuple[PlanTest, ...]
+    unit: str = "m3"
+
+    __test__ = False  # no test of pytest, whatever its name
+
+    def __post_init__(self) -> None:
+        settle(self, tests=instances(self.tests, PlanTest, "tests of the plan"))
+        keys = [(test.name, test.measure) for test in self.tests]
+        for i, key in enumerate(keys):
+            if key in keys[:i]:
+                raise ConfigurationError(f"{self.name} has two tests {key[0]} of the {key[1]}; rename one.")
+
+    def chosen(self, names: Sequence[str]) -> TestPlan:
+        """The plan with some of its tests, by name; `ConfigurationError` if it has none of a name."""
+        known = [test.name for test in self.tests]
+        for name in names:
+            if name not in known:
+                there = f"it has {', '.join(known)}"
+                raise ConfigurationError(f'{self.name} has no test "{name}"{nearest(name, known)}; {there}.')
+        return replace(self, tests=tuple(test for test in self.tests if test.name in names))
+
+    def at_stroke_rate(self, rate: Quantity | None) -> TestPlan:
+        """The plan with a stroke rate [1/s] for the tests that state none."""
+        if rate is None:
+            return self
+        known = amount(rate, "1/s", "stroke rate", STROKE_RATES)
+        tests = (t if t.stroke_rate is not None else replace(t, stroke_rate=known) for t in self.tests)
+        return replace(self, tests=tuple(tests))
+
+
+class Bands(NamedTuple):
+    """Middles of several bands, half bands below and above (n,), and whether both limits, and an upper one, exist."""
+
+    middle: Floats
+    below: Floats
+    above: Floats
+    is_closed: Floats
+    has_upper: Floats
+
+    @classmethod
+    def of(cls, tests: Sequence[PlanTest]) -> Bands:
+        """Bands of tests."""
+        rows = [(t.middle, *t.half_bands, None not in (t.lower, t.upper), t.upper is not None) for t in tests]
+        return cls(*np.array(rows, float).T)
+
+    def distance(self, values: Floats) -> Floats:
+        """Distances of quantities (…, n) from the middle in half bands: −1 and 1 at the limits."""
+        off = values - self.middle
+        return np.asarray(off / np.where(off < 0.0, self.below, self.above))
+
+    def excess(self, values: Floats) -> Floats:
+        """The same, but of a band with one limit only what is beyond it."""
+        d = self.distance(values)
+        beyond = np.where(self.has_upper > 0.0, np.maximum(d - 1.0, 0.0), np.minimum(d + 1.0, 0.0))
+        return np.where(self.is_closed > 0.0, d, beyond)
+
+
+# The table of a plan. Columns but the first three may be missing, and their cells empty.
+
+_NEEDED = (
+    Column("test"),
+    Column("rail_pressure", "Pa", domain=Domain.POSITIVE),
+    Column("energising_time", "s", domain=Domain.NON_NEGATIVE),
+)
+_BAND = ("1", "m3", "kg")  # percent of the nominal quantity, or a quantity
+_OPTIONAL = (
+    Column("measure"),
+    Column("second_energising_time", "s", domain=Domain.POSITIVE, required=False),
+    Column("dwell", "s", domain=Domain.NON_NEGATIVE, required=False),
+    Column("stroke_rate", "1/s", domain=Domain.POSITIVE, required=False),
+    Column("nominal", _BAND[1:], domain=Domain.POSITIVE, required=False),
+    Column("half_band", _BAND, domain=Domain.POSITIVE, required=False),
+    Column("lower_limit", _BAND, domain=Domain.NON_NEGATIVE, required=False),
+    Column("upper_limit", _BAND, domain=Domain.POSITIVE, required=False),
+    Column("bench", _BAND[1:], domain=Domain.NON_NEGATIVE, required=False),
+)
+
+
+def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
+    """Read a test plan.
+
+    Parameters
+    ----------
+    path : str or path
+        Table with the columns test, rail_pressure and energising_time; measure, second_energising_time, dwell,
+        stroke_rate, nominal, half_band, lower_limit, upper_limit and bench are optional. Units stand in the head.
+    form : FileForm
+        Encoding, decimal sign and sheet.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        If the file cannot be read, a column or unit is missing, or a row makes no sense; with line and column.
+    """
+    sheet = open_sheet(Path(path), form)
+    known = [column.name for column in (*_NEEDED, *_OPTIONAL)]
+    for name in sheet.names:
+        if name not in known:
+            note(f'{path}: the column "{name}" is none of a test plan and is not read{nearest(name, known)}.')
+    table = take_columns(sheet, [*_NEEDED, *(c for c in _OPTIONAL if c.name in sheet.names)], 1)
+    units = {name: unit for name, unit in table.units.items() if unit in ("m3", "kg")}
+    for name, unit in units.items():
+        if unit != next(iter(units.values())):
+            at = Place(str(path), f'column "{name}"')
+            raise at.error(f'volumes and masses are mixed, "{next(iter(units))}" has the others; state one of them')
+    tests = tuple(_test(table, row) for row in range(len(table.rows)))
+    with located(Place(str(path))):
+        return TestPlan(Path(path).name, tests, next(iter(units.values()), "m3"))
+
+
+def _test(table: Table, row: int) -> PlanTest:
+    """Test of a row."""
+    cells = {name: None if math.isnan(values[row]) else float(values[row]) for name, values in table.columns.items()}
+    name, word = (table.texts[key][row].strip() if key in table.texts else "" for key in ("test", "measure"))
+    if not name:
+        raise table.place("test", row).error("the cell is empty, and the name of the test is expected")
+    if word not in ("", *Measure):
+        raise table.place("measure", row).error(f'"{word}" is no measure; write delivery or return')
+    with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
+        return PlanTest(
+            name,
+            float(table.columns["rail_pressure"][row]),
+            _energisings(float(table.columns["energising_time"][row]), cells),
+            cells.get("nominal"),
+            *_limits(table, cells),
+            Measure(word or Measure.DELIVERY),
+            cells.get("stroke_rate"),
+            cells.get("bench"),
+        )
+
+
+def _energisings(first: float, cells: dict[str, float | None]) -> tuple[Energising, ...]:
+    second, dwell = cells.get("second_energising_time"), cells.get("dwell")
+    if second is None and dwell is None:
+        return (Energising(0.0, first),)
+    if second is None or dwell is None:
+        raise ConfigurationError("A second energising needs both second_energising_time and dwell; one is missing.")
+    return Energising(0.0, first), Energising(first + dwell, second)
+
+
+def _limits(table: Table, cells: dict[str, float | None]) -> tuple[float | None, float | None]:
+    """Lower and upper limit of a row."""
+    nominal = cells.get("nominal")
+
+    def quantity(name: str) -> float | None:
+        value = cells.get(name)
+        if value is None or (table.units[name] != "1" and name != "half_band"):
+            return value
+        if nominal is None:
+            raise ConfigurationError(f"The {name} is one of the nominal quantity, which is missing; state nominal.")
+        return value * nominal if table.units[name] == "1" else value
+
+    half, lower, upper = (quantity(name) for name in ("half_band", "lower_limit", "upper_limit"))
+    if half is None or nominal is None:
+        return lower, upper
+    if lower is not None or upper is not None:
+        raise ConfigurationError("State half_band or limits, not both.")
+    return nominal - half, nominal + half

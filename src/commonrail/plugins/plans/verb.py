@@ -1,0 +1,79 @@
+"""commonrail plan: an injector, and a part on the bench, judged by a test plan."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+from commonrail.base.output import write_text
+from commonrail.base.units import parse, to_text
+from commonrail.cli.console import SIMULATING, print_result, print_text, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import (
+    CylinderPressure,
+    Json,
+    ReturnPressure,
+    Settings,
+    Threads,
+    check_file,
+    read_pressures,
+    refuse_return_pressure,
+    with_overrides,
+)
+
+
+@verb
+def plan(
+    model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
+    file: Annotated[
+        Path,
+        Argument(
+            metavar="PLAN.csv",
+            help="Tests with rail pressure, energising time, nominal quantity and band; with a column bench, what a "
+            "part delivered.",
+        ),
+    ],
+    *,
+    stroke_rate: Annotated[
+        str | None,
+        Option(help="Stroke rate where the plan states none, e.g. 1000/min; a return needs it. [default: none]"),
+    ] = None,
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
+    set_: Settings = (),
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the tolerance fields.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Judge a model, and a part on the bench, by a test plan.
+
+    Every test is simulated; a quantity is inside or outside its band, and its distance from the nominal one is
+    stated in half bands. The column bench of the plan, if it has one, is judged alike: the part passes or fails.
+
+    \b
+    Examples:
+      commonrail plan cri2-16 examples/test-plan/plan.csv --stroke-rate 1000/min
+      commonrail plan runs/first plan.csv --stroke-rate 1000/min --report plan.html
+    """
+    from commonrail.plugins.plans.page import plan_html, plan_lines, plan_tables
+    from commonrail.plugins.plans.run import run_plan
+    from commonrail.runs.model_name import read_model_name
+
+    check_file(report, "--report")
+    named = read_model_name(model)
+    injector = with_overrides(named.injector, set_)
+    refuse_return_pressure(injector)
+    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    rate = None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate")
+    step = parse(time_step, "s", "--time-step")
+    pressures = {"cylinder_pressure": cylinder, "return_pressure": back}
+    say(SIMULATING)
+    record = run_plan(injector, file, stroke_rate=rate, **pressures, time_step=step, threads=threads).record()
+    if report is not None:
+        again = ["commonrail", "plan", model, str(file), *(part for text in set_ for part in ("--set", text))]
+        again += [f"--stroke-rate={stroke_rate}"] if stroke_rate else []
+        again += [f"--{name.replace('_', '-')}={to_text(value, 'Pa')}" for name, value in pressures.items()]
+        write_text(report, plan_html(record, shlex.join([*again, f"--report={report}"])))
+    print_result(json, lambda: record, lambda: print_text(plan_lines(record), plan_tables(record)), [report])
