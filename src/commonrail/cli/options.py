@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from commonrail.cli.model_name import NamedModel
     from commonrail.engine.operating_point import Energising
     from commonrail.physics.injector import Injector
+    from commonrail.readers.columns import FileForm
     from commonrail.workers.workers import Workers
 
 # Places to write to: refused before the work rather than after it.
@@ -179,6 +180,7 @@ def _with_units(parts: list[str], option: str) -> list[str]:
 
 
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
+DecimalSign = Annotated[str, Option("--decimal", help='Decimal sign of a text, "." or ",".')]
 NoLive = Annotated[bool, Option("--no-live", help="Write the report without the chart that simulates in the browser.")]
 StudyFile = Annotated[Path, Argument(metavar="STUDY.toml", help="Study file.")]
 CylinderPressure = Annotated[
@@ -207,6 +209,15 @@ ClusterAddress = Annotated[
     str | None,
     Option("--cluster", metavar="ADDRESS", help='Address of a Dask scheduler, e.g. tls://host:8786, or "local".'),
 ]
+
+
+def read_form(decimal: str, encoding: str | None = None, sheet: str | None = None) -> FileForm:
+    """Form of a file from its options; `InputError` if a decimal sign or an encoding is none."""
+    from commonrail.readers.columns import FileForm, check_encoding
+
+    if decimal not in (".", ","):
+        raise InputError(f'--decimal {decimal}: the decimal sign of a text is "." or ",".')
+    return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal, sheet or "")
 
 
 def check_workers(count: int | None, address: str | None) -> None:

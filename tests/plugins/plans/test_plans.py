@@ -241,5 +241,8 @@ def test_the_verb_prints_json_and_writes_a_report(command: Command, tmp_path: Pa
     assert [row["measure"] for row in rows] == ["delivery", "return"]
     assert rows[1]["stroke_rate"] == pytest.approx(1000.0 / 60.0)
     assert "Synthetic, not measured" in report.read_text(encoding="utf-8")
-    said = command("plan", "virtual-lino-2016@regulated", file)
+    german = file.read_text(encoding="utf-8").replace(",", ";").replace("52", "52,0")
+    file.write_text(german, encoding="utf-8")
+    assert command("plan", "virtual-lino-2016@regulated", file).status == 2
+    said = command("plan", "virtual-lino-2016@regulated", file, "--decimal", ",")
     assert "what the guides leak until the next stroke" in said.out

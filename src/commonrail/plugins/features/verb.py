@@ -10,13 +10,12 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_table, print_text
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, check_file, read_energisings, read_pair
+from commonrail.cli.options import DecimalSign, Json, check_file, read_energisings, read_form, read_pair
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
     from commonrail.plugins.features.result import Features
     from commonrail.plugins.features.settings import FeatureSettings
-    from commonrail.readers.columns import FileForm
 
 
 @verb
@@ -57,7 +56,7 @@ def features(
         bool, Option("--separate", help="The rates are of different operating points, no repeated shots.")
     ] = False,
     encoding: Annotated[str | None, Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: utf-8]")] = None,
-    decimal: Annotated[str, Option(help='Decimal sign of a text, "." or ",".')] = ".",
+    decimal: DecimalSign = ".",
     sheet: Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
     model: Annotated[str, Option(help="Simulation of a run: best, start or rigid.")] = "best",
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="Table of all features.")] = None,
@@ -92,7 +91,7 @@ def features(
     between = None
     if window is not None:
         between = read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
-    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, _form(encoding, decimal, sheet))
+    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, read_form(decimal, encoding, sheet))
     found = {name: find(trace, settings=settings) for name, trace in read_rates(source, columns, pulses).items()}
     _print_file(found, repeated=not separate and are_repeated(list(found)), out=out, json=json)
 
@@ -103,14 +102,6 @@ def _energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energisin
     if duration is None and not pulses:
         return ()
     return OperatingPoint(100e6, read_energisings(duration, pulses)).pulses
-
-
-def _form(encoding: str | None, decimal: str, sheet: str | None) -> FileForm:
-    from commonrail.readers.columns import FileForm, check_encoding
-
-    if decimal not in (".", ","):
-        raise InputError(f'--decimal {decimal}: the decimal sign of a text is "." or ",".')
-    return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal, sheet or "")
 
 
 def _print_file(found: dict[str, Features], *, repeated: bool, out: Path | None, json: bool) -> None:

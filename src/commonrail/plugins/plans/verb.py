@@ -12,11 +12,13 @@ from commonrail.cli.console import SIMULATING, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     CylinderPressure,
+    DecimalSign,
     Json,
     ReturnPressure,
     Settings,
     Threads,
     check_file,
+    read_form,
     read_pressures,
     refuse_return_pressure,
     with_overrides,
@@ -41,6 +43,7 @@ def plan(
     ] = None,
     cylinder_pressure: CylinderPressure = None,
     return_pressure: ReturnPressure = None,
+    decimal: DecimalSign = ".",
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the tolerance fields.")] = None,
@@ -59,9 +62,11 @@ def plan(
     """
     from commonrail.plugins.plans.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.plans.run import run_plan
+    from commonrail.plugins.plans.study import load_plan
     from commonrail.runs.model_name import read_model_name
 
     check_file(report, "--report")
+    tests = load_plan(file, read_form(decimal))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
@@ -70,10 +75,11 @@ def plan(
     step = parse(time_step, "s", "--time-step")
     pressures = {"cylinder_pressure": cylinder, "return_pressure": back}
     say(SIMULATING)
-    record = run_plan(injector, file, stroke_rate=rate, **pressures, time_step=step, threads=threads).record()
+    record = run_plan(injector, tests, stroke_rate=rate, **pressures, time_step=step, threads=threads).record()
     if report is not None:
         again = ["commonrail", "plan", model, str(file), *(part for text in set_ for part in ("--set", text))]
         again += [f"--stroke-rate={stroke_rate}"] if stroke_rate else []
+        again += [f"--decimal={decimal}"] if decimal != "." else []
         again += [f"--{name.replace('_', '-')}={to_text(value, 'Pa')}" for name, value in pressures.items()]
         write_text(report, plan_html(record, shlex.join([*again, f"--report={report}"])))
     print_result(json, lambda: record, lambda: print_text(plan_lines(record), plan_tables(record)), [report])
