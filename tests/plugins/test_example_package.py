@@ -80,6 +80,7 @@ def test_a_study_is_calibrated_by_its_optimiser(study: Path, tmp_path: Path) -> 
     assert len(result["generations"]) == 4
     page = write_report(tmp_path / "run").read_text(encoding="utf-8")
     assert "random search, 3 generations of 6 members" in page
+    assert "The commonrail authors" in run_command("cite", tmp_path / "run", "--json").record["used"][-1]["source"]
     (found,) = list_runs(tmp_path / "run")
     assert found.generation == found.generations == 4
     run = stopped_run(tmp_path / "again", load_study(study), 2)

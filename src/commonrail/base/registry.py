@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module, resources
 from pathlib import Path
@@ -127,6 +127,16 @@ class Entry(NamedTuple):
                 return load(self.target)
             except SystemExit as error:  # a package that leaves by sys.exit takes no other one with it
                 raise ImportError(f"sys.exit({error})") from error
+
+    def citation(self) -> str:
+        """`__citation__` of the package's top-level module, by default its summary; empty if it cannot be read."""
+        from importlib import metadata  # slow to import
+
+        with suppress(Exception):  # a broken package is told of by its parts
+            return str(load(f"{self.target.partition(':')[0].partition('.')[0]}:__citation__"))
+        with suppress(metadata.PackageNotFoundError, KeyError):
+            return str(metadata.metadata(self.distribution)["Summary"] or "")
+        return ""
 
     def call(self, *args: Any) -> Any:
         """Load the function and call it; `PluginError` for what one of an installed plug-in raises."""

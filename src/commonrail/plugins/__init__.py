@@ -79,6 +79,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "report": "commonrail.cli.verbs.report:report",
         "export": "commonrail.plugins.export.verb:export",
         "page": "commonrail.plugins.page.verb:page",
+        "cite": "commonrail.plugins.cite.verb:cite",
         "catalogue": "commonrail.plugins.catalogue.verb:catalogue",
         "fuel": "commonrail.plugins.fuel.verb:fuel",
         "new": "commonrail.plugins.new.verb:new",

@@ -398,11 +398,14 @@ class Registered(NamedTuple):
         Its `size`, if it has one, is the template of `size_in_words`.
     checks : mapping of str to callable
         By the key to blame, what raises a ConfigurationError if settings do not suit a space.
+    citation : str
+        Works that the method is from, as "Storn & Price 1997"; `commonrail cite` names them.
     """
 
     begin: type[Any]
     settings: type[Any]
     checks: Mapping[str, Callable[[Any, Space], None]] = MappingProxyType({})
+    citation: str = ""
 
     @property
     def name(self) -> str:

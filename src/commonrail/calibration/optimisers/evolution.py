@@ -447,4 +447,9 @@ def _check_start(space: Space, start: ArrayLike | None, members: int) -> Floats:
     return points.astype(float)
 
 
-REGISTERED = Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial})
+REGISTERED = Registered(
+    DifferentialEvolution,
+    EvolutionSettings,
+    {"initial": check_initial},
+    citation="Storn & Price 1997; Lino et al. 2016, Eq. (17) to (20)",
+)

@@ -249,4 +249,4 @@ def capped(cap: float, residuals: Floats) -> Floats:
     return np.where(np.all(finite, axis=1), np.sum(size**2, axis=1), np.inf)
 
 
-REGISTERED = Registered(StagedLeastSquares, StagedSettings)
+REGISTERED = Registered(StagedLeastSquares, StagedSettings, citation="Marquardt 1963; Transtrum & Sethna 2012")

@@ -331,7 +331,7 @@ def installed_plugins() -> list[Plugin]:
         own = [entry for entry in parts if entry.distribution == name]
         texts = [f"{entry.group} {entry.name}" for entry in own]
         broken = [why for entry in own if (why := unused.get(entry) or _fault(entry))]
-        found.append(Plugin(name, own[0].version, _citation(own[0]), texts, broken))
+        found.append(Plugin(name, own[0].version, own[0].citation(), texts, broken))
     return found
 
 
@@ -342,14 +342,6 @@ def _fault(entry: registry.Entry) -> str:
         entry.load() if trial is None else trial(entry.name)
     except CommonrailError as error:
         return str(error)
-    return ""
-
-
-def _citation(entry: registry.Entry) -> str:
-    with suppress(Exception):  # a broken package is told of by its parts
-        return str(registry.load(f"{entry.target.partition(':')[0].partition('.')[0]}:__citation__"))
-    with suppress(metadata.PackageNotFoundError, KeyError):
-        return str(metadata.metadata(entry.distribution)["Summary"] or "")
     return ""
 
 

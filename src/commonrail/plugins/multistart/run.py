@@ -204,4 +204,4 @@ class MultiStartLeastSquares(Optimiser):
         self._take(ends, costs)
 
 
-REGISTERED = Registered(MultiStartLeastSquares, MultiStartSettings)
+REGISTERED = Registered(MultiStartLeastSquares, MultiStartSettings, citation="Marquardt 1963; Transtrum & Sethna 2012")

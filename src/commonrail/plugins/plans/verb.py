@@ -63,7 +63,7 @@ def plan(
     from commonrail.plugins.plans.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.plans.run import run_plan
     from commonrail.plugins.plans.study import load_plan
-    from commonrail.runs.model_name import read_model_name
+    from commonrail.cli.model_name import read_model_name
 
     check_file(report, "--report")
     tests = load_plan(file, read_form(decimal))

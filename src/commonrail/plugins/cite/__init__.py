@@ -1,0 +1,1 @@
+"""What a run or an injector used, and how to cite it."""

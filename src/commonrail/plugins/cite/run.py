@@ -1,0 +1,183 @@
+"""What a run or an injector used, with the source of each part, and the works to be cited for it as BibTeX."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.base import registry
+from commonrail.base.errors import InputError
+from commonrail.base.output import write_text
+from commonrail.base.text import counted
+from commonrail.calibration.optimisers.registry import named
+from commonrail.compiler.target import package_versions
+from commonrail.physics.injector import Injector, Source
+from commonrail.physics.meters import Meter
+from commonrail.readers.toml import UNSTATED, read_toml
+from commonrail.runs.folder import STUDY, read_result
+from commonrail.runs.model_name import read_model_name
+
+MARKS = {"M": "measured", "C": "ECU calibration", "F": "fitted or derived", "E": "estimate"}
+MODEL = "Lino et al. 2016"  # equations of the injector
+LIBRARIES = ("numpy", "scipy", "numba")
+SYNTHETIC = "; synthetic: "  # what of a source tells that its data are no measurements
+_ADDRESS = re.compile(r"(?:doi:|arXiv:|\S*\w\.(?:com|org|net|edu|io)/).*")  # from where a reader can look it up
+_ENTRY = re.compile(r"^@(\w+)\{([^,]+),\n(.*?)^\}", re.DOTALL | re.MULTILINE)
+_FIELD = re.compile(r"^ *(\w+) = \{(.*)\},?$", re.MULTILINE)
+
+
+class Use(NamedTuple):
+    """Part that was used: kind of part, name, and source in words."""
+
+    kind: str
+    name: str
+    source: str
+
+
+class Reference(NamedTuple):
+    """Work to be cited: key, kind of BibTeX entry, and its fields."""
+
+    key: str
+    kind: str
+    fields: Mapping[str, str]
+
+    def bibtex(self) -> str:
+        """BibTeX entry."""
+        lines = "".join(f"  {name} = {{{value}}},\n" for name, value in self.fields.items() if name != "shorthand")
+        return f"@{self.kind}{{{self.key},\n{lines}}}\n"
+
+    def sentence(self) -> str:
+        """Work in one line, without BibTeX's braces."""
+        f = self.fields
+        issue = " ".join(f[name] for name in ("journal", "booktitle", "volume", "version") if name in f)
+        where = [issue, f.get("pages", ""), f.get("year", "")]
+        ends = [f"doi:{f['doi']}" if "doi" in f else "", f"arXiv:{f['eprint']}" if "eprint" in f else ""]
+        parts = [f.get("author", "").replace(" and ", "; "), f["title"], ", ".join(filter(None, where)), *ends]
+        return re.sub(r"[{}\\]", "", ". ".join(filter(None, [*parts, f.get("note", "")]))).replace("--", "–")
+
+
+def read_bibtex(text: str) -> list[Reference]:
+    """Entries of a BibTeX text whose fields stand in braces on a line each."""
+    return [Reference(key, kind, dict(_FIELD.findall(body))) for kind, key, body in _ENTRY.findall(text)]
+
+
+def uses_of(model: str) -> list[Use]:
+    """Parts that a run folder of ``commonrail calibrate``, an injector's file or one of the catalogue uses.
+
+    `InputError` if it is none of them, or a record of the run is broken.
+    """
+    found = read_model_name(model)
+    injector, run = found.injector, found.folder
+    record = {} if run is None else read_result(run)
+    software = record.get("software") or package_versions()
+    summary = metadata.metadata("commonrail")["Summary"]
+    uses = [
+        Use("software", f"commonrail {software['commonrail']}", summary),
+        Use("model", injector.variant.label, MODEL),
+        Use("injector", injector.name, _source(injector.title, injector.synthetic)),
+        *_values(injector.sources, "injector value"),
+        Use("fuel", injector.fuel.name, f"{injector.fuel.title}, {MARKS[injector.fuel.mark]}: {injector.fuel.source}"),
+    ]
+    for meter in found.meters:
+        uses += _values(meter.sources, f"meter {meter.name}")
+    try:
+        uses += _of_record(record)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"{run}: result.json lacks what a calibration writes ({error!r}); calibrate again.") from error
+    uses += [Use("library", f"{name} {software[name]}", name) for name in LIBRARIES if software.get(name)]
+    study = {} if run is None or not (run / STUDY).is_file() else read_toml(run / STUDY)[0]
+    stated = {model, injector.name, record.get("injector", {}).get("name"), study.get("injector")}
+    return [*uses, *_packages(injector, found.meters, record, stated)]
+
+
+def _source(text: str, synthetic: str) -> str:
+    return f"{text}{SYNTHETIC}{synthetic}" if synthetic else text
+
+
+def _values(sources: Mapping[str, Source], kind: str) -> Iterator[Use]:
+    """One line for all values of one source."""
+    known = {name: source for name, source in sources.items() if source != UNSTATED}
+    for source in dict.fromkeys(known.values()):
+        names = [name for name, one in known.items() if one == source]
+        others = f" and {counted(len(names) - 1, 'other')}" if len(names) > 1 else ""
+        yield Use(kind, names[0] + others, f"{MARKS[source.mark]}: {source.text}")
+
+
+def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
+    """Data, priors, optimiser and posterior of a run's record."""
+    for data in record.get("data", ()):
+        yield Use(f"data ({data['role']})", data["name"], _source(data["source"], data["synthetic"]))
+    for parameter in record.get("parameters", ()):
+        if "prior" in parameter:
+            yield Use("prior", parameter["name"], parameter["prior"]["source"])
+    if method := record.get("optimiser", {}).get("method"):
+        entry = named(method)
+        yield Use("optimiser", method, entry.citation if entry else "of a package that is not installed")
+    if "posterior" in record.get("certainty", {}):
+        yield Use("posterior", "emcee", "Foreman-Mackey et al. 2013")
+
+
+def _packages(
+    injector: Injector, meters: Sequence[Meter], record: Mapping[str, Any], stated: Collection[object]
+) -> Iterator[Use]:
+    """Installed packages whose parts have the names that were used, each with its `__citation__`.
+
+    `stated`: names that the injector goes by.
+    """
+    used: dict[str, Collection[object]] = {
+        "injectors": stated,
+        "fuels": {injector.fuel.name},
+        "nozzle_laws": {injector.variant.nozzle_law},
+        "meters": {meter.name for meter in meters},
+        "optimisers": {record.get("optimiser", {}).get("method")},
+        "data": {data["kind"] for data in record.get("data", ())},
+    }
+    found: dict[str, registry.Entry] = {}
+    for group, names in used.items():
+        for name, entry in registry.installed(group).items():
+            if name in names:
+                found.setdefault(entry.distribution, entry)
+    for name, entry in found.items():
+        yield Use("package", f"{name} {entry.version}", entry.citation())
+
+
+def references_of(uses: Sequence[Use]) -> list[Reference]:
+    """Works to be cited: the tool, works that a source names, packages, and sources of data or with an address."""
+    text = (resources.files(__package__) / "references.bib").read_text(encoding="utf-8")
+    named_in = "\n".join(use.source for use in uses)
+    found = [_tool(uses[0])]
+    found += [one for one in read_bibtex(text) if re.search(rf"(?<!\w){re.escape(one.fields['shorthand'])}", named_in)]
+    notes: dict[str, Use] = {}
+    for use in uses:
+        if use.kind == "package" and use.source.lstrip().startswith("@"):
+            found += read_bibtex(use.source.strip() + "\n")
+        elif use.kind == "package" or (use.kind.startswith("data") and SYNTHETIC not in use.source):
+            notes.setdefault(use.source, use)
+        elif address := _ADDRESS.search(use.source):
+            notes.setdefault(address[0], use)
+    for note, use in notes.items():
+        key = re.sub(r"\W+", "-", f"{use.kind.split()[0]}-{use.name}").strip("-")
+        title = use.name if use.kind == "package" else f"{use.kind}: {use.name}"
+        found.append(Reference(key, "misc", {"title": _escaped(title), "note": _escaped(note)}))
+    return list({one.key: one for one in found}.values())
+
+
+def _tool(use: Use) -> Reference:
+    about = metadata.metadata("commonrail")
+    version = use.name.partition(" ")[2]
+    authors = "{" + str(about["Author"] or "The commonrail authors") + "}"
+    fields = {"author": authors, "title": f"commonrail: {use.source.rstrip('.')}", "version": version}
+    return Reference("commonrail", "software", fields | {"note": f"Licence {about['License-Expression']}"})
+
+
+def _escaped(text: str) -> str:
+    """Text of a BibTeX field, without what LaTeX would read as commands."""
+    return re.sub(r"([&%#_$])", r"\\\1", re.sub(r"[{}\\]", "", text))
+
+
+def write_bibtex(path: Path, references: Sequence[Reference]) -> None:
+    """Write a BibTeX file, whole or not at all; `OutputError` if it cannot be written."""
+    write_text(path, "\n".join(one.bibtex() for one in references))

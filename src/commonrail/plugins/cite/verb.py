@@ -1,0 +1,47 @@
+"""commonrail cite: what a run used, and how to cite it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from commonrail.cli.console import print_lines, print_result, print_rows
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json, check_file
+
+
+@verb
+def cite(
+    run: Annotated[
+        str,
+        Argument(metavar="RUN", help="Folder of commonrail calibrate, an injector file or a name of the catalogue."),
+    ],
+    *,
+    out: Annotated[Path | None, Option(metavar="FILE.bib", help="File for the works to be cited, as BibTeX.")] = None,
+    json: Json = False,
+) -> None:
+    """List what a run used, and how to cite it.
+
+    Software, model, injector and fuel with the sources of their values, meters, data, priors and optimiser. Installed
+    packages are cited as they ask for.
+
+    \b
+    Examples:
+      commonrail cite cri2-16
+      commonrail cite runs/first --out used.bib
+    """
+    from commonrail.plugins.cite.run import references_of, uses_of, write_bibtex
+
+    check_file(out, "--out")
+    uses = uses_of(run)
+    works = references_of(uses)
+    if out is not None:
+        write_bibtex(out, works)
+
+    def show() -> None:
+        print_rows(("used", "name", "source"), uses, run)
+        print_lines(["To be cited:", *(f"- {work.sentence()}" for work in works)])
+
+    cited = [{"key": work.key, "text": work.sentence(), "bibtex": work.bibtex()} for work in works]
+    record = {"kind": "citation", "run": run, "used": [use._asdict() for use in uses], "references": cited}
+    print_result(json, lambda: record, show, (out,))
