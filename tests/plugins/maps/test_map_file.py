@@ -160,7 +160,24 @@ def test_texts_in_cdfx_are_escaped(tmp_path: Path) -> None:
     assert tree.findtext(".//SW-INSTANCE-TREE/LONG-NAME") == "a < b & <!ENTITY x>"
 
 
-@pytest.mark.parametrize("ending", [".dcm", ".cdfx"])
+def test_a_table_of_tunerstudio_holds_axes_and_rows_in_its_order(tmp_path: Path) -> None:
+    own = table(note="two -- hyphens & <")
+    root = ElementTree.parse(written(tmp_path, ".table", [own])).getroot()
+    (space,) = {element.tag.partition("}")[0] for element in root.iter()}
+    assert space == "{http://www.EFIAnalytics.com/:table"
+    found = {element.tag.partition("}")[2]: element for element in root.iter()}
+    numbers = {
+        name: [float(word) for word in (found[name].text or "").split()] for name in ("xAxis", "yAxis", "zValues")
+    }
+    assert (numbers["xAxis"], numbers["yAxis"]) == (own.x.values.tolist(), own.y.values.tolist())
+    assert found["zValues"].attrib == {"cols": "7", "rows": "3"}
+    assert np.array_equal(np.reshape(numbers["zValues"], (3, 7)), own.values)
+    lines = (found["zValues"].text or "").strip().splitlines()
+    assert [len(line.split()) for line in lines] == [7, 7, 7]  # a row a line: readers split there
+    assert found["xAxis"].get("name") == "rail_pressure [hPa]"
+
+
+@pytest.mark.parametrize("ending", [".dcm", ".cdfx", ".table"])
 def test_a_format_without_gaps_refuses_a_cell_without_a_number(tmp_path: Path, ending: str) -> None:
     with pytest.raises(InputError, match=r"1 of 21 cells have none, the first at 100000 hPa, 0\.75 mm\^3/inj"):
         written(tmp_path, ending, [table(GAP)])

@@ -44,12 +44,16 @@ def check_map_file(path: Path) -> None:
 
 def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
     """One row for each cell, so that the file can serve as data of a study."""
-    if len(tables) != 1:
-        raise InputError(f"{path}: a CSV file holds one map, not {len(tables)}; write each into a file of its own.")
-    (table,) = tables
+    table = _only(path, tables, "CSV file")
     header = [f"{name} [{unit}]" for name, unit, _ in (table.x, table.y)] + [f"{table.name} [{table.unit}]", "state"]
     header += [f"{layer.name} [{layer.unit}]" for layer in table.layers]
     write_csv(path, (table.title, *table.notes), header, _cells(table))
+
+
+def _only(path: Path, tables: Sequence[MapTable], what: str) -> MapTable:
+    if len(tables) != 1:
+        raise InputError(f"{path}: a {what} holds one map, not {len(tables)}; write each into a file of its own.")
+    return tables[0]
 
 
 def _cells(table: MapTable) -> list[list[str]]:
@@ -154,6 +158,16 @@ def _write_cdfx(path: Path, tables: Sequence[MapTable]) -> None:
     write_text(path, render("cdfx.xml", __package__, tables=tables, notes="; ".join(notes), text=number_text) + "\n")
 
 
+def _write_table(path: Path, tables: Sequence[MapTable]) -> None:
+    """Table of TunerStudio, for open control units; InputError if a cell has no number."""
+    table = _only(path, tables, ".table file")
+    table.require_numbers("A .table file")
+    values = f"values: {table.name} [{table.unit}]"
+    notes = "; ".join((f"written by commonrail: {table.label}", table.title, values, *table.notes))
+    notes = notes.replace("-", "\u2010")  # two hyphens would end the comment
+    write_text(path, render("table.xml", __package__, table=table, notes=notes, text=number_text) + "\n")
+
+
 _WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
     ".csv": _write_csv,
     ".xlsx": _write_xlsx,
@@ -161,6 +175,7 @@ _WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
     ".json": _write_json,
     ".dcm": write_dcm,
     ".cdfx": _write_cdfx,
+    ".table": _write_table,
 }
 ENDINGS = tuple(_WRITERS)
 

@@ -82,7 +82,7 @@ def sweep(
     ] = "tiSecond",
     out: Annotated[
         tuple[Path, ...],
-        Option(metavar="FILE", help="File: .csv; of --hold and --change also .xlsx .mat .json .dcm .cdfx; repeatable."),
+        Option(metavar="FILE", help="File: .csv; of --hold and --change also those of commonrail map; repeatable."),
     ] = (),
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the curves.")] = None,
     threads: Threads = None,

@@ -106,7 +106,7 @@ def map_(
     ] = None,
     out: Annotated[
         tuple[Path, ...],
-        Option(metavar="FILE", help="File for the inverse map: .csv .xlsx .mat .json .dcm .cdfx; repeatable."),
+        Option(metavar="FILE", help="File for the inverse map: .csv .xlsx .mat .json .dcm .cdfx .table; repeatable."),
     ] = (),
     quantity_out: Annotated[
         tuple[Path, ...],
