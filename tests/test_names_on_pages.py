@@ -34,14 +34,14 @@ FOREIGN = """
     NPY_DISABLE_CPU_FEATURES OPENBLAS_CORETYPE COMMONRAIL_BUILD_KERNELS
     NORMAL -force-vector-width -wal -shm .venv .venv-lowest .venv/bin/commonrail .venv/bin/python
     .venv/bin/pytest
-    .xlsx .mf4 .mdf .lvm .mat .pq excel mdf mat
+    .xlsx .mf4 .mdf .lvm .mat .pq .foam .dat foam tableFile excel mdf mat
 """
 # Names that examples give to the user's own things, and placeholders.
 OWN = """
     my.toml my-truth.toml my-case my-folder my-injector runs/first runs/a runs/<study>-<n> worn study DIR RUN
     IDEAL LABEL INJECTOR VARIANT VERB START DURATION N NAME FILE copy.sqlite measurements.parquet data/evi.csv
     data/rail.csv p_rail seeds dead_times.csv points.csv part.toml member-2.toml member-3.toml
-    shots.mf4 run.rate units.rate us_
+    shots.mf4 run.rate units.rate us_ rate.foam rate_lower rate_upper
 """
 TOKEN = re.compile(
     r"""

@@ -52,6 +52,8 @@ SHIPPED: dict[str, dict[str, str]] = {
     "simulations": {
         "page": "commonrail.plugins.features.anatomy:anatomy_html",
         "figure": "commonrail.plugins.features.anatomy:anatomy_figure",
+        ".foam": "commonrail.plugins.cfd.file:write_foam",
+        ".dat": "commonrail.plugins.cfd.file:write_dat",
     },
     "after_fit": {
         "certainty": "commonrail.plugins.certainty.run:judge",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+from commonrail.base import registry
 from commonrail.base.choices import Actuation, Body, Engine, Precision
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.text import FieldUnit, field_unit, number, quantity
@@ -90,7 +91,11 @@ def simulate(
     ] = None,
     out: Annotated[
         Path | None,
-        Option(metavar="FILE.csv", help="Rate, lifts, pressures and current against time."),
+        Option(
+            metavar="FILE",
+            help="Rate, lifts, pressures and current against time, as CSV; as .foam (OpenFOAM) and .dat (two columns) "
+            "the mass flow of one hole for CFD, with a band if curves were fitted.",
+        ),
     ] = None,
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the same as plots.")] = None,
     json: Json = False,
@@ -133,7 +138,7 @@ def simulate(
         from commonrail.engine.solution import metered
 
         run = run._replace(shown=metered(solution, seen, chosen, point))
-    files = _write(run, out, report)
+    files = _write(run, out, report, None if set_ or variant else named.run)
     if json:
         print_json(record(run) | {"files": files})
     else:
@@ -164,14 +169,22 @@ def _meter_of(model: NamedModel, name: str) -> Meter:
     raise InputError(f"--meter {name}: {model.text} {there}; name a study or a calibrated.toml with --study.")
 
 
-def _write(run: Run, out: Path | None, report: Path | None) -> list[str]:
+def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None) -> list[str]:
+    """Write the files that are asked for; `fitted`: run folder of the injector, if it was simulated as calibrated."""
+    files: list[Path] = []
     if out is None and report is None:
         return []
     from commonrail.base.output import write_text, writing
 
     if out is not None:
-        with writing(out, "--out"):
-            write_rows(run, out)
+        suffix = out.suffix.lower()
+        writer = registry.find("simulations", suffix) if suffix not in ("", ".csv") else None
+        if writer is not None:
+            files += writer.call(out, run, fitted)
+        else:
+            with writing(out, "--out"):
+                write_rows(run, out)
+            files.append(out)
     if report is not None:
         from commonrail.report.simulation import simulation_figure
 
@@ -179,7 +192,8 @@ def _write(run: Run, out: Path | None, report: Path | None) -> list[str]:
             shown = {} if run.shown is None else {run.shown.meter.name: run.shown.rate}
             page = simulation_figure(run.solution, heading(run), shown, run.point, run.injector.synthetic)
             write_text(report, page)
-    return [str(path) for path in (out, report) if path is not None]
+        files.append(report)
+    return list(map(str, files))
 
 
 # Simulated injection as figures for the terminal, a JSON record and a CSV file.

@@ -24,6 +24,7 @@ from commonrail.calibration.influence import around
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
+from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
@@ -150,13 +151,40 @@ def predict(
         raise ConfigurationError("levels must be shares between 0 and 1, such as (0.5, 0.9).")
     sets: Sequence[DataSet] = [_asked(study, wanted)] if wanted else study.data
     threads = thread_count(threads)
-    point = np.array([best[name] for name in study.space.names])
-    likelihood = Likelihood.of(study, threads)
-    fit = _fit(study, estimate(likelihood, likelihood.space.to_unit(point)[None]), point[None], threads)._replace(
-        draws=draws
-    )
+    fit = _fit_at(study, best, threads)._replace(draws=draws)
     bands = [_band(data, fit, shares, not wanted) for data in sets]
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
+
+
+def predict_rate(
+    study: Study, best: Mapping[str, float], point: OperatingPoint, bounds: Floats, *, level: float = LEVEL
+) -> Band:
+    """Predict the rate of injection [m³/s] at an operating point as no meter changes it, with the band of a level.
+
+    `best` as for `predict`; `bounds` (n + 1,): of the samples [s]. Errors are those of `predict`; a study that fits no
+    injection curve is refused.
+    """
+    curves = [one for one in of_role(study.data, Role.FIT) if type(one) is RateData]
+    if not curves:
+        raise ConfigurationError(f"{study.title}: no injection curve is fitted, so nothing is known of its scatter.")
+    data = replace(
+        curves[0],
+        name=PREDICTED,
+        role=Role.VALIDATION,
+        point=point,
+        bounds=bounds,
+        rate=np.zeros(len(bounds) - 1),
+        mass_density=float("nan"),
+        meter=None,
+    )
+    return _band(data, _fit_at(study, best, thread_count(None)), (level,), measured=False)
+
+
+def _fit_at(study: Study, best: Mapping[str, float], threads: int | None) -> _Fit:
+    """Fit with its best values [SI]."""
+    point = np.array([best[name] for name in study.space.names])
+    likelihood = Likelihood.of(study, threads)
+    return _fit(study, estimate(likelihood, likelihood.space.to_unit(point)[None]), point[None], threads)
 
 
 def judge(fit: FinishedFit) -> None:

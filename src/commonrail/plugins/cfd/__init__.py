@@ -1,0 +1,1 @@
+"""Rate of injection as a boundary condition of flow simulations (CFD)."""
