@@ -7,7 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.shell_completion import ShellComplete
 
+from commonrail.cli.grammar import cli
 from commonrail.plugins import SHIPPED
 from tests.cli.conftest import Command
 
@@ -30,6 +32,17 @@ def test_every_verb_has_an_example_and_json(command: Command, verb: str) -> None
     assert done.status == 0
     assert f"commonrail {verb}" in done.out.split("Example")[1]
     assert "--json" in done.out
+
+
+def test_a_shell_completes_verbs_options_and_their_values() -> None:
+    complete = ShellComplete(cli, {}, "commonrail", "_COMMONRAIL_COMPLETE")
+
+    def found(*before: str, last: str) -> list[str]:
+        return [item.value for item in complete.get_completions(list(before), last)]
+
+    assert found(last="sim") == ["simulate"]
+    assert found("simulate", "cri2-16", last="--rail") == ["--rail-pressure"]
+    assert found("simulate", "cri2-16", "--engine", last="ref") == ["reference"]
 
 
 def test_the_version_is_printed(command: Command) -> None:
