@@ -118,7 +118,9 @@ def note(text: str) -> None:
 #
 # What is kept is safe at any instant, so that nothing is lost but the generation at hand.
 
-STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+# SIGBREAK is Windows' Ctrl-Break, which reaches processes that Ctrl-C does not.
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+STOP_SIGNALS = tuple(getattr(signal, name) for name in _NAMES if hasattr(signal, name))
 
 
 class StopRequest:
@@ -155,7 +157,7 @@ def end_at_second(tell: Callable[[str], None]) -> None:
 
 @contextmanager
 def held_interrupts() -> Iterator[StopRequest]:
-    """While inside, SIGINT, SIGTERM and SIGHUP only request a stop: what is being computed or written is finished.
+    """While inside, `STOP_SIGNALS` only request a stop: what is being computed or written is finished.
 
     One that was ignored at the start, as by ``nohup``, stays ignored. A second Ctrl-C raises `KeyboardInterrupt` at
     once, or ends the process if `end_at_second` was called.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
 import signal
 import sys
@@ -17,6 +18,7 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, end_process)
     open_standard_streams()
+    show_what_can_be_shown()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # it would search all installed packages for them
     leave_out_warnings()
     gc.set_threshold(50_000)  # a start makes 60,000 objects that stay: searches for garbage among them take 25 ms
@@ -37,6 +39,12 @@ def leave_out_warnings() -> None:
     """Keep NumPy's warnings, of an overflow or a mean of nothing, off the terminal; `python -W` and its like count."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
+
+
+def show_what_can_be_shown() -> None:
+    """Let stdout write "?" for what its encoding lacks, as Windows' cp1252 in a pipe lacks ξ and −."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 def open_standard_streams() -> None:

@@ -216,7 +216,14 @@ def run(command: Sequence[str], folder: Path) -> None:
         note(f"zig builds the C library of {built.name} for its first use: up to some minutes, once ...")
     try:
         done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=_LONGEST, check=False
+            command,
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",  # paths in a compiler's sentences may be in any encoding
+            timeout=_LONGEST,
+            check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ConfigurationError(f"The C compiler {command[0]} could not be run: {error}.") from None
