@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -49,3 +50,12 @@ def test_the_fault_of_a_law_is_told() -> None:
 def test_a_ctrl_c_in_a_terminal_does_not_reach_the_child() -> None:
     """A search that is asked to stop goes on to its report, for which it may have to compile."""
     assert os.getpgid(lower._child("f64").process.pid) != os.getpgid(0)
+
+
+def test_on_windows_the_child_has_a_group_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a new session means nothing."""
+    started: dict[str, object] = {}
+    monkeypatch.setattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0x200, raising=False)
+    monkeypatch.setattr(subprocess, "Popen", lambda command, **settings: started.update(settings))
+    lower._Child("f64")
+    assert started["creationflags"] == 0x200

@@ -88,6 +88,7 @@ class _Child:
             stdout=subprocess.PIPE,
             stderr=self._errors,
             start_new_session=True,  # a Ctrl-C is for this process, which may have to finish what it does
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same on Windows, 0 elsewhere
             env=os.environ | _NUMBA | {"PYTHONPATH": path},
         )
 
