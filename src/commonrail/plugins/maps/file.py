@@ -164,7 +164,7 @@ def _write_table(path: Path, tables: Sequence[MapTable]) -> None:
     table.require_numbers("A .table file")
     values = f"values: {table.name} [{table.unit}]"
     notes = "; ".join((f"written by commonrail: {table.label}", table.title, values, *table.notes))
-    notes = notes.replace("-", "\u2010")  # two hyphens would end the comment
+    notes = notes.replace("--", "\u2010\u2010")  # two hyphens would end the comment
     write_text(path, render("table.xml", __package__, table=table, notes=notes, text=number_text) + "\n")
 
 
