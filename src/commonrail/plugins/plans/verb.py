@@ -60,10 +60,10 @@ def plan(
       commonrail plan cri2-16 examples/test-plan/plan.csv --stroke-rate 1000/min
       commonrail plan runs/first plan.csv --stroke-rate 1000/min --report plan.html
     """
+    from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.plans.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.plans.run import run_plan
     from commonrail.plugins.plans.study import load_plan
-    from commonrail.cli.model_name import read_model_name
 
     check_file(report, "--report")
     tests = load_plan(file, read_form(decimal))
