@@ -81,15 +81,12 @@ def test_names_in_a_file_do_not_steer_the_terminal(command: Command, tmp_path: P
     assert "?]0;x??rate" in command("inspect", tmp_path / "a.csv").out
 
 
-@pytest.mark.parametrize(("cell", "ambiguous"), [("1.200", True), ("0.200", False), ("1.2", False)])
-def test_a_point_that_may_separate_thousands_is_named(
-    command: Command, tmp_path: Path, cell: str, ambiguous: bool
-) -> None:
-    """In a text separated by semicolons, as German tables are."""
+def test_the_decimal_sign_of_a_text_that_does_not_tell_it_is_asked(command: Command, tmp_path: Path) -> None:
     file = tmp_path / "map.csv"
-    rows = (f"{pressure};{time};{cell}" for pressure in (40, 80) for time in (300, 500, 700))
-    file.write_text("\n".join(("p [MPa];ET [us];Q [mm3]", *rows)), encoding="utf-8")
-    assert ("write 1200, not 1.200" in command("inspect", file).out) == ambiguous
+    file.write_text("p [MPa];ET [us];Q [mm3]\n40;300;1.200\n80;300;1.400\n", encoding="utf-8")
+    assert command("inspect", file).status == 2
+    assert "1.2 to 1.4 mm3" in command("inspect", file, "--decimal", ".").out
+    assert "--decimal x: the decimal sign" in command("inspect", file, "--decimal", "x").err
 
 
 @pytest.mark.parametrize("name", ["punycode", "idna", "unicode_escape", "undefined", "rot13"])

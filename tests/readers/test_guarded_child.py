@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,7 @@ from commonrail.plugins.formats import lvm
 from commonrail.plugins.formats.lvm import LvmFile
 from commonrail.plugins.formats.mat import MatFile
 from commonrail.plugins.formats.mdf import MdfFile
-from commonrail.readers import grid, guarded, xlsx_child
+from commonrail.readers import guarded, xlsx_child
 from commonrail.readers.columns import Column
 from commonrail.readers.grid import read_grid
 from commonrail.readers.guarded import read_apart
@@ -153,21 +152,6 @@ def test_a_rectangle_that_short_rows_would_fill_is_refused(tmp_path: Path) -> No
     path = written(tmp_path / "a.csv", bombs.thousands(900, 25_000))
     with pytest.raises(InputError, match="more than 20000000 if all rows were as long as the longest"):
         read_grid(path)
-
-
-def test_points_of_thousands_are_sought_cell_by_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One long row above short ones: what is compared grows with the cells, not with rows times columns."""
-
-    class Counting:
-        seen = 0
-
-        def fullmatch(self, cell: str) -> re.Match[str] | None:
-            Counting.seen += 1
-            return re.fullmatch(r"[1-9]\d\d", cell)
-
-    monkeypatch.setattr(grid, "_HUNDREDS", Counting())
-    read_grid(written(tmp_path / "a.csv", bombs.thousands(500, 500)))
-    assert Counting.seen <= 2 * (500 + 2 * 500)
 
 
 def test_too_many_channels_of_a_text_are_refused(tmp_path: Path) -> None:

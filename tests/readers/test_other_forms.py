@@ -57,6 +57,44 @@ def test_a_point_among_decimal_commas_is_refused(tmp_path: Path) -> None:
         read_columns(path, WANTED, form=FileForm(decimal=","))
 
 
+MAP_COLUMNS = [Column("p", "Pa"), Column("t", "s"), Column("q", "m3")]
+MAP_HEAD = "p [bar];t [us];q [mm3]\n"
+
+
+def test_a_point_that_may_separate_thousands_is_refused_until_the_sign_is_stated(tmp_path: Path) -> None:
+    """A German bench writes 1.200 for twelve hundred, which would be read as 1.2."""
+    path = tmp_path / "a.csv"
+    path.write_text(MAP_HEAD + "1.200;350;35\n1.400;350;41\n", encoding="utf-8")
+    for read in (lambda: read_columns(path, MAP_COLUMNS, 1), lambda: read_grid(path)):
+        with pytest.raises(InputError, match=r'line 2: "1\.200" may be 1200'):
+            read()
+    point = FileForm(decimal=".")
+    assert read_columns(path, MAP_COLUMNS, 1, form=point).columns["p"] == pytest.approx([1.2e5, 1.4e5])
+    assert read_grid(path, point).rows[1][0] == 1.2
+
+
+@pytest.mark.parametrize("rows", ["120.000;350.000;35.125\n", "120.500;350;35.125\n9.000;350;0.125\n", "1.20;350;35\n"])
+def test_decimals_that_are_surely_decimals_are_read(tmp_path: Path, rows: str) -> None:
+    """All numbers have three, one is below 1, or they are not three."""
+    path = tmp_path / "a.csv"
+    path.write_text(MAP_HEAD + rows, encoding="utf-8")
+    first = [float(cell) for cell in rows.splitlines()[0].split(";")]
+    assert read_columns(path, MAP_COLUMNS, 1).columns["q"][0] == pytest.approx(1e-9 * first[2])
+    assert list(read_grid(path).rows[1]) == first
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
+def test_spaces_that_do_not_break_are_spaces(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes("p [bar],t\u00a0[us],q [mm3]\n\u00a01200,350\u00a0,35.5\n".encode(encoding))
+    form = FileForm(encoding)
+    found = read_columns(path, MAP_COLUMNS, 1, form=form).columns
+    assert (found["p"][0], found["t"][0], found["q"][0]) == pytest.approx((1.2e8, 350e-6, 35.5e-9))
+    path.write_bytes("p [bar],t [us],q [mm3]\n1\u00a0200,350,35.5\n".encode(encoding))
+    with pytest.raises(InputError, match='line 2, column "p": "1 200" has a space'):
+        read_columns(path, MAP_COLUMNS, 1, form=form)
+
+
 @pytest.mark.parametrize("units", ["header", "row below"])
 def test_a_sheet_has_its_header_below_other_texts(tmp_path: Path, units: str) -> None:
     openpyxl = pytest.importorskip("openpyxl", reason="the extra excel is not installed")
@@ -179,7 +217,7 @@ def test_numbers_that_a_workbook_has_as_texts_with_commas_are_read_and_names_sta
     np.testing.assert_allclose(table.columns["rate"], [0.17e-3, 12e-3, 3e-3, -1.5e-3])
     book.active.append(["0016", "1.5"])
     book.save(tmp_path / "a.xlsx")
-    with pytest.raises(InputError, match="some numbers have a decimal point and some a comma"):
+    with pytest.raises(InputError, match=r'some numbers have a decimal comma, and "1\.5" has a point'):
         read_columns(tmp_path / "a.xlsx", [Column("part"), Column("rate", "kg/s")])
 
 

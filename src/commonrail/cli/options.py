@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from commonrail.readers.columns import FileForm
     from commonrail.workers.workers import Workers
 
+
 # Places to write to: refused before the work rather than after it.
 
 
@@ -180,7 +181,9 @@ def _with_units(parts: list[str], option: str) -> list[str]:
 
 
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
-DecimalSign = Annotated[str, Option("--decimal", help='Decimal sign of a text, "." or ",".')]
+SheetName = Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")]
+Encoding = Annotated[str | None, Option(help="Encoding of a text that is no UTF-8, e.g. cp1252 or utf-16.")]
+DecimalSign = Annotated[str | None, Option(help='Decimal sign of a text that does not tell it, "." or ",".')]
 NoLive = Annotated[bool, Option("--no-live", help="Write the report without the chart that simulates in the browser.")]
 StudyFile = Annotated[Path, Argument(metavar="STUDY.toml", help="Study file.")]
 CylinderPressure = Annotated[
@@ -211,13 +214,13 @@ ClusterAddress = Annotated[
 ]
 
 
-def read_form(decimal: str, encoding: str | None = None, sheet: str | None = None) -> FileForm:
-    """Form of a file from its options; `InputError` if a decimal sign or an encoding is none."""
+def read_form(encoding: str | None, decimal: str | None, sheet: str | None) -> FileForm:
+    """Form of a data file as options state it; InputError if there is no such encoding or decimal sign."""
     from commonrail.readers.columns import FileForm, check_encoding
 
-    if decimal not in (".", ","):
+    if decimal not in (None, ".", ","):
         raise InputError(f'--decimal {decimal}: the decimal sign of a text is "." or ",".')
-    return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal, sheet or "")
+    return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal or "", sheet or "")
 
 
 def check_workers(count: int | None, address: str | None) -> None:

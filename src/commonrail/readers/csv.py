@@ -23,7 +23,17 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 from commonrail.base.output import restored, restored_note
 from commonrail.base.units import fits
-from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.columns import (
+    LARGEST,
+    PLAIN,
+    Column,
+    FileForm,
+    Table,
+    Thousands,
+    cell_place,
+    find_column,
+    name_and_unit,
+)
 from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
@@ -55,7 +65,9 @@ class CsvFile:
         first = next(lines, None)
         if first is None:
             raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
-        rows = _cells(path, chain((first,), lines), "," if plain else _delimiter(first[1]), plain)
+        separator = "," if plain else _delimiter(first[1])
+        self._thousands = Thousands(separator, form.decimal)
+        rows = _cells(path, chain((first,), lines), separator, plain)
         if plain:
             rows = ((line, [restored(cell) for cell in row]) for line, row in rows)
         _, header = next(rows)
@@ -82,9 +94,12 @@ class CsvFile:
         wanted = list(zip(columns, places, cells, strict=True))
         for line, row in body:
             lines.append(line)
+            if self._thousands.open:
+                self._thousands.look(row, line)
             for column, i, content in wanted:
                 # a text is one of the same few names in every row
                 content.append(self._number(row[i], column, line) if column.unit else sys.intern(row[i]))
+        self._thousands.check(self.path)
         found = {column.name: content for column, content in zip(columns, cells, strict=True)}
         return Table(
             self.path,
@@ -112,6 +127,8 @@ class CsvFile:
             raise at.error(f'"{text}" is larger than any measured value')
         if not text:
             raise at.error("the cell is empty, and a number is expected")
+        if re.fullmatch(r"[+-]?\d{1,3}( \d{3})+\S*", text):
+            raise at.error(f'"{text}" has a space; write thousands without one')
         if re.fullmatch(r"[+-]?\d+,\d+", text):
             sign = 'write the decimal sign as a point, or state decimal = ","'
             raise at.error(f'"{text}" has a decimal comma; {sign}')

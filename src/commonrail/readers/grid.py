@@ -20,9 +20,18 @@ import numpy as np
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import fits
-from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.columns import (
+    PLAIN,
+    Column,
+    FileForm,
+    Table,
+    Thousands,
+    cell_place,
+    find_column,
+    name_and_unit,
+)
 from commonrail.readers.guarded import read_apart
-from commonrail.readers.location import LONGEST_LINE, Shape
+from commonrail.readers.location import LONGEST_LINE, Shape, plain_spaces
 
 LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept
@@ -32,8 +41,6 @@ _COMMENT = re.compile(r"^[^\S\n]*#([^\n]*)", re.M)
 _LINE = re.compile(r"^[^\S\n]*[^\s#][^\n]*", re.M)  # that holds something, and is no comment
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
-_HUNDREDS = re.compile(r"[1-9]\d\d")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 
 
 @dataclass(frozen=True)
@@ -50,19 +57,19 @@ class Grid:
     ] = ()  # the rows with all texts, where some of them were taken for numbers
 
 
-def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None) -> Grid:
+def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
     """Cells of a text table or of a sheet of a workbook (.xlsx).
 
-    The encoding of a text, "utf-8", "utf-16", "cp1252" …, is detected by default; of a workbook the first sheet
-    that is not empty is taken. Raises `InputError` if the file cannot be read, is too large or holds nothing.
+    Encoding and decimal sign of a text are detected unless `form` states them; of a workbook the first sheet that is
+    not empty is taken by default. Raises `InputError` if the file cannot be read, is too large or holds nothing.
     """
     if path.suffix.lower() == ".xlsx":
-        return read_sheet(path, sheet)
-    text, found = _decoded(path, read_plain(path), encoding)
-    return _parsed(path, text.replace("\r\n", "\n").replace("\r", "\n"), found)
+        return read_sheet(path, form)
+    text, found = _decoded(path, read_plain(path), form.encoding)
+    return _parsed(path, plain_spaces(text).replace("\r\n", "\n").replace("\r", "\n"), found, form.decimal)
 
 
-def read_sheet(path: Path, sheet: str | None = None) -> Grid:
+def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:
     """Cells of a sheet of a workbook (.xlsx), read by openpyxl in a child process.
 
     By default the first that is not empty. Raises `InputError` if it is no workbook, too large, has no such sheet
@@ -70,10 +77,11 @@ def read_sheet(path: Path, sheet: str | None = None) -> Grid:
     """
     if find_spec("openpyxl") is None:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
-    about = read_apart("commonrail.readers.xlsx_child", path, read_plain(path), sheet=sheet).about
+    about = read_apart("commonrail.readers.xlsx_child", path, read_plain(path), sheet=form.sheet or None).about
     rows, lines, said = tuple(map(tuple, about["rows"])), tuple(about["lines"]), f'sheet "{about["sheet"]}"'
     flat = [cell for row in rows for cell in row if isinstance(cell, str)]
-    comma = _has_commas(path, flat)
+    comma = _has_commas(path, flat, form.decimal)
+    _check_thousands(path, (";", form.decimal), rows, lines)
     if not comma and not any("." in cell and _POINT.fullmatch(cell) for cell in flat):
         return Grid(path, rows, lines, (said,))
     number = _with_comma if comma else _with_point
@@ -90,10 +98,10 @@ def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
     return [cell if isinstance(cell, float) else math.nan for cell in cells]
 
 
-def _decoded(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
+def _decoded(path: Path, data: bytes, encoding: str) -> tuple[str, str]:
     mark = next((name for start, name in _MARKS.items() if data.startswith(start)), None)
     zeros = (data[1:200:2].count(0), data[0:200:2].count(0))
-    if encoding is None and mark is None and max(zeros) > 20:
+    if not encoding and mark is None and max(zeros) > 20:
         mark = "utf-16-le" if zeros[0] > zeros[1] else "utf-16-be"
     for name in [encoding] if encoding else [mark] if mark else ["utf-8", "cp1252"]:
         try:
@@ -113,7 +121,7 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
         yield number, found[0]
 
 
-def _parsed(path: Path, text: str, encoding: str) -> Grid:
+def _parsed(path: Path, text: str, encoding: str, decimal: str) -> Grid:
     comments = tuple(found[1].strip() for found in islice(_COMMENT.finditer(text), MOST_COMMENTS))
     separator = _separator(path, _lines(text))
     cells: list[list[str]] = []
@@ -125,23 +133,34 @@ def _parsed(path: Path, text: str, encoding: str) -> Grid:
         cells.append(row)
         lines.append(n)
     flat = [cell for row in cells for cell in row if cell]
-    comma = separator != "," and _has_commas(path, flat)
+    comma = separator != "," and _has_commas(path, flat, decimal)
     number = _with_comma if comma else _with_point
     names = {";": "semicolons", "\t": "tabs", ",": "commas"}
     sign = "decimal comma" if comma else "decimal point"
-    if not comma and separator == ";" and _like_thousands(flat):
-        _refuse_thousands(path, cells, lines)
-        sign += " (three digits follow each, as in thousands: write 1200, not 1.200, if that is meant)"
+    _check_thousands(path, (separator, decimal), cells, lines)
     said = (f"encoding {encoding}", f"separated by {names[separator]}", sign)
     return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(lines), said, comments)
 
 
-def _has_commas(path: Path, cells: Sequence[str]) -> bool:
-    """Return whether numbers among texts have a decimal comma; refuse texts of which some have a point."""
-    comma = any(_COMMA.fullmatch(cell) for cell in cells)
-    if comma and any("." in cell and _POINT.fullmatch(cell) for cell in cells):
-        raise InputError(f"{path}: some numbers have a decimal point and some a comma; write all of them alike.")
+def _has_commas(path: Path, cells: Sequence[str], decimal: str) -> bool:
+    """Return whether the decimal sign is a comma, if nobody states it that of any number; refuse points beside it."""
+    comma = decimal == "," or (not decimal and any(_COMMA.fullmatch(cell) for cell in cells))
+    if comma and (pointed := next((cell for cell in cells if "." in cell and _POINT.fullmatch(cell)), "")):
+        raise InputError(
+            f'{path}: some numbers have a decimal comma, and "{pointed}" has a point; write all of them alike, and '
+            "thousands without a sign."
+        )
     return comma
+
+
+def _check_thousands(
+    path: Path, form: tuple[str, str], rows: Sequence[Sequence[str | float]], lines: Sequence[int]
+) -> None:
+    thousands = Thousands(*form)
+    for row, n in zip(rows, lines, strict=True):
+        if thousands.open:
+            thousands.look((cell for cell in row if isinstance(cell, str)), n)
+    thousands.check(path)
 
 
 def _separator(path: Path, lines: Iterator[tuple[int, str]]) -> str:
@@ -159,36 +178,6 @@ def _separator(path: Path, lines: Iterator[tuple[int, str]]) -> str:
     if not total:
         raise InputError(f"{path}: the file has no rows of text.")
     return ";" if semicolons * 2 > total else "\t" if tabs * 2 > total else ","
-
-
-def _like_thousands(cells: list[str]) -> bool:
-    """Return whether every point in numbers could separate thousands, so that none is certainly a decimal point."""
-    pointed = [cell for cell in cells if "." in cell and _POINT.fullmatch(cell)]
-    return bool(pointed) and all(_THOUSANDS.fullmatch(cell) for cell in pointed)
-
-
-def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
-    """Refuse a number as 1.200 in a column or an axis with one as 800: the point then separates thousands.
-
-    Numbers written with three decimals would have them in all cells, and others no zero at the end. A row is the axis
-    of a matrix if its first cell, the corner, is no number; cells of other rows are of different quantities.
-    """
-    thousands: dict[str, tuple[int, str]] = {}  # the first of each row that is an axis, and of each column
-    whole: dict[str, str] = {}
-    for line, row in zip(lines, cells, strict=True):
-        is_axis = not _POINT.fullmatch(row[0])
-        for i, cell in enumerate(row):
-            for group in (f"row {line}", f"column {i}") if is_axis else (f"column {i}",):
-                if _HUNDREDS.fullmatch(cell):
-                    whole.setdefault(group, cell)
-                elif cell.endswith("0") and _THOUSANDS.fullmatch(cell):
-                    thousands.setdefault(group, (line, cell))
-    for group, (line, cell) in thousands.items():
-        if other := whole.get(group):
-            raise InputError(
-                f'{path}, line {line}: "{cell}" stands beside "{other}", so that its point seems to separate '
-                f"thousands; write {cell.replace('.', '')}, or {float(other):.3f} if decimals are meant."
-            )
 
 
 def _with_point(cell: str) -> str | float:
@@ -268,7 +257,7 @@ class WorkbookSheet(GridSheet):
     """Columns of a sheet of a workbook (.xlsx); of the form only the sheet counts."""
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
-        super().__init__(read_sheet(path, form.sheet or None))
+        super().__init__(read_sheet(path, form))
 
 
 def _header(grid: Grid) -> tuple[int, int]:

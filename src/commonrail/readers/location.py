@@ -191,7 +191,12 @@ def read_lines(path: Path, largest: int, encoding: str = "") -> Iterator[str]:
                 f"{path}, line {number}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
                 "read; keep only the columns that are needed."
             )
-        yield _decoded(path, line, number)
+        yield plain_spaces(_decoded(path, line, number))
+
+
+def plain_spaces(text: str) -> str:
+    """Text whose no-break spaces, which spreadsheets and word processors write, are spaces."""
+    return text.replace("\u00a0", " ").replace("\u202f", " ")
 
 
 def read_bytes(path: Path, largest: int) -> bytes:

@@ -201,7 +201,7 @@ class Survey:
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
     """Find out the content of a data file.
 
-    `form`: encoding and sheet, where they are stated; the decimal sign is detected. `given`: units of a map that its
+    `form`: encoding, decimal sign and sheet, where they are stated. `given`: units of a map that its
     file does not give. Raises `InputError` if the file cannot be read.
     """
     if not is_grid(path):
@@ -211,7 +211,7 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
             return found
         keys = {"encoding": form.encoding} if found.block else {}
         return replace(found, said=f"encoding {form.encoding}", block=found.block | keys)
-    grid = read_grid(path, form.encoding or None, form.sheet or None)
+    grid = read_grid(path, form)
     reasons = []
     for way in (_map, _traces, _columns):
         try:
@@ -302,7 +302,7 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
 
 
 def _form_keys(form: FileForm) -> dict[str, Any]:
-    stated: Mapping[str, str] = {"encoding": form.encoding, "sheet": form.sheet}
+    stated: Mapping[str, str] = {"encoding": form.encoding, "decimal": form.decimal, "sheet": form.sheet}
     return {key: value for key, value in stated.items() if value}
 
 

@@ -149,8 +149,11 @@ def _matrix(grid: Grid, start: int, given: GivenUnits) -> FoundMap:
     body = [(line, numbers_of(row)) for line, row in zip(grid.lines[start + 1 :], grid.rows[start + 1 :], strict=True)]
     for line, numbers in body:
         if numbers is None or len(numbers) > len(across or []) + 1 or not np.isfinite(numbers[0]):
+            row = grid.rows[grid.lines.index(line)]
+            text = next((f', and "{cell[:40]}" is none' for cell in row if isinstance(cell, str) and cell), "")
             raise InputError(
-                f"{grid.path}, line {line}: a row of a map is expected, its place on the axis first and then numbers."
+                f"{grid.path}, line {line}: a row of a map is expected, its place on the axis first and then "
+                f"numbers{text}."
             )
     width = len(across or [])
     cells = np.array([(numbers or [])[1:] + [np.nan] * (width + 1 - len(numbers or [])) for _, numbers in body])

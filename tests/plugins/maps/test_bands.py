@@ -137,7 +137,7 @@ def test_files_and_page_of_a_map_hold_the_bands(run: Path, tmp_path: Path) -> No
 def test_a_quantity_map_with_bands_is_read_back_as_data(run: Path, tmp_path: Path) -> None:
     file = tmp_path / "q.csv"
     assert run_command("map", run, *SMALL, "--quantity-out", file).status == 0
-    read = find_map(read_grid(file, None, None))
+    read = find_map(read_grid(file))
     assert read.units == {"rail pressure": "MPa", "energising time": "us", "quantity": "mm3"}
     assert len(read.quantity) == 4
 

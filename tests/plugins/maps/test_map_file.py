@@ -108,6 +108,18 @@ def test_a_map_whose_lines_are_not_found_is_not_said_to_be_written(tmp_path: Pat
     assert not out.exists()
 
 
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
+def test_a_space_that_does_not_break_separates_words_of_a_dcm(tmp_path: Path, encoding: str) -> None:
+    path, wanted = written(tmp_path, ".dcm", [table()]), table()
+    text = path.read_text(encoding="ascii").replace("WERT   ", "WERT\u00a0\u00a0").replace("ST/X   ", "ST/X\u00a0")
+    path.write_bytes(text.encode(encoding))
+    np.testing.assert_array_equal(read_dcm(path)[0].values, wanted.values)
+    out = tmp_path / "out.dcm"
+    write_into_dcm(out, path, wanted.label, replace(wanted, values=2.0 * wanted.values, decimals=3))
+    assert "WERT\u00a0\u00a0" in out.read_bytes().decode(encoding)
+    np.testing.assert_allclose(read_dcm(out)[0].values, 2.0 * wanted.values, atol=5e-4)
+
+
 def test_a_file_of_very_many_maps_is_refused_where_they_are_too_many(tmp_path: Path) -> None:
     """One of 8 MB took half a minute."""
     maps = [f"KENNFELD m{i} 1 1\nST/X 1\nST/Y 1\nWERT 1\nEND\n" for i in range(MOST_MAPS + 1)]

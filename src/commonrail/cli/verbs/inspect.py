@@ -9,7 +9,7 @@ from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, check_file
+from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, check_file, read_form
 
 if TYPE_CHECKING:
     from commonrail.readers.quantity_matrix import FoundMap
@@ -19,10 +19,9 @@ if TYPE_CHECKING:
 def inspect(
     file: Annotated[Path, Argument(metavar="FILE", help="CSV, Excel, MDF, LabVIEW (.lvm), MAT, Parquet or DCM file.")],
     *,
-    sheet: Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
-    encoding: Annotated[
-        str | None, Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: detected]")
-    ] = None,
+    sheet: SheetName = None,
+    encoding: Encoding = None,
+    decimal: DecimalSign = None,
     pressure_unit: Annotated[str, Option(help="Unit of the rail pressures, if the file has none.")] = "",
     time_unit: Annotated[str, Option(help="Unit of the energising times, if the file has none.")] = "",
     quantity_unit: Annotated[str, Option(help="Unit of the quantities, if the file has none.")] = "",
@@ -42,7 +41,6 @@ def inspect(
       commonrail inspect bench.xlsx --out data/quantity.csv
       commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
     """
-    from commonrail.readers.columns import FileForm, check_encoding
     from commonrail.readers.overview import survey
     from commonrail.readers.quantity_matrix import GivenUnits
 
@@ -51,7 +49,7 @@ def inspect(
         _show({"file": str(file), **part.call(file)}, json)
         return
     given = GivenUnits(pressure_unit, time_unit, quantity_unit)
-    found = survey(file, FileForm(check_encoding(encoding, "--encoding") if encoding else "", sheet=sheet or ""), given)
+    found = survey(file, read_form(encoding, decimal, sheet), given)
     if found.found is None and (out is not None or any(given.by_kind().values())):
         reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
         raise InputError(f"{file}: {reason}")

@@ -454,7 +454,7 @@ def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
     """
     at = context.at
     path = context.path(model.file, at)
-    grid = read_grid(path, model.form.encoding or None, model.form.sheet or None)
+    grid = read_grid(path, model.form)
     stated = {
         "rail pressure": model.rail_pressure_unit or "",
         "energising time": model.energising_time_unit or "",

@@ -40,10 +40,7 @@ def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *,
     `matrix` only a matrix is taken. Raises `InputError` if the file cannot be read, no map is found in it, or a
     number makes no sense.
     """
-    if is_grid(path):
-        found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)
-    else:
-        found = map_in(open_sheet(path, form), given)
+    found = find_map(read_grid(path, form), given) if is_grid(path) else map_in(open_sheet(path, form), given)
     if matrix and not found.form.startswith("a matrix"):
         raise InputError(f'{path}: this is {found.form} and no matrix; state layout = "found".')
     note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")

@@ -10,7 +10,16 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_table, print_text
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import DecimalSign, Json, check_file, read_energisings, read_form, read_pair
+from commonrail.cli.options import (
+    DecimalSign,
+    Encoding,
+    Json,
+    SheetName,
+    check_file,
+    read_energisings,
+    read_form,
+    read_pair,
+)
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
@@ -55,9 +64,9 @@ def features(
     separate: Annotated[
         bool, Option("--separate", help="The rates are of different operating points, no repeated shots.")
     ] = False,
-    encoding: Annotated[str | None, Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: utf-8]")] = None,
-    decimal: DecimalSign = ".",
-    sheet: Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
+    encoding: Encoding = None,
+    decimal: DecimalSign = None,
+    sheet: SheetName = None,
     model: Annotated[str, Option(help="Simulation of a run: best, start or rigid.")] = "best",
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="Table of all features.")] = None,
     json: Json = False,
@@ -91,7 +100,7 @@ def features(
     between = None
     if window is not None:
         between = read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
-    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, read_form(decimal, encoding, sheet))
+    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, read_form(encoding, decimal, sheet))
     found = {name: find(trace, settings=settings) for name, trace in read_rates(source, columns, pulses).items()}
     _print_file(found, repeated=not separate and are_repeated(list(found)), out=out, json=json)
 

@@ -48,7 +48,8 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
     """
     table.require_numbers("A DCM file")
     values, inside, done = iter(table.values.ravel().tolist()), False, False
-    lines = read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf").decode("latin-1").split("\n")  # keeps each byte
+    text, encoding = _decoded(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # either keeps each byte
+    lines = text.split("\n")
     for i, line in enumerate(lines):
         words = line.split()
         if not done and _is_map(words) and words[1] == label:
@@ -63,7 +64,15 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
         raise InputError(f"{source}: lines of the map {label} are not found; they must end with LF or CR LF.")
     notes = "".join(f"* {_plain(note)}\n" for note in ("written by commonrail", *table.notes))
     with replacing(path, "wb") as stream:
-        stream.write((notes + "\n".join(lines)).encode("latin-1"))
+        stream.write((notes + "\n".join(lines)).encode(encoding))
+
+
+def _decoded(data: bytes) -> tuple[str, str]:
+    """Text of a DCM file, and its encoding: UTF-8, or Latin-1 if it is none."""
+    try:
+        return data.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        return data.decode("latin-1"), "latin-1"
 
 
 def _is_map(words: Sequence[str]) -> bool:
@@ -116,11 +125,7 @@ def read_dcm(path: Path) -> list[MapTable]:
     A file that is no UTF-8 is read as Latin-1. InputError if it is not DCM, or a map in it is damaged; the message
     names the line.
     """
-    data = read_bytes(path, LARGEST)
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
+    text, _ = _decoded(read_bytes(path, LARGEST))
     lines = enumerate(text.split("\n"), start=1)
     content = ((n, line.strip()) for n, line in lines if line.strip() and line.strip()[0] not in "*!.")
     first = next(content, (1, ""))
@@ -156,8 +161,7 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
     counts = {"ST/X": nx, "ST/Y": ny, "WERT": nx * ny}
     numbers: dict[str, list[float]] = {word: [] for word in counts}
     for number, line in content:
-        word, _, rest = line.partition(" ")
-        word, _, rest = line.partition("\t") if "\t" in word else (word, "", rest)
+        word, rest = [*line.split(None, 1), ""][:2]  # at whatever space, a no-break one too
         if word == "END":
             return replace(_checked(path, start, words[1], (nx, ny), (texts, numbers)), decimals=decimals)
         if word in numbers:

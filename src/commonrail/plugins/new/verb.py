@@ -17,7 +17,7 @@ from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, check_folder
+from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, check_folder, read_form
 
 if TYPE_CHECKING:
     from commonrail.plugins.new.study import Started, StatedByUser
@@ -43,8 +43,9 @@ def new(
     free: Annotated[
         tuple[str, ...], Option(metavar="NAME", help="Parameter to fit; repeatable. [default: screened by the data]")
     ] = (),
-    sheet: Annotated[str, Option(help="Sheet of the workbooks. [default: the first with cells]")] = "",
-    encoding: Annotated[str, Option(help="Encoding of the texts, e.g. cp1252. [default: detected]")] = "",
+    sheet: SheetName = None,
+    encoding: Encoding = None,
+    decimal: DecimalSign = None,
     pressure_unit: Annotated[str, Option(help="Unit of the rail pressures of maps that have none.")] = "",
     time_unit: Annotated[str, Option(help="Unit of the energising times of maps that have none.")] = "",
     quantity_unit: Annotated[str, Option(help="Unit of the quantities of maps that have none, e.g. mm3.")] = "",
@@ -71,7 +72,7 @@ def new(
     pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
     points = {"rail_pressure": rail_pressure, "energising_time": energising_time}
     units = pressure_unit, time_unit, quantity_unit
-    of_data = any((*pressures.values(), *points.values(), *units, *free, sheet, encoding))
+    of_data = any((*pressures.values(), *points.values(), *units, *free, sheet, encoding, decimal))
     if plugin:
         if from_ or injector is not None or of_data:
             raise InputError("--plugin stands alone; omit the options of a study.")
@@ -81,14 +82,13 @@ def new(
         if injector is None or not from_:
             raise InputError("Give --injector and one or more files with --from, or neither.")
         from commonrail.plugins.new.study import StatedByUser
-        from commonrail.readers.columns import FileForm, check_encoding
         from commonrail.readers.quantity_matrix import GivenUnits
 
-        form = FileForm(check_encoding(encoding, "--encoding") if encoding else "", sheet=sheet)
+        form = read_form(encoding, decimal, sheet)
         _of_files(folder, injector, from_, StatedByUser(pressures, points, form, GivenUnits(*units), free), json)
         return
     if of_data:
-        raise InputError("Pressures, times, units, sheet, encoding and --free belong to --from; omit them.")
+        raise InputError("Pressures, times, units, form of the files and --free belong to --from; omit them.")
     from commonrail.plugins.new.study import write_new
 
     _say_written(write_new(folder), f"commonrail calibrate {folder / 'study.toml'}", json)

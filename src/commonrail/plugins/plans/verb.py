@@ -43,7 +43,7 @@ def plan(
     ] = None,
     cylinder_pressure: CylinderPressure = None,
     return_pressure: ReturnPressure = None,
-    decimal: DecimalSign = ".",
+    decimal: DecimalSign = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the tolerance fields.")] = None,
@@ -66,7 +66,7 @@ def plan(
     from commonrail.plugins.plans.study import load_plan
 
     check_file(report, "--report")
-    tests = load_plan(file, read_form(decimal))
+    tests = load_plan(file, read_form(None, decimal, None))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
@@ -79,7 +79,7 @@ def plan(
     if report is not None:
         again = ["commonrail", "plan", model, str(file), *(part for text in set_ for part in ("--set", text))]
         again += [f"--stroke-rate={stroke_rate}"] if stroke_rate else []
-        again += [f"--decimal={decimal}"] if decimal != "." else []
+        again += [f"--decimal={decimal}"] if decimal else []
         again += [f"--{name.replace('_', '-')}={to_text(value, 'Pa')}" for name, value in pressures.items()]
         write_text(report, plan_html(record, shlex.join([*again, f"--report={report}"])))
     print_result(json, lambda: record, lambda: print_text(plan_lines(record), plan_tables(record)), [report])
