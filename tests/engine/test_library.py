@@ -264,7 +264,7 @@ def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.startswith("commonrail: Linking for linux64 needs a C compiler")
+    assert done.stderr.startswith("commonrail: Binaries for linux64 need a C compiler")
     assert done.stderr.count("\n") == 1
 
 

@@ -45,7 +45,7 @@ def test_without_compiler_and_zig_the_sentence_says_what_to_install(
 ) -> None:
     monkeypatch.setattr(object_files.shutil, "which", lambda name: None)
     monkeypatch.setattr(object_files.importlib.util, "find_spec", lambda name: None)
-    for platform, words in (("linux64", "linux64"), ("win64", "needs zig")):
+    for platform, words in (("linux64", "linux64"), ("win64", "need zig")):
         done = command("export", "library", "virtual-lino-2016", "--platforms", platform, "--out", str(tmp_path / "x"))
         assert done.status == 2
         assert words in done.err

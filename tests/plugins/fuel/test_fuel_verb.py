@@ -105,6 +105,7 @@ TINY = "pressure [MPa],temperature [K],density [kg/m3],viscosity [mm2/s]\n" + ""
             "two temperatures",
         ),
         (FALLING, "at 300 K density does not grow from 0.1 to 200 MPa"),
+        (FALLING + "50,350,800,2\n", "lines 7 and 14: both are at 50 MPa and 350 K, and their density differs"),
         (TINY, "No law of a fuel comes near these values"),
     ],
 )

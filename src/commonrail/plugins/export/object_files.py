@@ -167,10 +167,9 @@ def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
         return Compiler((found,), False)
     if zig:
         return Compiler((sys.executable, "-m", "ziglang", "cc", "-target", target.zig), True)
-    cure = "install it with: pip install 'commonrail[export]'"
-    if own:
-        raise ConfigurationError(f"Linking for {target.name} needs a C compiler (cc, gcc, clang) or zig; {cure}.")
-    raise ConfigurationError(f"Linking for {target.name} on this machine needs zig; {cure}.")
+    needed = "a C compiler (cc, gcc, clang), or zig" if own else "zig, which compiles for every platform"
+    cure = "pip install 'commonrail[export]' installs zig (its package is ziglang)"
+    raise ConfigurationError(f"Binaries for {target.name} need {needed}: {cure}.")
 
 
 def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: Target, defines: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from commonrail.base.errors import InputError, nearest
 from commonrail.base.hooks import note
 from commonrail.physics.fuel import coefficient, log_compression, power_law, saturating_law, scaled_temperature
 from commonrail.physics.law import Domain
-from commonrail.readers.columns import Column
+from commonrail.readers.columns import Column, Table
 from commonrail.readers.tables import open_sheet, take_columns
 
 FEWEST = 3  # pressures at each temperature: a modulus that grows with pressure needs as many densities
@@ -60,6 +60,7 @@ def fit_fuel(path: Path) -> FittedFuel:
     if unused := [name for name in sheet.names if name not in known]:
         meant = nearest(unused[0], [*known, *_OPTIONAL])
         note(f"{path}: not used: {', '.join(unused)}{meant}")
+    _check_repeated(table, known)
     c = table.columns
     p, temperature, density = c["pressure"] * 1e-6, c["temperature"], c["density"]
     levels = [np.flatnonzero(temperature == level) for level in np.unique(temperature)]
@@ -95,6 +96,20 @@ def fit_fuel(path: Path) -> FittedFuel:
     laws.append(_law("kinematic_viscosity", "mm2/s", found))
     low, high = ((float(end(c["pressure"])), float(end(temperature))) for end in (np.min, np.max))
     return FittedFuel(tuple(laws), (low[0], high[0]), (low[1], high[1]), len(p))
+
+
+def _check_repeated(table: Table, names: Sequence[str]) -> None:
+    """Refuse rows of one pressure and temperature that state two values."""
+    rows: dict[tuple[float, ...], int] = {}
+    values = [table.columns[name].tolist() for name in names]
+    for i, (pressure, temperature, *properties) in enumerate(zip(*values, strict=True)):
+        first = rows.setdefault((pressure, temperature), i)
+        for name, value, column in zip(names[2:], properties, values[2:], strict=True):
+            if value != column[first]:
+                raise InputError(
+                    f"{table.path}, {table.row}s {table.rows[first]} and {table.rows[i]}: both are at "
+                    f"{1e-6 * pressure:.6g} MPa and {temperature:g} K, and their {name} differs; keep one, or the mean."
+                )
 
 
 def _density_and_modulus(path: Path, c: dict[str, Floats], levels: Sequence[IndexArray], most: int) -> list[FittedLaw]:
