@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -175,13 +176,13 @@ def end_if_stopped(outcome: Outcome) -> None:
     if outcome.interrupted:
         say(
             f"commonrail: interrupted; the best values so far are in {outcome.folder}. `commonrail resume "
-            f"{outcome.folder}` resumes the run."
+            f"{shlex.quote(str(outcome.folder))}` resumes the run."
         )
         raise SystemExit(INTERRUPTED)
     if not outcome.judged:
         say(
             f"commonrail: interrupted; the fit is in {outcome.folder}, but not how well the data determine it. "
-            f"`commonrail resume {outcome.folder}` judges that."
+            f"`commonrail resume {shlex.quote(str(outcome.folder))}` judges that."
         )
         raise SystemExit(INTERRUPTED)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sqlite3
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -49,7 +50,8 @@ def check_files(journal: Journal, as_begun: bool) -> None:
             what = _what(about.get("given", ""), path) if i == 0 else ""
             raise StudyError(
                 f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
-                f"or go on with the copy as it was: `commonrail resume {journal.folder} --as-begun`."
+                f"or go on with the copy as it was: `commonrail resume {shlex.quote(str(journal.folder))} "
+                "--as-begun`."
             )
 
 

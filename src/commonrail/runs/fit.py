@@ -6,6 +6,7 @@ All kinds of fit run here: `FitKind` says what differs, `calibrate_into` and `re
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -193,8 +194,8 @@ class FitKind(Generic[_Study, _Fit]):
         if not folder.is_dir():
             return f"{folder}: this is no folder of a run; `commonrail runs DIR` lists the runs below a folder."
         return (
-            f"{folder}: there is no run to go on with; `commonrail runs {folder}` lists those in it, and "
-            f"`{self.command}` begins one."
+            f"{folder}: there is no run to go on with; `commonrail runs {shlex.quote(str(folder))}` lists those in it, "
+            f"and `{self.command}` begins one."
         )
 
     def _begun_with(self, journal: Journal, study: _Study | None) -> _Study:
@@ -418,7 +419,8 @@ def adopt_likely(folder: str | Path, *, threads: int | None = None, listener: Li
     """
     path = file_path(folder, "folder")
     if earlier_certainty(path) is None:
-        raise InputError(f"{path}: there are no most likely values; `commonrail certainty {path}` finds them.")
+        cure = f"`commonrail certainty {shlex.quote(str(path))}` finds them"
+        raise InputError(f"{path}: there are no most likely values; {cure}.")
     return STUDIES.resume(path, _work(listener, threads, None, adopt=True), as_begun=True)
 
 
@@ -483,7 +485,8 @@ def _with_certainty(
         return calibration, {}
     kept, searched = earlier
     if searched != calibration.best:
-        listener.note(f"the best values have changed: `commonrail certainty {folder}` tells how certain these are.")
+        again = f"commonrail certainty {shlex.quote(str(folder))}"
+        listener.note(f"the best values have changed: `{again}` tells how certain these are.")
         return calibration, {}
     if adopt:
         taken = {one["name"]: float(one["value"]) for one in kept["parameters"]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -58,7 +59,8 @@ def _no_run(folder: Path, made_by: str) -> InputError | None:
     wanted = f"a run folder of {made_by} is expected"
     if study.is_file():
         what = "this is a file" if study == folder else f"this is the folder of a study, {study}"
-        return InputError(f"{folder}: {what}, and {wanted}; `commonrail calibrate {study} --out RUN` makes one.")
+        cure = f"`commonrail calibrate {shlex.quote(str(study))} --out RUN` makes one"
+        return InputError(f"{folder}: {what}, and {wanted}; {cure}.")
     if not folder.exists():
         return InputError(f"{folder}: there is no such folder, and {wanted}; `commonrail runs` lists those below.")
     return None
@@ -88,7 +90,7 @@ def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
     _told.add(where)
     note(
         f"{folder}: the search was stopped before its end, and these are the best values up to then; "
-        f"`commonrail resume {folder}` runs it to its end."
+        f"`commonrail resume {shlex.quote(str(folder))}` runs it to its end."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -111,6 +112,25 @@ def test_reference_points_are_ranked_before_anything_is_measured(command: Comman
     assert "nothing measured on the part was used" in shown
     done = command("adapt", file, "--from", points)
     assert (done.status, done.sentence.startswith("--out MODEL.toml is missing")) == (2, True)
+
+
+def test_the_command_that_follows_advice_runs_as_it_is_printed(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from commonrail.plugins.family.injector_type import dump_type
+    from tests.plugins.family.samples import small_type
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my types").mkdir()
+    dump_type(small_type(), tmp_path / "my types" / "t.toml")
+    candidates = tmp_path / "candidates.csv"
+    candidates.write_text("rail_pressure [MPa],energising_time [us]\n160,500\n160,900\n", encoding="utf-8")
+    asked = command("adapt", "my types/t.toml", "--from", candidates, "--advise", "--return-pressure", "0.4MPa")
+    (tmp_path / "points.csv").write_text(HEAD + "160,700,60\n", encoding="utf-8")
+    words = shlex.split(asked.out.rpartition("then commonrail ")[2])
+    assert command(*words).status == 0
+    assert (tmp_path / "model.toml").is_file()
+    assert words[words.index("--return-pressure") + 1] == "400kPa"
 
 
 def test_a_bad_column_of_points_is_named(command: Command, tmp_path: Path) -> None:

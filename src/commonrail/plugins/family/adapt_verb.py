@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,6 +10,7 @@ import click
 
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.text import number, quantity
+from commonrail.base.units import to_text
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import CylinderPressure, Json, ReturnPressure, Threads, check_file, read_pressures
@@ -73,7 +75,7 @@ def adapt(
     part = None if named is None else named.injector
     behind = read_pressures(cylinder_pressure, return_pressure, None if named is None else named.folder)
     if advise:
-        _advise(injector_type, points, part, behind, threads, json)
+        _advise(injector_type, points, (injector, part), behind, threads, json)
         return
     if points is None or out is None:
         lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
@@ -116,16 +118,16 @@ def adapt(
 def _advise(
     injector_type: Path,
     points: Path | None,
-    injector: Injector | None,
+    injector: tuple[str | None, Injector | None],
     behind: tuple[float, float],
     threads: int | None,
     json: bool,
 ) -> None:
-    """Print the ranking of reference points."""
+    """Print the ranking of reference points, and what to do with them."""
     from commonrail.plugins.family.adapt import advise, grid, read_candidates
 
     candidates = grid(*behind) if points is None else read_candidates(points, *behind)
-    advice = advise(injector_type, candidates, injector=injector, threads=threads)
+    advice = advise(injector_type, candidates, injector=injector[1], threads=threads)
     if json:
         print_json(_advice_record(advice))
         return
@@ -138,6 +140,15 @@ def _advise(
     click.echo(
         f"without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
         "the type, independently for each parameter; nothing measured on the part was used."
+    )
+    named = [] if injector[0] is None else ["--injector", injector[0]]
+    cylinder, back = (to_text(pressure, "Pa").replace(" ", "") for pressure in behind)
+    pressures = ["--cylinder-pressure", cylinder, "--return-pressure", back]
+    files = ["--from", "points.csv", "--out", "model.toml"]
+    again = shlex.join(["commonrail", "adapt", str(injector_type), *named, *pressures, *files])
+    click.echo(
+        'next: measure the first of them, write it into points.csv below the line "rail_pressure [MPa],energising_time '
+        f'[us],quantity [mm3]", then {again}'
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,9 +34,8 @@ _QUARTILES = {
 
 def _page(record: Record, folder: Path) -> str:
     """Refuse: the page names the file of the fleet, which the folder does not hold."""
-    raise InputError(
-        f"{folder}: this is the folder of a fleet; `commonrail fleet FLEET --out {folder}` makes its report."
-    )
+    again = f"commonrail fleet FLEET --out {shlex.quote(str(folder))}"
+    raise InputError(f"{folder}: this is the folder of a fleet; `{again}` makes its report.")
 
 
 RESULT = ResultKind(RECORD, "fleet", "fleet", _page)

@@ -8,6 +8,7 @@ from importlib import resources
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
+from shlex import quote
 from string import Template
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,7 +77,8 @@ def new(
     if plugin:
         if from_ or injector is not None or of_data:
             raise InputError("--plugin stands alone; omit the options of a study.")
-        _say_written(write_plugin(folder, plugin), f"pip install -e {folder}, then pytest {folder}", json)
+        following = f"pip install -e {quote(str(folder))}, then pytest {quote(str(folder))}, commonrail {plugin} --help"
+        _say_written(write_plugin(folder, plugin), f'{following}; in a study: method = "{plugin} search"', json)
         return
     if from_ or injector is not None:
         if injector is None or not from_:
@@ -91,7 +93,7 @@ def new(
         raise InputError("Pressures, times, units, form of the files and --free belong to --from; omit them.")
     from commonrail.plugins.new.study import write_new
 
-    _say_written(write_new(folder), f"commonrail calibrate {folder / 'study.toml'}", json)
+    _say_written(write_new(folder), f"commonrail calibrate {quote(str(folder / 'study.toml'))}", json)
 
 
 def _say_written(written: Sequence[Path], following: str, json: bool) -> None:
@@ -169,4 +171,4 @@ def _print(started: Started) -> None:
         click.echo(f"assumed, check: {', '.join(started.assumed)}")
     if started.free:
         click.echo(f"free, best seen by the data first: {', '.join(started.free)}")
-    click.echo(f"next: check {started.study}, then commonrail calibrate {started.study}")
+    click.echo(f"next: check {started.study}, then commonrail calibrate {quote(str(started.study))}")

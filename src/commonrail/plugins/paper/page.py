@@ -425,7 +425,7 @@ def draw_plates(folder: Path) -> str:
     if _has_plates(folder):
         return ""
     if find_spec("matplotlib") is None:
-        return NO_PLATES.format(folder)
+        return NO_PLATES.format(shlex.quote(str(folder)))
     plates = folder / PLATE_FOLDER
     with RESULT.refusing_broken(folder):
         drawn = make_plates(*read_reproduction(folder))
