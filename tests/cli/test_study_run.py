@@ -45,6 +45,18 @@ def test_a_file_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys
     assert len(lines) == 1 + 11 + 1  # the first generation, then every tenth part; the refinement
 
 
+def test_a_line_tells_the_time_left_by_that_of_the_steps_so_far(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = iter(range(0, 1000, 2))  # two seconds from a step to the next
+    monkeypatch.setattr(progress, "monotonic", lambda: time)
+    with progress.Bar("A study") as bar:
+        for done in range(1, 11):
+            time = next(clock)
+            bar.show(progress.Stage("evolution", done, 10, "best 1"))
+    assert "evolution 4/10: best 1, 12.0 s left" in capsys.readouterr().err.splitlines()
+
+
 def test_a_terminal_gets_a_bar_with_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     text = shown(monkeypatch, terminal=True)
     assert "best 12.34" in text

@@ -11,11 +11,13 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
 from commonrail.base.hooks import compiled_words, tell_of_compiling
+from commonrail.base.text import duration
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -285,6 +287,7 @@ class Bar(AbstractContextManager["Bar"]):
         self.console = console if console is not None and console.is_terminal else None
         self.title = title
         self._said = (-1, "")
+        self._first = 0, 0.0  # step that was first shown of this phase, and when [s]
 
     def __enter__(self) -> Bar:
         say(self.title)
@@ -318,14 +321,18 @@ class Bar(AbstractContextManager["Bar"]):
             say(text)
 
     def show(self, s: Stage) -> None:
-        """Show a stage; in a file at its first step and at every tenth part of it."""
+        """Show a stage; in a file at its first step and at every tenth part of it, with the time that is left."""
         if self.console is not None:
             self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
             return
         part = (10 * s.done // max(s.total, 1), s.phase)
         if s.done > 0 and part != self._said:
+            if s.phase != self._said[1]:
+                self._first = s.done, monotonic()
+            steps, seconds = s.done - self._first[0], monotonic() - self._first[1]
+            left = f", {duration(seconds / steps * (s.total - s.done))} left" if steps > 0 and s.done < s.total else ""
             self._said = part
-            say(f"{s.phase} {s.done}/{s.total}: {s.figures}")
+            say(f"{s.phase} {s.done}/{s.total}: {s.figures}{left}")
 
 
 def _rich_bar(console: Any) -> Any:

@@ -44,8 +44,9 @@ def run_study(
     """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
+    points = counted(sum(len(data.points) for data in study.data), "operating point")
     return reported(
-        f"{study.title}: steps of {quantity(study.time_step, 's')}",
+        f"{study.title}: {points}, steps of {quantity(study.time_step, 's')} (seconds for one curve, minutes for many)",
         folder,
         lambda listener: calibrate_into(
             folder, study, threads=threads, workers=workers, listener=listener, strict=strict
