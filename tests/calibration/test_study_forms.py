@@ -17,6 +17,8 @@ from commonrail.data.base import DataSet, widths_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.plugins.certainty.noise_fit import row_weights
+from commonrail.readers.columns import FileForm, Sheet
+from commonrail.readers.tables import open_sheet
 from tests.child_in_process import read_in_process
 
 STUDY = """
@@ -308,6 +310,24 @@ def test_what_is_wrong_with_several_curves_is_one_sentence(
 ) -> None:
     with pytest.raises(CommonrailError, match=words):
         load(file, keys, content)
+
+
+def test_pressures_of_many_curves_are_read_from_their_file_once(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
+    bars = (800, 1000, 1200, 1600)
+    head = ["time [us]", *(f"r_{p}bar [mm3/ms]" for p in bars), *(f"p_{p}bar [bar]" for p in reversed(bars))]
+    rows = [[10 * i, *(p / 100 + i for p in bars), *(p - 0.5 * i for p in reversed(bars))] for i in range(6)]
+    text = "\n".join(",".join(map(str, row)) for row in [head, *rows])
+    opened: list[Path] = []
+
+    def counted(path: Path, form: FileForm) -> Sheet:
+        opened.append(path)
+        return open_sheet(path, form)
+
+    monkeypatch.setattr("commonrail.data.study_block.open_sheet", counted)
+    keys = 'columns = "r_{p}bar"\nenergising_time = "300 us"\nrail_pressure = { column = "p_{p}bar" }'
+    curves = load("w.csv", keys, text)
+    assert [round(curve.points[0].rail_pressure.value[0] * 1e-5) for curve in curves] == list(bars)
+    assert len(opened) == 2  # for the rates, and for the pressures
 
 
 def test_a_drive_cannot_belong_to_several_curves(load: Load) -> None:

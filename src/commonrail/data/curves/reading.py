@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -54,10 +54,13 @@ def read_curves(model: RateModel, context: Context) -> list[ReadCurve]:
     if len(stated) > 1:
         raise at.error(f"{' and '.join(stated)} are different ways to find several curves; keep one")
     if not stated:
-        return [_curve(model, FoundCurve(_single(model, context), None, None), context, "")]
+        single = FoundCurve(_single(model, context), None, None)
+        return [_curve(model, single, context, *courses_at([single], model, context))]
     reader = {"columns": named_columns, "shots": cut_shots, "layout": traces_below_points}[stated[0]]
     found = reader(model, context)
-    return [_curve(_at_point(model, curve, context), curve, context, label_of(curve)) for curve in found]
+    models = [_at_point(model, curve, at) for curve in found]
+    courses = courses_at(found, model, context)
+    return [_curve(own, curve, context, read) for own, curve, read in zip(models, found, courses, strict=True)]
 
 
 def _single(model: RateModel, context: Context) -> Samples:
@@ -67,34 +70,34 @@ def _single(model: RateModel, context: Context) -> Samples:
     return within_window(samples_of(table, model.rate, model, context.at), model, context.at)
 
 
-def _at_point(model: RateModel, curve: FoundCurve, context: Context) -> RateModel:
+def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
     """The block at the operating point of one of its curves; a measured course goes before the pressure of a name."""
-    at, courses = context.at, courses_at(curve, model, context)
     stated = {"rail_pressure": curve.rail_pressure, "energising_time": curve.energising_time}
-    found = {key: value for key, value in stated.items() if value is not None and key not in courses}
+    found = {key: value for key, value in stated.items() if value is not None and not _of_each(key, model)}
     for key in found:
         if getattr(model, key) is not None or (key == "energising_time" and model.energisings is not None):
             raise (at / key).error("each curve of the file has its own; remove this key")
-    if model.drive is not None and "drive" not in courses:
+    if model.drive is not None and not _of_each("drive", model):
         raise (at / "drive").error(
             "one measured drive cannot belong to several curves; name columns by the pattern of the key columns, as in "
             '{ column = "I_{p}bar" }, or read each curve from a block of its own'
         )
-    return model.model_copy(update={**found, **courses})
+    return model.model_copy(update=found)
 
 
-def _curve(model: RateModel, curve: FoundCurve, context: Context, label: str) -> ReadCurve:
-    """Curve with its operating point, by volume."""
+def _curve(model: RateModel, curve: FoundCurve, context: Context, courses: Mapping[str, Trace]) -> ReadCurve:
+    """Curve with its operating point, by volume; `courses` are those that were read for it."""
     samples = curve.samples
-    point = _point(model, samples, context, context.at)
+    point = _point(model, samples, context, courses)
     density = mass_density(context.injector, samples.unit, point)
     scale = 1.0 if math.isnan(density) else density
     noise = NOISE if curve.sigma is None else Noise(sigma=curve.sigma / scale, freedom=curve.freedom)
-    return ReadCurve(point, samples.bounds, samples.rate / scale, density, label, curve.shots, noise)
+    return ReadCurve(point, samples.bounds, samples.rate / scale, density, label_of(curve), curve.shots, noise)
 
 
-def _point(model: RateModel, samples: Samples, context: Context, at: Place) -> OperatingPoint:
+def _point(model: RateModel, samples: Samples, context: Context, courses: Mapping[str, Trace]) -> OperatingPoint:
     """Operating point, simulated from the first bound or energising to the last bound, in whole steps."""
+    at = context.at
     pulses, bounds = pulses_of(model, at), samples.bounds
     if pulses[0].start >= bounds[-1]:
         raise ConfigurationError(
@@ -111,15 +114,8 @@ def _point(model: RateModel, samples: Samples, context: Context, at: Place) -> O
         )
     if model.rail_pressure is None:
         raise (at / "rail_pressure").error("this key is missing; add it")
-    rail, cylinder, low = (
-        item if isinstance(item, float) else _trace(item, "Pa", model, context, at / key)
-        for key, item in (
-            ("rail_pressure", model.rail_pressure),
-            ("cylinder_pressure", model.cylinder_pressure),
-            ("return_pressure", model.return_pressure),
-        )
-    )
-    drive = _drive(model, context, pulses[0].start, at / "drive")
+    rail, cylinder, low = (courses.get(key, getattr(model, key)) for key in _PRESSURES)
+    drive = _drive(model, context, pulses[0].start, courses)
     with located(at):
         point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start=start)
         check_point(context.injector, point)
@@ -140,17 +136,21 @@ def pulses_of(model: RateModel, at: Place) -> tuple[Energising, ...]:
     return tuple(found)
 
 
-def _drive(model: RateModel, context: Context, first: float, at: Place) -> Trace | None:
-    injector, unit = context.injector, drive_unit(context.injector)
-    if bool(unit) != (model.drive is not None):
-        raise ConfigurationError(
-            f"{at}: the injector {injector.name} has drive_kind "
-            f'"{injector.variant.drive.value}"; give a measured drive if, and only if, it is a trace.'
-        )
+def _drive(model: RateModel, context: Context, first: float, courses: Mapping[str, Trace]) -> Trace | None:
+    _check_drive(model, context)
     if model.drive is None:
         return None
-    drive = _trace(model.drive, unit, model, context, at)
-    return _from_zero(drive, first, at) if model.drive.zero_at_rest else drive
+    drive = courses["drive"]
+    return _from_zero(drive, first, context.at / "drive") if model.drive.zero_at_rest else drive
+
+
+def _check_drive(model: RateModel, context: Context) -> None:
+    injector = context.injector
+    if bool(drive_unit(injector)) != (model.drive is not None):
+        raise ConfigurationError(
+            f"{context.at / 'drive'}: the injector {injector.name} has drive_kind "
+            f'"{injector.variant.drive.value}"; give a measured drive if, and only if, it is a trace.'
+        )
 
 
 def _from_zero(drive: Trace, first: float, at: Place) -> Trace:
@@ -165,15 +165,30 @@ def _from_zero(drive: Trace, first: float, at: Place) -> Trace:
     return Trace.of(time, value - float(np.mean(value[before])))
 
 
-def _trace(item: TraceModel, unit: str, model: RateModel, context: Context, at: Place) -> Trace:
-    """Read a measured course; what it does not say of file and time is that of the data set."""
+_PRESSURES = ("rail_pressure", "cylinder_pressure", "return_pressure")
+
+
+def _traces(
+    key: str, item: TraceModel, names: Sequence[str], model: RateModel, context: Context, sheet: Sheet
+) -> dict[str, Trace]:
+    """Courses of columns of a file by their names; what their key does not say of time is that of the data set."""
+    unit = drive_unit(context.injector) if key == "drive" else "Pa"
     time = item.time or model.time
     time_unit = item.time_unit or (model.time_unit if item.file is None else None)
-    wanted = [Column(time, "s", time_unit, increasing=True), Column(item.column, unit, item.unit)]
-    form = model.form if item.file is None else item.form
-    table = context.columns(item.file or model.file, at, wanted, form=form)
+    wanted = [Column(name, unit, item.unit) for name in dict.fromkeys(names)]
+    tables = _tables(sheet, Column(time, "s", time_unit, increasing=True), wanted)
     zero = model.time_zero if item.file is None else 0.0
-    return Trace.of(table.columns[time] - zero, table.columns[item.column])
+    return {
+        column.name: Trace.of(table.columns[time] - zero, table.columns[column.name])
+        for column, table in zip(wanted, tables, strict=True)
+    }
+
+
+def _tables(sheet: Sheet, time: Column, wanted: Sequence[Column]) -> list[Table]:
+    """Table of each of some columns with their times; the file is gone through once."""
+    if sheet.apart:
+        return [take_columns(sheet, [time, column]) for column in wanted]
+    return [take_columns(sheet, [time, *wanted])] * len(wanted)
 
 
 # Repeated shots in one long record: found by a trigger, brought to one raster, averaged at each operating point.
@@ -374,10 +389,7 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
         raise (at / "columns").error(f"{len(points)} columns fit, and at most {MOST_CURVES} are read")
     time = Column(model.time, "s", model.time_unit, increasing=True)
     wanted = [Column(point.column, RATES, model.rate_unit, required=False) for point in points]
-    if sheet.apart:
-        tables = [take_columns(sheet, [time, column]) for column in wanted]
-    else:
-        tables = [take_columns(sheet, [time, *wanted])] * len(wanted)
+    tables = _tables(sheet, time, wanted)
     samples = [
         within_window(samples_of(table, point.column, model, at), model, at)
         for table, point in zip(tables, points, strict=True)
@@ -385,25 +397,45 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     return _gathered(points, samples, at / "columns")
 
 
-def courses_at(curve: FoundCurve, model: RateModel, context: Context) -> dict[str, TraceModel]:
-    """Courses of a block by their keys whose `column` is a pattern, each with the column at a curve's operating point.
+def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context) -> list[dict[str, Trace]]:
+    """Courses of each curve by their keys; a file is read once for all curves, also where `column` is a pattern.
 
-    Raises `InputError` if not exactly one column fits.
+    Raises `InputError` if not exactly one column fits a curve, or a column cannot be read.
     """
-    found = {}
-    for key in ("rail_pressure", "cylinder_pressure", "return_pressure", "drive"):
+    found: list[dict[str, Trace]] = [{} for _ in curves]
+    for key in (*_PRESSURES, "drive"):
         item = getattr(model, key)
-        if isinstance(item, TraceModel) and model.columns is not None and "{" in item.column:
-            at = context.at / key
+        if not isinstance(item, TraceModel):
+            continue
+        if key == "drive":
+            _check_drive(model, context)
+        at, form = context.at / key, model.form if item.file is None else item.form
+        sheet = context.sheet(item.file or model.file, at, form)
+        names = [item.column] * len(curves)
+        if _of_each(key, model):
             pattern = ColumnPattern(item.column, stated_units(model), at / "column")
-            sheet = context.sheet(item.file or model.file, at, model.form if item.file is None else item.form)
-            columns = [p.column for name in sheet.names if (p := pattern.read(name)) and _is_at(p, curve)]
-            if len(columns) != 1:
-                raise (at / "column").error(
-                    f'{len(columns)} columns of {sheet.path} fit "{item.column}" at {label_of(curve)}, and one must'
-                )
-            found[key] = item.model_copy(update={"column": columns[0]})
+            points = [point for name in sheet.names if (point := pattern.read(name))]
+            names = [_fitting(points, curve, sheet, item.column, at) for curve in curves]
+        traces = _traces(key, item, names, model, context, sheet)
+        for courses, name in zip(found, names, strict=True):
+            courses[key] = traces[name]
     return found
+
+
+def _of_each(key: str, model: RateModel) -> bool:
+    """Return whether each curve has its own column of a course: the key `column` is a pattern."""
+    item = getattr(model, key)
+    return isinstance(item, TraceModel) and model.columns is not None and "{" in item.column
+
+
+def _fitting(points: Sequence[NamedPoint], curve: FoundCurve, sheet: Sheet, pattern: str, at: Place) -> str:
+    """Name of the only column at the operating point of a curve."""
+    columns = [point.column for point in points if _is_at(point, curve)]
+    if len(columns) != 1:
+        raise (at / "column").error(
+            f'{len(columns)} columns of {sheet.path} fit "{pattern}" at {label_of(curve)}, and one must'
+        )
+    return columns[0]
 
 
 def _is_at(point: NamedPoint, curve: FoundCurve) -> bool:
