@@ -37,10 +37,9 @@ def test_three_quantities_move_the_flow_alone_and_four_the_type() -> None:
     four = cr.adapt(small_type(), injected(truth, *FOUR))
     assert set(four.calibration.best) == {FLOW, PRELOAD, MASS}
     error = np.abs(four.after - four.points.quantity)
-    assert np.max(error) < 0.25 * np.max(np.abs(four.before - four.points.quantity))
-    assert four.flow_factor == pytest.approx(
-        1.05, abs=0.25 * 0.05
-    )  # as the quantities, within a quarter of what it moved
+    # the tolerance of 1.5 % leaves some of the distance to the priors, of 3 % and 5 %
+    assert np.max(error) < 0.4 * np.max(np.abs(four.before - four.points.quantity))
+    assert 1.02 < four.flow_factor < 1.05
     assert four.injector.values[PRELOAD] > INJECTOR.values[PRELOAD]
 
 
@@ -106,10 +105,21 @@ def test_a_sound_part_lies_in_the_band_of_its_type_and_is_not_doubted() -> None:
     assert ((found.doubts.low < found.before) & (found.before < found.doubts.high)).all()
 
 
+def test_the_stated_spread_of_the_flow_decides_whether_a_flow_is_doubted() -> None:
+    data = injected(with_flow(0.92), *FOUR)
+    strict, wide = (cr.adapt(small_type(1e-3), data, flow_spread=share) for share in ("1 %", "5 %"))
+    assert strict.doubts.sentences
+    assert wide.doubts.sentences == ()
+    assert abs(wide.flow_factor - 0.92) < abs(strict.flow_factor - 0.92)
+    assert wide.doubts.freedom == len(FOUR)
+    with pytest.raises(cr.ConfigurationError, match="flow_spread must lie between 0 and 100 %"):
+        cr.adapt(small_type(), data, flow_spread=3.0)
+
+
 def test_a_coked_nozzle_is_doubted_and_named() -> None:
     """15 % of the flow are five times the 3 % by which nozzles scatter."""
     found = cr.adapt(small_type(), injected(with_flow(0.85), *FOUR))
-    assert found.doubts.pulls[FLOW] == pytest.approx(-5.0, abs=0.2)
+    assert -5.0 < found.doubts.pulls[FLOW] < -3.5  # the other parameters take some of it
     assert any(FLOW in sentence for sentence in found.doubts.sentences)
     assert "a flow factor of 0.85" in found.doubts.change
 

@@ -10,12 +10,11 @@ import numpy as np
 
 from commonrail.base.arguments import file_path, instance, instances, number, thread_count, whole
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import InputError, SimulationError
+from commonrail.base.errors import ConfigurationError, InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.staged import StagedSettings
-from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space, sample_priors
@@ -49,6 +48,7 @@ from commonrail.readers.tables import read_columns
 
 FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
 FEWEST_FOR_PRIORS = 4  # reference quantities from which the type's parameters move too, held by their spreads
+TOLERANCE = 0.015  # of reference quantities beside 0.05 mm³: an estimate
 MEMBERS, MOVES = 64, 24  # candidates that are screened, and iterations after it
 
 
@@ -88,14 +88,16 @@ def adapt(
     injector: Injector | str | Path | None = None,
     cylinder_pressure: float | str = "5 MPa",
     return_pressure: float | str = "0.5 MPa",
+    tolerance: float | str = TOLERANCE,
+    flow_spread: float | str = FLOW_SPREAD,
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Adapted:
     """Fit the model of a type to reference quantities of one part.
 
     Up to three quantities determine one number, the flow factor: effective area of the nozzle's holes relative to the
-    drawing. It has no prior, so one quantity is met exactly. From four quantities on the parameters of the type are
-    fitted too, each with its value and spread as prior.
+    drawing. It has no prior then, so one quantity is met exactly. From four quantities on the parameters of the type
+    are fitted too, and each of them and the flow has its value and spread as prior.
 
     Parameters
     ----------
@@ -108,6 +110,10 @@ def adapt(
         the type's injector.
     cylinder_pressure, return_pressure : float or str
         [Pa] of the points of a file.
+    tolerance : float or str
+        Of the quantities of a file, as a share: scatter and error of the bench. Beside it they have 0.05 mm³.
+    flow_spread : float or str
+        Standard deviation of the nozzles' flow about their drawing, as a share.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
@@ -129,8 +135,9 @@ def adapt(
     known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
     part = part_of(known, injector)
     if not isinstance(points, QuantityData):
-        points = read_points(points, part, cylinder_pressure, return_pressure)
-    study, threads = _study(known, part, instance(points, QuantityData, "points")), thread_count(threads)
+        points = read_points(points, part, cylinder_pressure, return_pressure, tolerance)
+    share = _share(flow_spread, "flow_spread")
+    study, threads = _study(known, part, instance(points, QuantityData, "points"), share), thread_count(threads)
     found = calibrate(study, threads=threads, progress=progress)
     factor = (found.best[FLOW] / part.values[FLOW]) ** 2
     low, high = FACTORS
@@ -140,9 +147,16 @@ def adapt(
             f"check nozzle, units and pressures{_or_change(one_change(known, part, points, threads))}."
         )
     _check_met(points, np.asarray(found.scores["best"][0].values))
-    doubts = doubts_of(known, part, points, found, threads)
+    doubts = doubts_of(known, part, points, found, threads, share)
     start, best = (np.asarray(found.scores[label][0].values) for label in ("start", "best"))
     return Adapted(_named(known, study, found, factor), factor, start, best, points, found, doubts)
+
+
+def _share(value: float | str, what: str) -> float:
+    found = number(value, "1", what)
+    if not 0.0 < found < 1.0:
+        raise ConfigurationError(f"{what} must lie between 0 and 100 %, not {100.0 * found:g} %.")
+    return found
 
 
 def _or_change(change: str) -> str:
@@ -162,7 +176,11 @@ def _check_met(points: QuantityData, best: Floats) -> None:
 
 
 def read_points(
-    path: str | Path, injector: Injector, cylinder_pressure: float | str, return_pressure: float | str
+    path: str | Path,
+    injector: Injector,
+    cylinder_pressure: float | str,
+    return_pressure: float | str,
+    tolerance: float | str = TOLERANCE,
 ) -> QuantityData:
     """Read reference quantities from a CSV file with columns rail_pressure, energising_time and quantity.
 
@@ -176,7 +194,11 @@ def read_points(
         parse(value, "Pa", key)
     model = QuantitiesModel.model_validate(
         {"kind": "quantities", "name": file.name, "role": "fit", "file": str(file.absolute()), **stated}
-        | {"absolute": "0.05 mm3", "relative": 0.015, "source": f"reference quantities of {file.name}"}
+        | {
+            "absolute": "0.05 mm3",
+            "relative": _share(tolerance, "tolerance"),
+            "source": f"reference quantities of {file.name}",
+        }
     )
     (read,) = QuantityData.read_all(model, Context(injector, 1e-6, Reach(file, True), Place(str(file))))
     return read
@@ -203,14 +225,13 @@ def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Inje
     return part
 
 
-def _study(known: InjectorType, part: Injector, points: QuantityData) -> Study:
-    """Study that fits the flow factor, and from four points on the type's parameters with their spreads."""
-    own = part.values[FLOW]
-    low, high = (own * factor**0.5 for factor in FACTORS)
-    origin = "drawing times the root of the flow factor"
-    free = [Parameter(FLOW, own, low, high, "m", mark="F", source=origin)]
+def _study(known: InjectorType, part: Injector, points: QuantityData, flow_spread: float) -> Study:
+    """Study that fits the flow factor; from four points on with its spread, and the type's parameters with theirs."""
+    free = [flow_about_drawing(part, flow_spread)]
     if np.count_nonzero(points.judged) >= FEWEST_FOR_PRIORS:
         free += held_parameters(known, part)
+    else:
+        free = [replace(free[0], prior=None)]
     space = Space(free)
     settings = StagedSettings(members=MEMBERS, generations=MOVES, starts=1, stage_iterations=8)
     return Study(
@@ -303,7 +324,7 @@ def advise(
     at = instances(points, OperatingPoint, "points")
     if len(at) < 2:
         raise InputError("A reference point is chosen among at least two points; give more candidates.")
-    share, count = number(flow_spread, "1", "flow_spread"), whole(draws, "draws", 2, 100_000)
+    share, count = _share(flow_spread, "flow_spread"), whole(draws, "draws", 2, 100_000)
     space = Space([flow_about_drawing(part, share), *scattering(known, part)])
     own, scaled = _simulated(part, at, space, (count, whole(seed, "seed")), thread_count(threads))
     return _advice(at, own, scaled)

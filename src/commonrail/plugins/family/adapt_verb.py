@@ -10,7 +10,7 @@ import click
 
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.text import number, quantity
-from commonrail.base.units import to_text
+from commonrail.base.units import parse, to_text
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import CylinderPressure, Json, ReturnPressure, Threads, check_file, read_pressures
@@ -50,6 +50,10 @@ def adapt(
     ] = None,
     cylinder_pressure: CylinderPressure = None,
     return_pressure: ReturnPressure = None,
+    tolerance: Annotated[
+        str, Option(help="Of the quantities, beside 0.05 mm3: scatter and error of the bench.")
+    ] = "1.5%",
+    flow_spread: Annotated[str, Option(help="Standard deviation of the nozzles' flow about their drawing.")] = "3%",
     strict: Annotated[
         bool, Option("--strict", help="Exit with status 2 if the part is doubted; the model is written all the same.")
     ] = False,
@@ -59,7 +63,7 @@ def adapt(
     """Make a part's model from its type and few quantities.
 
     Up to three quantities determine the flow factor; from four on the type's parameters are fitted
-    too, held by their spreads. --advise draws parts from the type and says at which point a reference
+    too, and all are held by their spreads. --advise draws parts from the type and says at which point a reference
     quantity tells most of the others.
 
     \b
@@ -75,7 +79,8 @@ def adapt(
     part = None if named is None else named.injector
     behind = read_pressures(cylinder_pressure, return_pressure, None if named is None else named.folder)
     if advise:
-        _advise(injector_type, points, (injector, part), behind, threads, json)
+        share = parse(flow_spread, "1", "--flow-spread")
+        _advise(injector_type, points, (injector, part), behind, share, threads, json)
         return
     if points is None or out is None:
         lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
@@ -87,6 +92,8 @@ def adapt(
         injector=part,
         cylinder_pressure=behind[0],
         return_pressure=behind[1],
+        tolerance=parse(tolerance, "1", "--tolerance"),
+        flow_spread=parse(flow_spread, "1", "--flow-spread"),
         threads=threads,
     )
     header = (
@@ -120,6 +127,7 @@ def _advise(
     points: Path | None,
     injector: tuple[str | None, Injector | None],
     behind: tuple[float, float],
+    flow_spread: float,
     threads: int | None,
     json: bool,
 ) -> None:
@@ -127,7 +135,7 @@ def _advise(
     from commonrail.plugins.family.adapt import advise, grid, read_candidates
 
     candidates = grid(*behind) if points is None else read_candidates(points, *behind)
-    advice = advise(injector_type, candidates, injector=injector[1], threads=threads)
+    advice = advise(injector_type, candidates, injector=injector[1], flow_spread=flow_spread, threads=threads)
     if json:
         print_json(_advice_record(advice))
         return

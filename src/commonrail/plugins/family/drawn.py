@@ -25,7 +25,6 @@ from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.plugins.family.injector_type import InjectorType
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
-DISCHARGE = "nozzle.discharge_maximum"
 FACTORS = (0.6, 1.6)  # flow factors that are searched
 DRAWS = 256
 FLOW_SPREAD = 0.03  # standard deviation of the flow of a nozzle about its drawing: an estimate of the tolerance
@@ -74,13 +73,17 @@ def scattering(known: InjectorType, part: Injector) -> list[Parameter]:
 
 
 def drawn_quantities(
-    known: InjectorType, part: Injector, points: Sequence[OperatingPoint], threads: int | None = None
+    known: InjectorType,
+    part: Injector,
+    points: Sequence[OperatingPoint],
+    threads: int | None = None,
+    flow_spread: float = FLOW_SPREAD,
 ) -> Floats:
-    """Quantities (n, points) [m³] of parts drawn from a type, with a flow of 3 % about the drawing, that all inject.
+    """Quantities (n, points) [m³] of parts drawn from a type, with a spread of flow about the drawing, that all inject.
 
     Parameters are drawn independently: a type file holds no correlations.
     """
-    space = Space([flow_about_drawing(part, FLOW_SPREAD), *scattering(known, part)])
+    space = Space([flow_about_drawing(part, flow_spread), *scattering(known, part)])
     values = sample_priors(space, DRAWS, np.random.default_rng(1))
     batch = simulate_batch(part, points, space.names, values, time_step=step_for_all(part, space), threads=threads)
     sound = np.all(batch.status == OK, axis=1)
@@ -101,10 +104,10 @@ class Doubts(NamedTuple):
     """Reasons to doubt that a part is a sound one of its type.
 
     `low`, `high` (points,): 90 % band of what parts of the type inject, measured with the tolerance of the data [m³];
-    `chi2`: squared residuals and pulls of the adapted model, that of the flow among them from four quantities on, with
-    `freedom` degrees of freedom; `pulls`: distances of
-    its parameters, and of the flow factor from four quantities on, from the type in their spreads; `sentences`: empty
-    where nothing speaks against it; `change`: the one change of the type that explains the quantities best.
+    `chi2`: squared residuals and pulls of the adapted model, with `freedom` degrees of freedom: as many as quantities,
+    since each parameter brings a pull, and one less where the flow factor has none; `pulls`: distances of its
+    parameters from the type in their spreads, from four quantities on; `sentences`: empty where nothing speaks against
+    it; `change`: the one change of the type that explains the quantities best.
     """
 
     low: Floats
@@ -117,28 +120,31 @@ class Doubts(NamedTuple):
 
 
 def doubts_of(
-    known: InjectorType, part: Injector, points: QuantityData, found: Calibration, threads: int | None
+    known: InjectorType,
+    part: Injector,
+    points: QuantityData,
+    found: Calibration,
+    threads: int | None,
+    flow_spread: float,
 ) -> Doubts:
     """Doubts of a part adapted from a type.
 
     `part`: before it was fitted; `found`: the fit of the flow factor, and from four quantities on of the type's
-    parameters.
+    parameters; `flow_spread`: standard deviation of the flow about the drawing, as a share.
     """
-    judged, factor = points.judged, (found.best[FLOW] / part.values[FLOW]) ** 2
-    drawn = drawn_quantities(known, part, points.points, threads)
+    judged = points.judged
+    drawn = drawn_quantities(known, part, points.points, threads, flow_spread)
     random = np.random.default_rng(2)
     drawn = drawn + random.normal(size=drawn.shape) * np.nan_to_num(points.discrepancy(drawn))
     low, high = np.quantile(drawn, BAND, axis=0)
     pulls = {p.name: p.prior.residual(found.best[p.name]) for p in found.study.space.parameters if p.prior is not None}
-    chi2, freedom, sentences = found.cost, int(np.count_nonzero(judged)) - 1, []
+    chi2, freedom, sentences = found.cost, int(np.count_nonzero(judged)) - (not pulls), []
     share = _share_as_far(drawn[:, judged], points.quantity[judged])
     if share <= RARE:
         sentences.append(
             f"of {len(drawn)} parts drawn from the type {share:.1%} lie as far from the others as these quantities"
         )
     if pulls:
-        pulls = {FLOW: (factor - 1.0) / float(np.hypot(FLOW_SPREAD, _discharge_spread(known))), **pulls}
-        chi2, freedom = chi2 + pulls[FLOW] ** 2, freedom + 1
         if chdtrc(freedom, chi2) < RARE:
             sentences.append(f"chi-squared is {chi2:.3g}, and {freedom} is expected")
         far = [f"{name} by {pull:+.1f}" for name, pull in pulls.items() if abs(pull) > FAR]
@@ -146,12 +152,6 @@ def doubts_of(
             sentences.append(f"standard deviations away from the type: {listed(far)}")
     change = one_change(known, part, points, threads) if sentences else ""
     return Doubts(low, high, chi2, freedom, pulls, tuple(sentences), change)
-
-
-def _discharge_spread(known: InjectorType) -> float:
-    """Spread of the type's c_d as a share of it: the flow factor, which has no prior in the fit, takes that too."""
-    discharge = known.by_name.get(DISCHARGE)
-    return 0.0 if discharge is None else discharge.spread / discharge.value
 
 
 def _share_as_far(drawn: Floats, measured: Floats) -> float:
