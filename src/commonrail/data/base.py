@@ -21,7 +21,7 @@ from commonrail.base.chart import Figure
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Table
 from commonrail.data.noise import NOISE, Noise
-from commonrail.data.records import Plotted, Record, Texts
+from commonrail.data.records import JUDGED, Plotted, Record, Texts
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.data.study_block import Context, DataModel
 from commonrail.engine import lanes, plan
@@ -171,8 +171,8 @@ class View(ABC):
         return [self.operating_point(data)]
 
     @abstractmethod
-    def merit(self, data: Sequence[Record]) -> Merit:
-        """Error of the calibrated model on data sets, beside that of the start values."""
+    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
+        """Error of a model on data sets, beside that of the start values if there are any."""
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the quantity per stroke, where `merit` does not say it."""

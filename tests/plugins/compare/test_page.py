@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.plugins.compare.page import comparison_commands, comparison_html, comparison_lines
+from commonrail.plugins.compare.page import comparison_commands, comparison_html, comparison_lines, comparison_tiles
 from commonrail.report.page import write_report
 from tests.plugins.compare.samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces, fail
 from tests.report.test_build import Page
@@ -31,6 +31,19 @@ def test_maps_are_judged_by_their_large_quantities_and_failures_are_counted() ->
     assert first == "2 models on 2 data sets; nothing was fitted."
     assert nearest == f"“{NEW}” has the least error of the quantities above 3 mm³ on map and map at 80 MPa."
     assert failed.startswith("2 points could not be simulated or judged")
+
+
+def test_the_first_screen_has_the_error_of_each_model_on_each_kind_of_data() -> None:
+    record = compared_rates()
+    for d, share in zip(record["data"], (0.01, 0.02, 0.123), strict=True):
+        d["J_relative"][STIFF] = share
+    tiles = {tile.head: tile.figure for tile in comparison_tiles(record)}
+    assert len(tiles) == 3
+    assert tiles[f"error of {STIFF}"] == "1.0 · 2.0 · 12.3 %"
+    maps = compared_maps()
+    maps["data"] = maps["data"][:1]
+    maps["data"][0]["figures"][OLD]["rms_large_percent"] = 4.56
+    assert comparison_tiles(maps)[0][:2] == (f"error of {OLD}", "4.6 %")
 
 
 def test_the_command_line_is_quoted() -> None:

@@ -43,11 +43,11 @@ class CurveView(View):
         """The curve's operating point."""
         return data
 
-    def merit(self, data: Sequence[Record]) -> Merit:
+    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Σ |error| over Σ |rate|."""
         best, start = (
             several([d["J_relative"].get(key) for d in data], lambda value: fixed(value, 1, 100.0))
-            for key in (JUDGED, "start")
+            for key in (label, "start")
         )
         return Merit(f"{best} %", f"of the rate, {_named(data)}{start_words(start, '%')}")
 

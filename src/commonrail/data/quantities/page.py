@@ -71,9 +71,11 @@ class MapView(View):
         rows: Sequence[Record] = data["rows"]
         return rows
 
-    def merit(self, data: Sequence[Record]) -> Merit:
+    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Root mean square error of the large quantities, or of the small ones where there are no others."""
-        return _rms(self, data, "rms_large_percent") or _rms(self, data, "rms_small") or Merit(MISSING, "no quantity")
+        keys = ("rms_large_percent", "rms_small")
+        found = filter(None, (_rms(self, data, key, label) for key in keys))
+        return next(found, Merit(MISSING, "no quantity"))
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Root mean square error of the small quantities, which percentages do not tell."""
@@ -113,12 +115,12 @@ class MapView(View):
         return [*found, *dead_time_figure(data, models)]
 
 
-def _rms(view: MapView, data: Sequence[Record], key: str) -> Merit | None:
+def _rms(view: MapView, data: Sequence[Record], key: str, model: str = JUDGED) -> Merit | None:
     """Figure of merit from the root mean squares of some maps; None if none has it."""
     unit, scale, decimals, side = ("%", 1.0, 1, "above") if key == "rms_large_percent" else ("mm³", MM3, 2, "up to")
     best, start = (
         several([d["figures"].get(label, {}).get(key) for d in data], lambda value: fixed(value, decimals, scale))
-        for label in (JUDGED, "start")
+        for label in (model, "start")
     )
     words = f"rms of the {view.of}quantities {side} {limit_text(data)} mm³{start_words(start, unit)}"
     return None if best == MISSING else Merit(f"{best} {unit}", words)

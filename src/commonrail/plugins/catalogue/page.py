@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from commonrail.base.chart import Figure
+from commonrail.base.chart import Figure, Panel
 from commonrail.base.choices import Actuation, Drive
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import fixed, quantity
@@ -98,13 +98,21 @@ def _commands(e: Exhibit) -> list[str]:
 def _curves(e: Exhibit) -> Figure:
     """Rates and lifts at all points."""
     whole = course_figure(e.solutions)
+    rate, lifts = whole.panels[:2]
     lasting, back = quantity(e.points[0].pulses[0][1], "s", 3), quantity(e.points[0].initial_pressures()[1], "Pa", 3)
     return replace(
         whole,
         title=f"Rate and lifts, energised for {lasting}",
-        caption=f"Simulated, not measured, in steps of 1 µs; against {back} in the cylinder.",
-        panels=whole.panels[:2],
+        caption=f"Simulated, not measured, in steps of 1 µs; against {back} in the cylinder. "
+        "Lifts: needle solid, valve dashed.",
+        panels=(_of_pressures(rate, len(e.points)), replace(_of_pressures(lifts, len(e.points)), has_legend=False)),
     )
+
+
+def _of_pressures(panel: Panel, count: int) -> Panel:
+    """Panel whose series are named by their rail pressures, in the order of these."""
+    series = (replace(s, label=s.label.split(", ")[-1], ordered=count) for s in panel.series)
+    return replace(panel, series=tuple(series))
 
 
 def _figures(e: Exhibit) -> Table:

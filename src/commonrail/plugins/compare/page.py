@@ -13,7 +13,7 @@ from commonrail.data.records import MICROSECOND, Plotted, Record, Traces
 from commonrail.plugins.compare.file import RECORD
 from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.record import by_kind, shown_of
-from commonrail.report.fit.verdict import synthetic_notes
+from commonrail.report.fit.verdict import Tile, synthetic_notes
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
@@ -81,6 +81,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
         record=record,
         lines=comparison_lines(record),
         tables=comparison_tables(record),
+        tiles=comparison_tiles(record),
         first=figures[0] if figures else None,
         figures=figures[1:],
         differences=difference_table(record),
@@ -88,6 +89,15 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
         commands=comparison_commands(record, folder),
         facts=_facts(record),
     )
+
+
+def comparison_tiles(record: Record) -> list[Tile]:
+    """Error of each model on each kind of data."""
+    return [
+        Tile(f"error of {label}", *view.merit(own, label))
+        for view, own in by_kind(record["data"])
+        for label in record["labels"]
+    ]
 
 
 def comparison_figures(record: Record, traces: Traces) -> list[Figure]:

@@ -73,9 +73,9 @@ class FeatureView(View):
         """The operating point of the features."""
         return data
 
-    def merit(self, data: Sequence[Record]) -> Merit:
+    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Root mean square error in tolerances."""
-        best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (JUDGED, "start"))
+        best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (label, "start"))
         return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:

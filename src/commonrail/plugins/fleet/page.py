@@ -22,6 +22,7 @@ from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
 SHOWN = 100  # failures that the page lists
+ERRORS = 3  # data sets whose error is on the first screen
 # Keys of a spread, and what a table calls them.
 _QUARTILES = {
     "minimum": "least",
@@ -92,16 +93,26 @@ def fleet_lines(record: Record) -> list[str]:
 
 
 def _tiles(record: Record) -> list[Tile]:
-    counts, best, start = record["counts"], record["J"]["best"], record["J"]["start"]
+    counts = record["counts"]
     total, failed = counts["injectors"], counts["failed"]
-    tiles = [
+    return [
+        *(_error_tile(d) for d in record["data"][:ERRORS] if d["best"]),
         Tile("calibrated", f"{counts['finished']:,} of {total:,}", f"{failed:,} failed", BAD if failed else GOOD),
         Tile("warnings", f"{len(record['warnings']):,}", "kinds, below", CARE if record["warnings"] else GOOD),
     ]
-    if best and start:
-        words = f"J of the median injector, {significant(start['median'], 3)} at the start"
-        tiles.append(Tile("error", significant(best["median"], 3), words))
-    return tiles
+
+
+def _error_tile(d: Record) -> Tile:
+    """Error of a data set of the median injector."""
+    unit, (best, start) = _unit(d), (d["best"], d["start"])
+    before = f" (start {significant(start['median'], 2)} {unit})" if start else ""
+    head = "unseen" if d["role"] == "validation" else "fit"
+    words = f"{d['measure']} of {d['name']}, median injector{before}"
+    return Tile(head, f"{significant(best['median'], 2)} {unit}", words)
+
+
+def _unit(d: Record) -> str:
+    return str(d["unit"]).replace("mm3", "mm³")
 
 
 def fleet_warnings(record: Record) -> list[str]:
@@ -131,7 +142,7 @@ def _data_table(record: Record) -> Table:
     columns: list[Column] = [
         ("data set", "name"),
         ("role", "role"),
-        ("error", lambda d: f"{d['measure']}, {d['unit'].replace('mm3', 'mm³')}"),
+        ("error", lambda d: f"{d['measure']}, {_unit(d)}"),
         ("injectors", "injectors"),
         ("start, median", lambda d: significant((d["start"] or {}).get("median"), 4)),
         *((head, lambda d, key=key: significant((d["best"] or {}).get(key), 4)) for key, head in _QUARTILES.items()),

@@ -393,7 +393,8 @@ def _iso_lines(m: InjectionMap, compared: Comparison | None) -> Figure:
     for family, j in enumerate(chosen.tolist()):
         times = np.where(reached[:, j], m.inverse.energising_time[:, j], np.nan)
         label = f"{significant(m.axes.quantity[j], 4, MM3)} mm³"
-        series.append(Series(label, "solid", rails, points(times * MICROSECOND), family=family, ordered=len(chosen)))
+        look = ("solid", "dash")[family % 2]
+        series.append(Series(label, look, rails, points(times * MICROSECOND), family=family, ordered=len(chosen)))
     limit = [_ballistic_limit(m, i) for i in range(len(m.axes.rail_pressure))]
     if np.isfinite(limit).any():
         series.append(Series("ballistic below", "level", rails, points(np.array(limit) * MICROSECOND)))
@@ -447,11 +448,13 @@ def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
 
 
 def _inverse_curves(m: InjectionMap) -> Figure:
-    series = []
-    for family, row in enumerate(_chosen(m)):
+    series, chosen = [], _chosen(m)
+    for family, row in enumerate(chosen):
         simulated = m.inverse.state[row] != CellState.BEYOND
         x, y = m.axes.quantity[simulated] * MM3, m.inverse.energising_time[row, simulated] * MICROSECOND
-        series.append(Series(pressure(m.axes.rail_pressure[row]), "solid", points(x), points(y), BOTH, family))
+        series.append(
+            Series(pressure(m.axes.rail_pressure[row]), "solid", points(x), points(y), BOTH, family, len(chosen))
+        )
     return Figure(
         "Energising time over quantity",
         "The inverse map without its unreachable cells.",

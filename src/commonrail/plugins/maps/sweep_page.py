@@ -122,7 +122,7 @@ def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
     for k in range(min(parts, MOST_FIGURES)):
         label = f", {_title(others[1])} {_value(others[1], k)}" if len(others) > 1 else ""
         series = tuple(
-            Series(_value(others[0], j) if others else "", "solid", x, points(volume[:, j, k] * MM3), BOTH, family=j)
+            Series(_value(others[0], j) if others else "", "solid", x, points(volume[:, j, k] * MM3), BOTH, j, rows)
             for j in range(rows)
             if np.isfinite(volume[:, j, k]).any()
         )

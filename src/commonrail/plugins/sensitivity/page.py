@@ -74,7 +74,11 @@ def _tiles(record: Record) -> list[Tile]:
             is_share = record["design"] == "sobol"
             figure = f"{percent(best['total']['value'], 0)} %" if is_share else _effect(best, scale, unit)
             what = "of the variance" if is_share else "mean size of its effect"
-            tiles.append(Tile(_heading(output), best["name"], f"{figure} {what}"))
+            tiles.append(
+                Tile(
+                    _heading({**output, "meaning": output["name"].replace("_", " ")}), best["name"], f"{figure} {what}"
+                )
+            )
     return tiles
 
 
@@ -98,7 +102,7 @@ def sensitivity_figures(record: Record) -> list[Figure]:
 
 def _heading(output: Record) -> str:
     text = f"{output['meaning'][:1].upper()}{output['meaning'][1:]}"
-    return f"{text}, {output['point']}" if output["point"] else text
+    return f"{text}, {output['point'].replace(' us', ' µs')}" if output["point"] else text
 
 
 def _table(record: Record, output: Record) -> Table:

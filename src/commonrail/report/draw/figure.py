@@ -49,9 +49,13 @@ _DARK = {
     "#5b8fb9": "#97c6ee",
     "#a6312b": "#ffa8a0",
     "#2c0594": "#6a58d8",
+    "#4c02a1": "#855ed8",
     "#6a00a8": "#a064d8",
+    "#8b0aa5": "#bc6ac6",
     "#a82296": "#d870b4",
+    "#bf3984": "#e6839a",
     "#d3566d": "#f59680",
+    "#e16462": "#f8ae6f",
     "#ee7b51": "#fbc55e",
 }
 _FAMILY_LINES: dict[str, tuple[float, str]] = {
@@ -62,7 +66,7 @@ _FAMILY_LINES: dict[str, tuple[float, str]] = {
 FAMILIES = ("#0072b2", "#d55e00", "#00795c", "#8f4a7d", "#7a6a00", "#3a3a3a", "#5b8fb9", "#a6312b")
 # Of an ordered quantity, low to high: steps of matplotlib's plasma, whose lightness rises, so that they are told apart
 # in grey and by the colour-blind too; without its yellow, which white paper hides.
-RAMP = ("#2c0594", "#6a00a8", "#a82296", "#d3566d", "#ee7b51")
+RAMP = ("#2c0594", "#4c02a1", "#6a00a8", "#8b0aa5", "#a82296", "#bf3984", "#d3566d", "#e16462", "#ee7b51")
 DASHES = {"dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3", "longdashdot": "11 3 2 3"}
 # Filled disc, filled square, ring and frame: drawn as ends of lines, so that an enlarged panel does not enlarge them.
 _MARKERS = (("round", False), ("square", False), ("round", True), ("square", True))

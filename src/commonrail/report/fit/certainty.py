@@ -76,11 +76,11 @@ def difference(record: Record) -> Difference | None:
     matters = bool(excluded) or (gain is not None and outside_joint_region(gain, len(best)))
     if gain is None and not excluded:
         return None
-    higher = "" if gain is None else f": 2 ln L is higher by {significant(gain, 3)} at its most likely values"
+    higher = "" if gain is None else f": 2 ln L is higher by {significant(gain, 3)} at the most likely values"
     if matters and found["starts"] > 1:
-        sentence = f"commonrail certainty has a better fit than this run{higher}."
+        sentence = f"Other values, which commonrail certainty has, fit better, by more than noise explains{higher}."
     elif matters:
-        sentence = f"The likelihood has a better fit near this run{higher}."
+        sentence = f"Other values near these fit the data better, by more than noise explains{higher}."
     else:
         sentence = f"Calibrated and most likely values differ by no more than noise explains{higher}."
     level = fixed(found["level"], 0, 100.0)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, significant
 from commonrail.calibration.optimisers.base import ALIKE
+from commonrail.calibration.search import ONE_POINT
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
@@ -55,7 +56,8 @@ def search_words(found: Record) -> str:
         return "the population is still spread" if found["spread"] > ALIKE else "the best still falls"
     if "agreeing" in found:
         return f"{found['agreeing']} of {found['starts']} ends agree"
-    return str(found["sentence"]).removeprefix("not converged: ").partition(";")[0]
+    words = str(found["sentence"]).removeprefix("not converged: ").partition(";")[0]
+    return "a single search, which no other has confirmed" if ONE_POINT.startswith(words) else words
 
 
 def synthetic_notes(record: Record) -> list[str]:
