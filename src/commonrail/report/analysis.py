@@ -7,10 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from commonrail.base.chart import Bars
+from commonrail.base.chart import Bars, Chart
 from commonrail.base.output import summed, write_csv, write_text
-from commonrail.base.text import MISSING, duration, significant
+from commonrail.base.table import Table
+from commonrail.base.text import MISSING, duration, listed, significant
+from commonrail.calibration.study import Study
 from commonrail.data.records import Record
+from commonrail.report.draw.figure import drawings
+from commonrail.report.fit.verdict import Tile
 from commonrail.report.html import render
 from commonrail.report.page import write_report
 from commonrail.runs.folder import new_run_folder, write_record
@@ -86,6 +90,31 @@ def analysis_html(
         commands=[("Make this report again", f"commonrail report {shlex.quote(folder.as_posix())}")],
         facts=[*facts, ("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)],
         **values,
+    )
+
+
+def result_html(
+    kind: str,
+    study: Study,
+    lines: Sequence[str],
+    tiles: Sequence[Tile],
+    figures: Sequence[Chart],
+    tables: Sequence[Table],
+) -> str:
+    """Page of what follows from a study's fit, such as a measuring plan."""
+    drawn = list(drawings(figures, 380))
+    return render(
+        "result.html",
+        title=f"{kind}: {study.title}",
+        kind=kind,
+        synthetic=[study.synthetic] if study.synthetic else [],
+        lines=lines,
+        tiles=tiles,
+        first=drawn[0] if drawn else None,
+        figures=drawn[1:],
+        tables=tables,
+        commands=[],
+        facts=[("Injector", study.injector.title), ("Data", listed([data.name for data in study.data]))],
     )
 
 

@@ -16,7 +16,7 @@ from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import estimate
 from commonrail.plugins.certainty.noise_fit import Block
 from commonrail.plugins.next.file import plan_record, write_plan
-from commonrail.plugins.next.page import plan_lines
+from commonrail.plugins.next.page import plan_figures, plan_html, plan_lines, plan_tiles
 from commonrail.plugins.next.problem import common_loads, posterior_draws
 from commonrail.plugins.next.study import grid, place_of, usual_axes
 from tests.map_study import map_study
@@ -139,6 +139,20 @@ def test_a_plan_is_written_as_a_table_and_as_a_record(plan: cr.Plan, tmp_path: P
     assert lines[1].split(",")[:3] == ["1", "quantities", f"{rail * 1e-6:g}"]
     assert lines[1].split(",")[5] == f"{time * 1e6:g}"
     assert plan_record(plan)["cost"] == 2.0
+
+
+def test_the_report_shows_the_plan_among_the_fitted_points(study: cr.Study, plan: cr.Plan) -> None:
+    fitted = [point for data in study.data for point in data.points]
+    where, gain = plan_figures(plan, fitted)
+    planned, known = where.panels[0].series
+    times = [one.candidate.point.pulses[-1].duration for one in plan.measurements]
+    assert planned.x == pytest.approx([1e6 * time for time in times])
+    assert len(known.x) == len(fitted)
+    (bars,) = gain.panels[0].bars
+    ratios = [100.0 * plan.after[name] / plan.before[name] for name in gain.panels[0].rows]
+    assert bars.end == pytest.approx(ratios)
+    assert ratios == sorted(ratios)
+    assert all(tile.figure in plan_html(plan, study) for tile in plan_tiles(plan))
 
 
 def test_candidates_that_are_too_close_to_all_data_leave_no_plan(study: cr.Study) -> None:

@@ -16,6 +16,7 @@ from commonrail.data.noise import Law, Noise
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.run import certify
 from commonrail.plugins.prediction import run as module
+from commonrail.plugins.prediction.page import prediction_figures, prediction_html
 from commonrail.plugins.prediction.scatter import floored
 from tests.cli.conftest import run_command
 from tests.map_study import map_study
@@ -81,6 +82,24 @@ def test_bands_beyond_the_fitted_times_are_wider_and_said_to_be(file: Path) -> N
     # twice the width of the scatter, which is in proportion to the tolerance; the parameter adds a little
     assert 1.8 < upper[1] / upper[0] < 2.6
     assert (band.edges[0.9][0] >= 0.0).all()
+
+
+def test_the_report_draws_measured_values_within_their_bands(file: Path) -> None:
+    study = load_study(file)
+    found = cr.predict(study, {study.space.names[0]: A_HOLE}, threads=1)
+    figures = prediction_figures(found)
+    assert [figure.title for figure in figures] == [band.data.name for band in found.bands]
+    for band, figure in zip(found.bands, figures, strict=True):
+        (panel,) = figure.panels
+        marked = [y for series in panel.series if series.mode == "markers" for y in series.y]
+        assert sorted(marked) == pytest.approx(sorted(1e9 * band.data.measured))
+        inside = 0
+        for area, measured in zip(panel.bands, panel.series[::2], strict=True):
+            ends = zip(area.low, measured.y, area.high, strict=True)
+            inside += sum(low <= y <= high for low, y, high in ends)  # type: ignore[operator]
+        assert inside == band.covered(0.9)
+    page = prediction_html(found, study)
+    assert all(f"{band.covered(0.9)} of {len(band.values)} measured values inside" in page for band in found.bands)
 
 
 def test_draws_without_spread_leave_the_scatter_alone(file: Path) -> None:

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from commonrail.base.chart import MARKERS, Bars, Chart, Figure, Panel, Points, Series, points
 from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, quantity, significant
+from commonrail.base.text import counted, fixed, pressure, quantity, signed, significant
+from commonrail.calibration.study import Study
+from commonrail.data.base import Role
+from commonrail.data.records import MICROSECOND, MPA
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, Plan
 from commonrail.plugins.next.study import Criterion, place_of
+from commonrail.report.analysis import SHOWN, result_html
+from commonrail.report.fit.verdict import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
+
+TILES = 5  # measurements on the first screen
 
 _AIMS = {
     Criterion.V: "root mean square of the standard deviations of predictions",
@@ -68,11 +79,59 @@ def plan_lines(plan: Plan) -> list[str]:
     return lines + list(plan.notes)
 
 
+def plan_html(plan: Plan, study: Study) -> str:
+    """Page of a plan for a study."""
+    fitted = [point for data in study.data if data.role is Role.FIT for point in data.points]
+    lines = [plan_headline(plan), *plan_lines(plan)[1:]]
+    return result_html("Plan", study, lines, plan_tiles(plan), plan_figures(plan, fitted), plan_tables(plan))
+
+
+def plan_tiles(plan: Plan) -> list[Tile]:
+    """The first measurements, and what the whole plan gains."""
+    tiles = [Tile(f"{k}. {one.candidate.kind}", _place(one), _gain(one)) for k, one in enumerate(plan.measurements, 1)]
+    return tiles[:TILES]
+
+
+def _place(one: Measurement) -> str:
+    rail, time, _ = place_of(one.candidate.point)
+    return f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs"
+
+
+def _gain(one: Measurement) -> str:
+    before = f"dwell {_dwell(one)} µs; " if len(one.candidate.point.pulses) > 1 else ""
+    return f"{before}standard deviation {signed(100.0 * (one.factor - 1.0), 0)} % with it and those before"
+
+
+def plan_figures(plan: Plan, measured: Sequence[OperatingPoint] = ()) -> list[Chart]:
+    """Measurements among the operating points of the data, and standard errors with them over those without.
+
+    `measured` are the operating points that the fit has seen.
+    """
+    planned = [one.candidate.point for one in plan.measurements]
+    series = [Series("planned", "best", *_coordinates(planned), MARKERS, 1)]  # squares among discs
+    series += [Series("fitted", "measured", *_coordinates(measured), MARKERS)] if measured else []
+    where = Figure("Where to measure", "", "energising time, µs", (Panel("rail pressure, MPa", tuple(series)),))
+    ratios = sorted(((plan.after[name] / before, name) for name, before in plan.before.items()))[:SHOWN]
+    shares = tuple(100.0 * ratio for ratio, _ in ratios)
+    bars = Bars("with the plan", "best", (0.0,) * len(ratios), shares)
+    names = tuple(name for _, name in ratios)
+    caption = "Standard error of each parameter with the plan; 100 % without it. Those that gain most come first."
+    panel = Panel("", (), bars=(bars,), rows=names)
+    gain = Figure("What the plan gains", caption, "standard error, % of today's", (panel,))
+    return [where, gain] if planned else [gain]
+
+
+def _coordinates(places: Sequence[OperatingPoint]) -> tuple[Points, Points]:
+    """Energising times [µs] and rail pressures [MPa]."""
+    found = [place_of(point) for point in places]
+    return points(time * MICROSECOND for _, time, _ in found), points(rail * MPA for rail, _, _ in found)
+
+
 def _dwell(one: Measurement) -> str:
     return fixed(place_of(one.candidate.point)[2], 0, 1e6) if len(one.candidate.point.pulses) > 1 else "–"
 
 
-def _first_line(found: Plan) -> str:
+def plan_headline(found: Plan) -> str:
     """Number of measurements, cost and gain."""
     gain = f"; standard deviation times {fixed(found.measurements[-1].factor, 3)}" if found.measurements else ""
     return f"{counted(len(found.measurements), 'measurement')} at cost {found.cost:g}{gain}"
@@ -96,4 +155,4 @@ def _arrays(found: Plan) -> Arrays:
     return Arrays({"measurement": Array(axis, np.arange(1, len(ones) + 1))}, values, "Next measurements")
 
 
-PLAN = Presenter(lambda plan: [_first_line(plan), *plan_lines(plan)], plan_tables, arrays=_arrays)
+PLAN = Presenter(lambda plan: [plan_headline(plan), *plan_lines(plan)], plan_tables, plan_figures, _arrays)

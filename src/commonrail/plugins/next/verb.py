@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from commonrail.base.errors import InputError, nearest
+from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -61,6 +62,7 @@ def next_(
         bool, Option("--posterior", help="Take the draws of `commonrail certainty --posterior`.")
     ] = False,
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the plan among the data.")] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -77,12 +79,13 @@ def next_(
     from commonrail.base.arguments import chosen
     from commonrail.plugins.certainty.posterior.file import read_posterior
     from commonrail.plugins.next.file import plan_record, write_plan
-    from commonrail.plugins.next.page import plan_lines, plan_tables
+    from commonrail.plugins.next.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.next.run import DesignSettings, candidates_of, next_measurements
     from commonrail.plugins.next.study import Criterion
     from commonrail.runs.folder import read_fit
 
     check_file(out, "--out")
+    check_file(report, "--report")
     settings = DesignSettings(
         points,
         chosen(criterion, Criterion, "criterion"),
@@ -106,11 +109,13 @@ def next_(
     plan = next_measurements(study, best, candidates, settings, posterior=drawn, threads=threads, note=say)
     if out is not None:
         write_plan(out, plan)
+    if report is not None:
+        write_text(report, plan_html(plan, study))
     print_result(
         json,
         lambda: plan_record(plan) | {"run": str(run)},
         lambda: print_text(plan_lines(plan), plan_tables(plan)),
-        [out],
+        [out, report],
     )
 
 

@@ -7,16 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.base.chart import LINES, MARKERS, Chart, Figure, Panel, Series, points
+from commonrail.base.chart import Band as Area
 from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import MISSING, counted, fixed, significant
-from commonrail.data.records import Record
+from commonrail.base.text import MISSING, counted, field_unit, fixed, pressure, significant
+from commonrail.calibration.study import Study
+from commonrail.data.records import Record, origin_of
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import Prediction
+from commonrail.report.analysis import result_html
+from commonrail.report.fit.verdict import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 Floats = NDArray[np.float64]
 
 _MM3 = 1e9
+TILES = 5  # data sets on the first screen
 
 
 def coverage_table(record: Record) -> Table:
@@ -49,7 +55,7 @@ def points_table(record: Record) -> Table:
     `record`: of `Prediction.record`, of operating points.
     """
     (data,) = record["data"]
-    heads = ["rail pressure, MPa", "energising time, us", "quantity, mm3"]
+    heads = ["rail pressure, MPa", "energising time, µs", "quantity, mm³"]
     heads += [f"{fixed(level, 0, 100.0)} % band, mm³" for level in record["levels"]]
 
     def cells(i: int) -> tuple[str, ...]:
@@ -64,6 +70,59 @@ def points_table(record: Record) -> Table:
 
     parts = (Part(tuple(heads), cells),)
     return table_of("Predicted quantities", range(len(data["values"])), parts, f"Bands: {record['estimator']}.", 0)
+
+
+def prediction_html(found: Prediction, study: Study) -> str:
+    """Page of predictions for a study."""
+    tiles = [_tile(band, max(found.levels)) for band in found.bands[:TILES]]
+    return result_html("Predictions", study, _lines(found), tiles, prediction_figures(found), _tables(found))
+
+
+def _tile(band: Band, level: float) -> Tile:
+    """Width of the widest band of a data set, and the measured values inside."""
+    head, words = band.data.name, f"median half width of the {fixed(level, 0, 100.0)} % band"
+    if band.measured:
+        head += f" ({band.data.role.value})"
+        words += f"; {band.covered(level)} of {int(band.data.judged.sum())} measured values inside"
+    return Tile(head, f"± {fixed(band.half_width(level), 1, 100.0)} %", words)
+
+
+def prediction_figures(found: Prediction) -> list[Chart]:
+    """Each data set with its widest band: rates over time, quantities over energising time by rail pressure."""
+    level = max(found.levels)
+    return [figure for band in found.bands if (figure := _figure(band, level))]
+
+
+def _figure(band: Band, level: float) -> Figure | None:
+    """None where several values share a place, as features do."""
+    data, unit = band.data, field_unit(band.data.unit)
+    judged = np.flatnonzero(data.judged)
+    rails = np.array([point.initial_pressures()[0] for point in data.points])
+    axis, mode, groups, name = "time, µs", LINES, [judged], "Thick line"
+    if data.bounds is not None:
+        x = 0.5e6 * (data.bounds[1:] + data.bounds[:-1])
+    else:
+        axis, mode, name = "energising time, µs", MARKERS, "Markers"
+        x = 1e6 * np.array([point.pulses[-1].duration if point.pulses else 0.0 for point in data.points])
+        groups = [judged[rails[judged] == rail] for rail in np.unique(rails[judged])]
+    series, bands = [], []
+    for family, group in enumerate(groups):
+        rows = group[np.argsort(x[group])]
+        if len(np.unique(x[rows])) < len(rows):
+            return None
+        own, step = points(x[rows]), (family, len(groups)) if mode == MARKERS else ()
+        low, high = (points(unit.factor * edge[rows]) for edge in band.edges[level])
+        bands.append(Area("best", own, low, high, *step))
+        if band.measured:
+            measured = np.asarray(data.measured, float)[rows]
+            series.append(Series("", "measured", own, points(unit.factor * measured), mode, *step))
+        label = pressure(rails[rows[0]]) if mode == MARKERS else "predicted"
+        series.append(Series(label, "best", own, points(unit.factor * band.values[rows]), LINES, *step))
+    caption = f"Lines: predicted; shaded: {fixed(level, 0, 100.0)} % band of measured values."
+    if band.measured:
+        caption += f" {name}: {origin_of({'synthetic': data.synthetic})}."
+    panel = Panel(f"{data.kind.replace('quantities', 'quantity')}, {unit.text}", tuple(series), bands=tuple(bands))
+    return Figure(data.name, caption, axis, (panel,))
 
 
 def _lines(found: Prediction) -> list[str]:
@@ -117,4 +176,4 @@ def _columns(band: Band, levels: Sequence[float]) -> dict[str, Floats]:
     return columns | {"measured": np.asarray(data.measured, float) if band.measured else nothing}
 
 
-PREDICTION = Presenter(_lines, _tables, arrays=_arrays)
+PREDICTION = Presenter(_lines, _tables, prediction_figures, _arrays)

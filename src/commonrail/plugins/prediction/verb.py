@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
+from commonrail.base.output import write_text
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
@@ -52,6 +53,7 @@ def predict(
     return_pressure: ReturnPressure = None,
     bands: Annotated[Bands, Option(help="What the parameters may be.")] = Bands.LAPLACE,
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for predictions and bands.")] = None,
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the bands.")] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -70,11 +72,12 @@ def predict(
     """
     from commonrail.plugins.certainty.posterior.file import read_draws
     from commonrail.plugins.prediction.file import write_bands
-    from commonrail.plugins.prediction.page import coverage_table, points_table
+    from commonrail.plugins.prediction.page import coverage_table, points_table, prediction_html
     from commonrail.plugins.prediction.run import predict as run_prediction
     from commonrail.runs.folder import read_fit
 
     check_file(out, "--out")
+    check_file(report, "--report")
     study, best = read_fit(run)
     points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
     draws = read_draws(run, study.space.names) if bands is Bands.POSTERIOR else None
@@ -82,13 +85,15 @@ def predict(
     found = run_prediction(study, best, points, draws=draws, threads=threads)
     if out is not None:
         write_bands(out, found)
+    if report is not None:
+        write_text(report, prediction_html(found, study))
     record = found.record()
     if json:
         print_json({"kind": "prediction", "run": str(run), "file": str(out) if out else None, **record})
         return
     print_table(points_table(record) if points else coverage_table(record))
-    if out is not None:
-        say(f"wrote {out}")
+    for path in filter(None, (out, report)):
+        say(f"wrote {path}")
 
 
 def _points(
