@@ -12,8 +12,8 @@ import commonrail as cr
 from commonrail.base.display import lend
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import Base, Sweep, Variable
-from commonrail.report.notebook import MOST_ROWS, Picture
-from tests.report.test_simulation import solution
+from commonrail.report.notebook import MOST_ROWS, Picture, plot_of
+from tests.report.test_simulation import solution, trapezium
 
 TEMPLATE = Path(cr.__file__).parent / "plugins" / "new" / "template" / "study.toml"
 
@@ -96,6 +96,17 @@ def test_figures_are_drawn_and_saved_as_a_page(tmp_path: Path) -> None:
     assert picture._repr_html_().count('<svg class="figure') == 2
     page = picture.save(tmp_path / "sweep.html").read_text(encoding="utf-8")
     assert "Quantity of the second injection" in page
+
+
+def test_a_simulation_is_drawn_with_its_delays_beside_a_section_of_the_injector(tmp_path: Path) -> None:
+    picture = plot_of(trapezium(), cr.OperatingPoint(1e8, 700e-6))
+    shown = picture._repr_html_()
+    assert (shown.count('<svg class="figure'), shown.count('<svg class="section"')) == (1, 1)
+    bars = [len(one.figures[0].panels[0].bars) for one in (plot_of(trapezium()), picture)]
+    assert bars[0] < bars[1]
+    assert '<svg class="section"' in picture.save(tmp_path / "one.html").read_text(encoding="utf-8")
+    with pytest.raises(cr.ConfigurationError, match="has no point"):
+        made_sweep().plot(cr.OperatingPoint(1e8, 700e-6))
 
 
 def test_what_has_no_figure_or_values_says_so() -> None:

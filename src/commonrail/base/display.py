@@ -101,12 +101,13 @@ class Shown:
         """Tables of the report, for a notebook."""
         return str(_notebook().html_of(self))
 
-    def plot(self) -> Any:
+    def plot(self, point: Any = None) -> Any:
         """Figures of the report; a notebook shows them, `save` writes them as a page.
 
-        Raises `ConfigurationError` if there is nothing to draw.
+        `point` is the `OperatingPoint` of a simulation, whose energisings and delays are then drawn. Raises
+        `ConfigurationError` if there is nothing to draw, or what has a point is no simulation.
         """
-        return _notebook().plot_of(self)
+        return _notebook().plot_of(self, point)
 
     def to_pandas(self) -> Any:
         """Values as a pandas.DataFrame, with the unit behind each name; needs pandas.

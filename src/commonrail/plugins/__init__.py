@@ -54,6 +54,8 @@ SHIPPED: dict[str, dict[str, str]] = {
         "figure": "commonrail.plugins.features.anatomy:anatomy_figure",
         ".foam": "commonrail.plugins.cfd.file:write_foam",
         ".dat": "commonrail.plugins.cfd.file:write_dat",
+        "section": "commonrail.plugins.features.anatomy:still_section",
+        "moving section": "commonrail.plugins.features.anatomy:moving_section",
     },
     "after_fit": {
         "certainty": "commonrail.plugins.certainty.run:judge",

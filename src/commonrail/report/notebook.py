@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from commonrail.base import registry
+from commonrail.base.arguments import instance
 from commonrail.base.chart import Chart
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Column, Table, tabulated
@@ -18,6 +19,7 @@ from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
 from commonrail.data.records import MICROSECOND, MM3
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
 from commonrail.report.draw.figure import svg
@@ -37,10 +39,6 @@ def _solution_lines(s: Solution) -> list[str]:
         f"{s.status.name}; {fixed(s.injected_volume, 2, MM3)} mm³ injected, {fixed(s.returned_volume, 2, MM3)} mm³ "
         f"returned; opens at {fixed(s.opening, 1, MICROSECOND)} µs, closes at {fixed(s.closing, 1, MICROSECOND)} µs"
     ]
-
-
-def _solution_figures(s: Solution) -> list[Chart]:
-    return [registry.shipped("simulations")["figure"].load()(s)]
 
 
 def _batch_lines(batch: Batch) -> list[str]:
@@ -157,7 +155,7 @@ def _by_parameter(values: Sequence[Any]) -> Array:
     return Array(("parameter",), np.array(values))
 
 
-SOLUTION = Presenter(_solution_lines, figures=_solution_figures, arrays=_solution_arrays)
+SOLUTION = Presenter(_solution_lines, arrays=_solution_arrays)
 BATCH = Presenter(_batch_lines, arrays=_batch_arrays)
 INJECTOR = Presenter(_injector_lines, arrays=_injector_arrays)
 STUDY = Presenter(_study_lines, _study_tables, arrays=_study_arrays)
@@ -173,16 +171,16 @@ MOST_FIGURES = 12
 class Picture:
     """Figures of a result: a notebook shows them, `save` writes them as a page that needs no other file."""
 
-    def __init__(self, title: str, figures: Sequence[Chart]) -> None:
-        self.title, self.figures = title, tuple(figures)
+    def __init__(self, title: str, figures: Sequence[Chart], beside: str = "") -> None:
+        self.title, self.figures, self.beside = title, tuple(figures), beside
 
     def __repr__(self) -> str:
         """Title and number of figures."""
         return f"<Picture: {self.title}, {counted(len(self.figures), 'figure')}>"
 
     def _repr_html_(self) -> str:
-        """Figures, drawn."""
-        return "".join(map(_figure_html, self.figures))
+        """Figures, drawn, and HTML that stands behind them."""
+        return "".join([*map(_figure_html, self.figures), self.beside])
 
     def save(self, path: str | Path) -> Path:
         """Write the figures as an HTML page; returns its path."""
@@ -190,7 +188,8 @@ class Picture:
 
         path = Path(path)
         parts = [(figure, svg(figure)) for figure in self.figures]
-        write_text(path, render("picture.html", title=self.title, kind="Figures", synthetic=[], figures=parts))
+        values: dict[str, Any] = {"title": self.title, "figures": parts, "beside": Markup(self.beside)}
+        write_text(path, render("picture.html", kind="Figures", synthetic=[], **values))
         return path
 
 
@@ -211,16 +210,27 @@ def html_of(result: Any) -> str:
     return f'<div class="commonrail">{lines}{"".join(map(_table_html, shown.tables(result)))}</div>'
 
 
-def plot_of(result: Any) -> Picture:
-    """Figures of a result; ConfigurationError if there are none."""
-    figures = list(presenter_of(result).figures(result))
+def plot_of(result: Any, point: OperatingPoint | None = None) -> Picture:
+    """Figures of a result, that of a simulation beside a section of the injector; `point` is that of a simulation.
+
+    ConfigurationError if there are none, or another result has a point.
+    """
+    beside = ""
+    if isinstance(result, Solution):
+        instance(point, OperatingPoint | None, "point")
+        figures: list[Chart] = [registry.shipped("simulations")["figure"].load()(result, point)]
+        beside = registry.shipped("simulations")["section"].load()(result, point)
+    elif point is not None:
+        raise ConfigurationError(f"A {type(result).__name__} has no point; omit it.")
+    else:
+        figures = list(presenter_of(result).figures(result))
     if not figures:
         raise ConfigurationError(
             f"A {type(result).__name__} of this kind has nothing to draw; its tables are its HTML."
         )
     shown = figures[:MOST_FIGURES]
     more = f", the first {MOST_FIGURES} of {len(figures)}" if len(figures) > MOST_FIGURES else ""
-    return Picture(f"{next(iter(presenter_of(result).lines(result)))[:LONGEST]}{more}", shown)
+    return Picture(f"{next(iter(presenter_of(result).lines(result)))[:LONGEST]}{more}", shown, beside)
 
 
 def frame_of(result: Any) -> Any:

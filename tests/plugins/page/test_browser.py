@@ -413,6 +413,20 @@ def test_one_cursor_crosses_all_charts_over_time(page: Browser) -> None:
     assert set(marked) == {"time, µs"}
 
 
+def test_the_section_moves_with_the_cursor_as_the_simulation_does(page: Browser) -> None:
+    page.evaluate("document.dispatchEvent(new CustomEvent('reader', { detail: { title: 'time, µs', x: 600 } }))")
+    assert page.evaluate("document.querySelector('#anatomy output').textContent") == "600 µs"
+    found = shown(page)
+    at = round(600e-6 / (found["every"] * page.evaluate("commonrail.model.dt")))
+    for name, scale in (("needle_lift", 1e6), ("control_pressure", 1e-6)):
+        said = page.evaluate(f"document.querySelector('#anatomy [data-say={name}]').textContent")
+        assert float(said.split()[0]) == round(scale * found["channels"][name][at])
+    needle = "document.querySelector('#anatomy [data-move=needle_lift]').getAttribute('transform')"
+    before = page.evaluate(needle)
+    page.evaluate("document.dispatchEvent(new CustomEvent('reader', { detail: { title: 'time, µs', x: 0 } }))")
+    assert page.evaluate(needle) != before
+
+
 def test_dark_and_light(page: Browser) -> None:
     paper = "getComputedStyle(document.body).backgroundColor"
     light = page.evaluate(paper)

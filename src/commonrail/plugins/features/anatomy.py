@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -44,6 +44,7 @@ _PANELS: tuple[tuple[str, float, dict[str, tuple[str, int]]], ...] = (
     ("needle, µm", 1e6, {"needle_lift": ("needle lift", 1)}),
     (RATE, MM3_PER_MS, {"rate": ("rate", 0)}),
 )
+SCALES = {key: scale for _, scale, channels in _PANELS for key in channels}  # from SI to the unit that is shown
 _SHARES = {"pressure, MPa": 1.5, RATE: 1.5}
 _ROWS = ("energised", "opening", "closing")
 AFTER, LEAST = 0.08, 100e-6  # time shown after the end of all motion: share of what lies before, and at least [s]
@@ -212,19 +213,9 @@ class Section:
     page's script does the same at other times.
     """
 
-    def __init__(self, solution: Solution, pulses: tuple[Energising, ...]) -> None:
-        self.is_direct = "valve_lift" not in solution.channels
-        time = np.linspace(float(solution.time[0]), end_of_motion(solution, pulses), FRAMES)
-        self.values = {"time": time * MICROSECOND}
-        for _, scale, channels in _PANELS:
-            for key in channels:
-                if key in solution.channels:
-                    self.values[key] = np.interp(time, solution.time, solution.channels[key]) * scale
-        self.values["rate"] = np.interp(time, solution.sample_time, np.nan_to_num(solution.rate)) * MM3_PER_MS
-        top = solution.channels.get("plunger_lift", solution.channels["needle_lift"])
-        self.values["plunger"] = np.interp(time, solution.time, top - top[0]) * 1e6
-        on = [(time >= p.start) & (time < p.start + p.duration) for p in pulses]
-        self.values["energised"] = np.any(on, axis=0).astype(float) if on else np.zeros(FRAMES)
+    def __init__(self, values: Mapping[str, Floats], is_moving: bool = True) -> None:
+        self.values, self.is_moving = values, is_moving
+        self.is_direct = "valve_lift" not in values
         self.still = int(self.values["needle_lift"].argmax())
         self.full = max(float(v.max()) for k, v in self.values.items() if k.endswith("pressure"))
 
@@ -276,6 +267,35 @@ class Section:
         return Markup(json.dumps(record, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
+def section_of(solution: Solution, pulses: tuple[Energising, ...]) -> Section:
+    """Section that follows a simulation until all motion has ended."""
+    time = np.linspace(float(solution.time[0]), end_of_motion(solution, pulses), FRAMES)
+    values = {"time": time * MICROSECOND}
+    for key, scale in SCALES.items():
+        if key in solution.channels:
+            values[key] = np.interp(time, solution.time, solution.channels[key]) * scale
+    values["rate"] = np.interp(time, solution.sample_time, np.nan_to_num(solution.rate)) * MM3_PER_MS
+    top = solution.channels.get("plunger_lift", solution.channels["needle_lift"])
+    values["plunger"] = np.interp(time, solution.time, top - top[0]) * 1e6
+    on = [(time >= p.start) & (time < p.start + p.duration) for p in pulses]
+    values["energised"] = np.any(on, axis=0).astype(float) if on else np.zeros(FRAMES)
+    return Section(values)
+
+
+def still_section(solution: Solution, point: OperatingPoint | None = None) -> Markup:
+    """Section at the largest needle lift, with its styles, for a notebook."""
+    section = section_of(solution, () if point is None else point.pulses)
+    return Markup(render("still.html", __package__, section=section, strokes=(NEEDLE_STROKE, VALVE_STROKE)))
+
+
+def moving_section(channels: Iterable[str]) -> Markup:
+    """Section with its player, styles and script, for a page that simulates; its courses are shares of the largest."""
+    names = [*(SCALES.keys() & set(channels)), "rail_pressure", "rate", "plunger", "energised", "needle_lift"]
+    section = Section({name: np.array([0.0, 1.0]) for name in ["time", *names]}, is_moving=False)
+    strokes, scales = (NEEDLE_STROKE, VALVE_STROKE), json.dumps(SCALES)
+    return Markup(render("moving.html", __package__, section=section, strokes=strokes, scales=scales))
+
+
 def anatomy_html(
     solution: Solution,
     title: str,
@@ -298,6 +318,6 @@ def anatomy_html(
         tiles=anatomy_tiles(solution, point),
         statuses=[solution.sentence],
         synthetic=synthetic,
-        section=Section(solution, pulses),
+        section=section_of(solution, pulses),
         strokes=(NEEDLE_STROKE, VALVE_STROKE),
     )

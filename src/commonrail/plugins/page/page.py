@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import ArrayLike
 
+from commonrail.base import registry
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.hooks import ALL_ENTRIES, lasting
@@ -374,6 +375,7 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         package=__package__,
         title=subject.title,
         drawings=_drawings(subject),
+        section=registry.shipped("simulations")["moving section"].load()(numbers["channels"]),
         lead=_lead(subject, numbers),
         synthetic=subject.synthetic,
         model=embedded(numbers),
@@ -428,11 +430,12 @@ def _drawings(subject: Subject) -> dict[str, tuple[str, Markup]]:
         room = Series("", "level", (0.0, 1.0), (0.0, 1000.0))
         return Figure(y_title, "", x_title, (Panel(y_title, (room, *(Series(n, "best", (), ()) for n in names))),))
 
-    rate = ["simulated", "held", "members of the fan", *(["measured, with the name"] if subject.data else [])]
+    rate = ["simulated", "held", "members of the fan", "opening delay", "closing delay"]
+    rate += ["measured, with the name"] if subject.data else []
     found = {"rate": ("Rate of injection", figure_html(empty(RATE, _TIME, rate), "drawing-rate", RATE_HEIGHT))}
     for key, (y_title, _, names) in _PANELS.items():
         title = f"{y_title.partition(',')[0].capitalize()}"
-        found[key] = title, small_html(empty(y_title, _TIME, names.values()), f"drawing-{key}")
+        found[key] = title, small_html(empty(y_title, _TIME, [*names.values(), "energised"]), f"drawing-{key}")
     rails = ["200 MPa"] * MAP_PRESSURES + ["points: synthetic"] * bool(subject.maps)
     numbered = [f"{name} {i}" for i, name in enumerate(rails)]
     for key, title, y_title in (

@@ -158,6 +158,7 @@ const charts = (() => {
       const [view, was] = [this.view, this.zoomed];
       this.x = x;
       this.y = y;
+      this.pane.dataset.x = x.join(" ");
       this.show(was ? view.x : x, was ? view.y : y);
     }
 
@@ -236,6 +237,7 @@ const charts = (() => {
   // Cursor at a value of all panels in sight that have this horizontal axis; those of one group are told together.
   function point(chart, x, event) {
     cursor = { title: chart.title, x };
+    document.dispatchEvent(new CustomEvent("reader", { detail: cursor }));
     const lines = [];
     for (const other of list) {
       if (other.title !== chart.title || !other.seen) continue;
@@ -415,7 +417,7 @@ const charts = (() => {
     // Drawing alone, in the colours of paper.
     get text() {
       const copy = this.svg.cloneNode(true), { width, height } = this.svg.viewBox.baseVal;
-      all(copy, ".reader, .dots, .frame").forEach((node) => node.remove());
+      all(copy, ".reader, .dots, .frame, .now").forEach((node) => node.remove());
       copy.prepend(element("rect", { width, height, fill: "#fff" }));
       return new XMLSerializer().serializeToString(set(copy, { width, height }));
     }

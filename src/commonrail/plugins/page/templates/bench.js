@@ -263,9 +263,19 @@ function drawRate(answer) {
     series.push({ ...looks.paper, key: "meter", name: `as ${d.meter.name} shows it`, x: d.x, y: scored.rate.map((value) => value * MICRO) });
   }
   const rate = rateOf(thinned(course.injected, asked.every), asked.every, start, asked.density);
-  series.push({ ...looks.best, key: "best", name: "simulated", ...rate });
+  series.push({ ...looks.best, key: "best", name: "simulated", ...rate }, ...delaysOf(answer));
   views.rate.show(series, rangeOf(answer));
   return rate;
+}
+
+// Bars on the axis of the rate: from the begin of energising to the opening, from its end to the closing.
+function delaysOf({ state: asked, course: { figures } }) {
+  const { start, pulses } = asked.point, instant = (steps) => (start + steps * model.dt) * MICRO;
+  if (!pulses.length) return [];
+  const ends = pulses.map(([from, lasting]) => (from + lasting) * MICRO);
+  const bar = (look, name, x) => ({ ...looks[look], key: name, name, x, y: [0, 0], width: 8, dash: "" });
+  return [bar("start", "opening delay", [pulses[0][0] * MICRO, instant(figures.opening)]),
+    bar("paper", "closing delay", [ends[ends.length - 1], instant(figures.closing)])].filter(({ x }) => x[1] > x[0]);
 }
 
 // End of the time that is drawn [s]: behind the last closing and the measured curve, in round numbers.
@@ -319,9 +329,36 @@ function drawPanels(now) {
       for (let i = 0; i <= course.rows; i++) y[i] = course.channels[i * width + at[line.channel]] * line.scale;
       return { ...line, key: line.channel, x, y };
     });
+    if (id === "current") series.push(...asked.point.pulses.map(([from, lasting], i) => ({ ...looks.rigid, key: "energised", name: i ? "" : "energised", x: [from * MICRO, (from + lasting) * MICRO], y: [0, 0], width: 8, dash: "" })));
     views[id].show(series, range);
   }
   drawFigures(shown);
+  drawSection(shown, x);
+}
+
+const SLOW = 8; // [s] of the slow motion
+const scales = JSON.parse(byId("anatomy").dataset.scales); // from SI to what is shown, by channel
+let anatomy = null, largest = null; // section of the injector, and the largest values of its first courses
+
+// Moves the section by the courses that are shown, as shares of the largest ones of the first simulation.
+function drawSection({ state: asked, course, rate }, times) {
+  const width = model.channels.length, { start, pulses, rail } = asked.point, every = asked.every * model.dt * MICRO;
+  const x = times.filter((t) => t <= rangeOf(shown)[1]), values = { time: x };
+  const column = (name, scale, below = 0) => x.map((_, i) => (course.channels[i * width + at[name]] - below) * scale);
+  for (const [name, scale] of Object.entries(scales)) if (name in at) values[name] = column(name, scale);
+  values.rail_pressure ??= x.map(() => rail / MICRO);
+  const top = "plunger_lift" in at ? "plunger_lift" : "needle_lift";
+  values.plunger = column(top, MICRO, course.channels[at[top]]);
+  values.rate = x.map((t) => rate.y[Math.min(Math.floor((t - start * MICRO) / every), rate.y.length - 1)]);
+  values.energised = x.map((t) => Number(pulses.some(([from, lasting]) => t >= from * MICRO && t < (from + lasting) * MICRO)));
+  if (x.length < 2 || Object.values(values).some((y) => y.some(Number.isNaN))) return; // of a simulation that failed
+  largest ??= Object.fromEntries(Object.entries(values).map(([name, y]) => [name, y.reduce((a, b) => Math.max(a, b), 1e-9)]));
+  const full = Math.max(...Object.keys(largest).filter((name) => name.endsWith("pressure")).map((name) => largest[name]));
+  const size = (name) => (name.endsWith("pressure") ? full : largest[name === "plunger" ? "needle_lift" : name]);
+  const shares = Object.fromEntries(Object.entries(values).map(([name, y]) => [name, name === "time" ? y : y.map((v) => v / size(name))]));
+  byId("anatomy").hidden = false;
+  anatomy ??= anatomyOf(byId("anatomy"), ["rate", "lift", "pressure", "current"].map((id) => `#${id} .pane`).join());
+  anatomy.take(shares, values, SLOW, values.needle_lift.indexOf(Math.max(...values.needle_lift)));
 }
 
 const SENTENCES = {
