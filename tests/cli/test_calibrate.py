@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import json
+import shlex
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 from commonrail.base.errors import StudyError
 from commonrail.base.hooks import _ask
 from commonrail.calibration.search import Progress
+from commonrail.cli.fit import print_card
 from commonrail.plugins.cluster import run as cluster
+from commonrail.report.fit.verdict import verdict
 from commonrail.runs.listing import list_runs
 from tests.cli.conftest import Command, check_made_again, run_command, small_study
 
@@ -97,6 +102,23 @@ def test_the_tables_are_printed_where_they_are_asked_for(command: Command, finis
     verdict = done.out.partition("\nParameters\n")[2]
     assert "control_chamber.z_hole_diameter" in verdict
     assert "\n  commonrail " in verdict  # the next steps come last
+
+
+def test_the_card_fits_a_narrow_terminal_and_its_commands_can_be_copied(
+    finished: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = json.loads(finished["out"])["result"]
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    run = "runs/" + "long-name-" * 5  # whose commands do not fit
+    print_card(record, run)
+    lines = click.unstyle(capsys.readouterr().out).splitlines()
+    assert len(lines) <= 15
+    assert max(map(len, lines)) <= 80
+    copied = "\n".join(lines).replace("\\\n", " ").splitlines()
+    commands = [step.command for step in verdict(record, run).steps[:3] if step.command]
+    assert commands
+    assert [shlex.split(line) for line in copied if line.startswith("  commonrail")] == [*map(shlex.split, commands)]
 
 
 def test_the_report_can_be_made_again(command: Command, finished: dict[str, Any]) -> None:

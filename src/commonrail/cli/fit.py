@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import textwrap
@@ -14,7 +15,7 @@ import click
 
 from commonrail.base.errors import StudyError
 from commonrail.base.text import counted, quantity
-from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, wrapped
+from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
             _print_tables(record)
         if record["synthetic"]:
             click.echo(f"SYNTHETIC: {record['synthetic']}" if full else _one_line(f"SYNTHETIC: {record['synthetic']}"))
-        _print_card(record, str(outcome.folder))
+        print_card(record, str(outcome.folder))
         click.echo(f"report: {outcome.report}{_mention(warnings)}")
     end_if_stopped(outcome)
     if live:
@@ -142,33 +143,48 @@ def _print_tables(record: Mapping[str, Any]) -> None:
 
 
 COLOURS = {"good": "green", "care": "yellow", "bad": "red"}  # of the levels of a verdict
-REASONS, STEPS = 7, 3  # lines with reasons, and commands, in a terminal
+LINES, STEPS = 15, 3  # lines of the card in a terminal, and commands in it
 
 
-def _print_card(record: Mapping[str, Any], run: str) -> None:
-    """Print verdict, figures, reasons and next commands of a calibration: 22 lines at most in a terminal."""
+def print_card(record: Mapping[str, Any], run: str) -> None:
+    """Print verdict, figures, reasons and next commands of a calibration in some `LINES`, reasons cut first."""
     from commonrail.report.fit.verdict import tiles, verdict
 
     found = verdict(record, run)
     bar = click.style("┃", fg=COLOURS[found.level])
     click.echo(f"{bar} {click.style(found.title, bold=True)}")
-    for tile in tiles(record, found.levels):
+    figures = tiles(record, found.levels)
+    for tile in figures:
         figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
-        click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
-    lines = [line for reason in found.reasons for line in wrapped(reason, "- ", "  ")]
-    click.echo("\n".join(lines[:REASONS]))
-    if len(lines) > REASONS:
-        click.echo(f"  … {counted(len(lines) - REASONS, 'more line')} in the report")
+        click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37, whole=False)}")
+    steps = []
     for number, step in enumerate(found.steps[:STEPS], start=1):
-        click.echo(f"{number} {_one_line(step.text, 2)}")
-        if step.command:
-            click.echo(click.style(f"  {step.command}", bold=True))
+        steps += [f"{number} {_one_line(step.text, 2)}", *(click.style(c, bold=True) for c in _command(step.command))]
+    lines = [f"- {_one_line(reason, 2)}" for reason in found.reasons]
+    room = max(LINES - 1 - len(figures) - len(steps), 2)
+    if len(lines) > room:
+        lines[room - 1 :] = [f"  … {counted(len(lines) - room + 1, 'more reason')} in the report"]
+    click.echo("\n".join([*lines, *steps]))
 
 
-def _one_line(text: str, before: int = 0) -> str:
-    """Text cut between words to the line of a terminal of which so many columns are taken; in a file the whole text."""
+def _command(command: str) -> list[str]:
+    """Lines of a command, which a shell takes as one; a terminal would break it within an option."""
+    if os.name == "nt" or not sys.stdout.isatty():
+        return [f"  {command}"] if command else []
+    width = columns_of(sys.stdout) - 2  # that of the sign at the end
+    found = textwrap.wrap(command, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+    return [f"{line} \\" for line in found[:-1]] + found[-1:]
+
+
+def _one_line(text: str, before: int = 0, whole: bool = True) -> str:
+    """Text cut between words to the line of a terminal of which so many columns are taken; in a file the whole text.
+
+    If not `whole`, what stands in brackets goes first.
+    """
     if not sys.stdout.isatty():
         return text
+    if not whole and len(text) > columns_of(sys.stdout) - before:
+        text = text.partition(" (")[0]
     return textwrap.shorten(text, max(columns_of(sys.stdout) - before, 20), placeholder=" …")
 
 
