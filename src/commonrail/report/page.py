@@ -169,7 +169,7 @@ def report_html(
         "report.html",
         kind="Calibration",
         record=record,
-        dated=str(record["clock"]["ended"]).replace("T", " ").replace("+00:00", " UTC"),
+        dated=str(record["clock"]["ended"])[:16].replace("T", " ") + " UTC",
         verdict=judged,
         tiles=tiles(record, judged.levels),
         main=[(figure, figure_html(figure, "figure-0", MAIN_HEIGHT)) for figure in figures[:1]],

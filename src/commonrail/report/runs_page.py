@@ -16,7 +16,7 @@ from markupsafe import Markup
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.errors import CommonrailError
 from commonrail.base.table import Table, tabulated
-from commonrail.base.text import MISSING, duration, listed, significant
+from commonrail.base.text import MISSING, duration, listed, quantity_range, significant
 from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record, Traces
 from commonrail.report.draw.figure import drawings
@@ -180,16 +180,17 @@ def _differences(read: Sequence[_Read]) -> Table | None:
         return None
     columns: list[Any] = [("setting", lambda key: key)]
     columns += [(_name(one), lambda key, own=own: own.get(key, MISSING)) for one, own in zip(read, stated, strict=True)]
-    return tabulated("What the studies differ in", keys, columns, "Bounds in SI units.")
+    return tabulated("What the studies differ in", keys, columns, "Of parameters their bounds.")
 
 
 def _settings(record: Record) -> Iterator[tuple[str, str]]:
     yield "injector", f"{record['injector']['name']}, {record['injector']['variant']}"
-    for key in ("seed", "time_step", "precision"):
+    yield "time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs"
+    for key in ("seed", "precision"):
         yield key, str(record[key])
     for key, value in (record["optimiser"] or {}).items():
         yield f"optimiser: {key}", str(value)
     yield "data to fit", ", ".join(d["name"] for d in record["data"] if d["role"] == "fit")
     yield "data unseen", ", ".join(d["name"] for d in record["data"] if d["role"] == "validation")
     for p in record["parameters"]:
-        yield p["name"], f"{significant(p['lower'])} to {significant(p['upper'])}"
+        yield p["name"], quantity_range(p["lower"], p["upper"], p["unit"], 3)

@@ -85,11 +85,11 @@ def _rate(record: Record, data: Record, trace: Mapping[str, Floats]) -> Figure:
     return Figure(
         f"Rate of injection at {data['name']} ({data['role']}) (Fig. 6)",
         f"Energising time {data['energising_time'] * MICROSECOND:.0f} µs, seed {record['shown_seed']}; below, "
-        "simulated − synthetic experiment.",
+        "simulated − synthetic experiment, cut at the range of the optimised model.",
         "time, µs",
         (
             Panel("rate, mm³/ms", tuple(curves), 0.6),
-            Panel("error, mm³/ms", tuple(errors), 0.4, zero_line=True),
+            Panel("error, mm³/ms", tuple(errors), 0.4, zero_line=True, scaled_by="best"),
         ),
     )
 

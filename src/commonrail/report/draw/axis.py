@@ -105,7 +105,7 @@ SIZE = 11.5  # of letters [px]
 INK = "#1d2733"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
 WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
-LONGEST = 150.0  # names that stand upright [px]
+LONGEST = 200.0  # names that stand upright [px]
 BETWEEN = 4.0  # names [px]
 
 

@@ -10,6 +10,7 @@
     cell.style.cursor = "pointer";
     cell.addEventListener("click", () => {
       code.textContent = `commonrail simulate ${model} --rail-pressure ${found.groups.rail}MPa --energising-time ${found.groups.time}us --report injection.html`;
+      told.classList.add("named");
       cell.closest("figure").before(told);
     });
   }
