@@ -15,6 +15,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
+from commonrail.plugins.features.anatomy import end_of_motion
 from commonrail.report.draw.figure import figure_html
 from commonrail.report.fit.tables import MARKS
 from commonrail.report.html import render
@@ -98,20 +99,24 @@ def _commands(e: Exhibit) -> list[str]:
 def _curves(e: Exhibit) -> Figure:
     """Rates and lifts at all points."""
     whole = course_figure(e.solutions)
-    rate, lifts = whole.panels[:2]
+    end = max(end_of_motion(s, p.pulses) for s, p in zip(e.solutions.values(), e.points, strict=True))
+    rate, lifts = (_of_pressures(panel, len(e.points), end * MICROSECOND) for panel in whole.panels[:2])
     lasting, back = quantity(e.points[0].pulses[0][1], "s", 3), quantity(e.points[0].initial_pressures()[1], "Pa", 3)
     return replace(
         whole,
         title=f"Rate and lifts, energised for {lasting}",
         caption=f"Simulated, not measured, in steps of 1 µs; against {back} in the cylinder. "
         "Lifts: needle solid, valve dashed.",
-        panels=(_of_pressures(rate, len(e.points)), replace(_of_pressures(lifts, len(e.points)), has_legend=False)),
+        panels=(rate, replace(lifts, has_legend=False)),
     )
 
 
-def _of_pressures(panel: Panel, count: int) -> Panel:
-    """Panel whose series are named by their rail pressures, in the order of these."""
-    series = (replace(s, label=s.label.split(", ")[-1], ordered=count) for s in panel.series)
+def _of_pressures(panel: Panel, count: int, end: float) -> Panel:
+    """Panel whose series are named by their rail pressures, in the order of these, until a time [µs]."""
+    series = []
+    for s in panel.series:
+        n = sum(x is not None and x <= end for x in s.x)
+        series.append(replace(s, label=s.label.split(", ")[-1], ordered=count, x=s.x[:n], y=s.y[:n]))
     return replace(panel, series=tuple(series))
 
 

@@ -84,7 +84,7 @@ def dark_rules(within: str = "") -> str:
         for light, dark in _DARK.items()
         for what in ("fill", "stroke")
     ]
-    return "\n  ".join([*rules, f"{within} .figure .cell text {{ fill: {INK}; }}"])
+    return "\n  ".join([*rules, f"{within} .figure .cells text {{ fill: {INK}; }}"])
 
 
 def colour_of(look: str, family: int | None, ordered: int = 0) -> str:

@@ -45,11 +45,12 @@ def heat_map_svg(figure: HeatMap, width: int = WIDE) -> str:
     """
     frame = _frame(figure, float(width))
     size = _number_size(figure, frame)
-    parts = [
+    cells = [
         _cell(figure, (i, j), _place(frame, i, j), frame.is_narrow, size)
         for i in range(len(figure.y))
         for j in range(len(figure.x))
     ]
+    parts = [f'<g class="cells" font-size="{size:.3g}" text-anchor="middle">{"".join(cells)}</g>']
     parts += _names(figure, frame)
     middle = TOP + 0.5 * (frame.bottom - TOP)
     turned = f'transform="translate(13 {middle:.1f}) rotate(-90)" text-anchor="middle"'
@@ -138,16 +139,16 @@ def _cell(
     said = f"{figure.y_title} {figure.y[i]}; {figure.x_title} {figure.x[j]}: {text} {figure.unit}"
     title = "" if narrow else f"<title>{escape(said)}</title>"
     fits = size > 0.0 if narrow else width >= min(NARROWEST, text_width(text))
-    number = (
-        f'<text x="{x + width / 2:.1f}" y="{y + height / 2 + 0.36 * size:.1f}" font-size="{size:.3g}" '
-        f'text-anchor="middle">{escape(text)}</text>'
-        if fits
-        else ""
-    )
-    return (
-        f'<g class="cell">{title}<rect x="{x + 0.5:.1f}" y="{y + 0.5:.1f}" width="{width - 1:.1f}" '
-        f'height="{height - 1:.1f}" fill="{colour}"/>{number}</g>'
-    )
+    middle, line = _short(x + width / 2), _short(y + height / 2 + 0.36 * size)
+    number = f'<text x="{middle}" y="{line}">{escape(text)}</text>' if fits else ""
+    left, top, across, down = map(_short, (x + 0.5, y + 0.5, width - 1, height - 1))
+    cell = f'<path d="M{left} {top}h{across}v{down}h-{across}z" fill="{colour}"/>{number}'  # shorter than a rect
+    return cell if narrow else f'<g class="cell">{title}{cell}</g>'
+
+
+def _short(place: float) -> str:
+    """Tenths of a pixel."""
+    return f"{round(place, 1):g}"
 
 
 def _ends(figure: HeatMap) -> tuple[float, float]:
