@@ -224,8 +224,10 @@ def _states(o: Operation, steps: int) -> list[_Coordinate]:
             found.append(_Coordinate(path, first + i, _difference(path, o.memory[first + i])))
     for wave, name in enumerate(Waves._fields[: 2 if o.variant.actuation is Actuation.DIRECT else 3]):
         start = o.loop.rows.end + wave * o.ring
-        for ago in range(1, int(o.memory[o.loop.rows.delay_steps + wave]) + 2):
-            at = start + ((steps - ago) & (o.ring - 1))
+        delay = int(o.memory[o.loop.rows.delay_steps + wave])
+        for ago in range(1, delay + 2):
+            # what left a step more than the delay ago is read where the last step has put it, not from its slot
+            at = start + ((steps - ago) & (o.ring - 1)) if ago <= delay else o.loop.rows.arriving + wave
             found.append(_Coordinate(f"waves.{name}[-{ago}]", at, _difference("waves", 0.0)))
     return found
 
