@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ NOTEBOOK = DOCS / "notebooks" / "injector.ipynb"
 TUTORIALS = [path for path in NOTEBOOKS if path != NOTEBOOK]
 LONGEST = 20_000  # letters of an output that is no figure
 LONGEST_FIGURE = 200_000
+MACHINE = re.compile(r"(?<![\w.}])/(tmp|home|root|work|Users|var)/\w")  # begins a path of the machine that ran it
 LARGEST = 150_000  # bytes of a notebook with its outputs: a clone and the site carry all of them
 
 
@@ -78,6 +80,7 @@ def test_a_notebook_is_kept_with_its_outputs_and_is_small(path: Path) -> None:
     assert any(cell.outputs for cell in cells)
     assert not any(output.output_type == "error" for cell in cells for output in cell.outputs)
     assert path.stat().st_size < LARGEST
+    assert not MACHINE.search("".join(contents(output) for cell in cells for output in cell.outputs))
 
 
 @pytest.mark.slow
