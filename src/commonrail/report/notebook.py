@@ -291,7 +291,7 @@ def _library(name: str) -> Any:
 
 
 def _figure_html(figure: Chart) -> str:
-    shown = Markup('<div style="max-width:860px;background:#fff"><b>{}</b>{}<small>{}</small></div>')
+    shown = Markup('<div style="max-width:860px;background:#fff;color:#1d2733"><b>{}</b>{}<small>{}</small></div>')
     return shown.format(figure.title, svg(figure), figure.caption)
 
 
