@@ -326,7 +326,7 @@ def _open(keys: Mapping[str, Any]) -> list[str]:
 def _line(key: str, value: Any, is_checked: bool = False) -> str:
     comments = {
         "role": '"fit", or "validation": compared, not fitted',
-        "window": "samples that count, from the start of energising",
+        "window": 'samples that count from the start of energising; seen by a meter: meter = "NAME", [meters.NAME]',
         "synthetic": "what about the data is not measured",
     }
     if is_checked:
