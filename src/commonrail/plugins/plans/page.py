@@ -35,10 +35,10 @@ class PlanView(View):
         first: Record = data["rows"][0]
         return first
 
-    def merit(self, data: Sequence[Record]) -> Merit:
+    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Number of tests inside their bands."""
-        best, start = (sum(d["inside"].get(label, 0) for d in data) for label in (JUDGED, "start"))
-        rms = several([d["rms"].get(JUDGED) for d in data], lambda v: fixed(v, 2))
+        best, start = (sum(d["inside"].get(key, 0) for d in data) for key in (label, "start"))
+        rms = several([d["rms"].get(label) for d in data], lambda v: fixed(v, 2))
         words = f"tests inside their bands (start {start}), rms {rms} half bands"
         return Merit(f"{best} of {sum(len(d['rows']) for d in data)}", words)
 
