@@ -75,6 +75,11 @@ def one(**changed: Any) -> object:
     return cr.simulate(**{"injector": INJECTOR, "point": POINT, **changed})
 
 
+def mass(**changed: Any) -> cr.Parameter:
+    given = {"name": "valve.mass", "reference": "4 g", "lower": 0.003, "upper": "5 g", "unit": "kg"}
+    return cr.Parameter(**{**given, "mark": "E", "source": "made up", **changed})
+
+
 # Callable, name of the argument, word that the sentence must have, values that must be refused.
 WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     (point, "rail_pressure", "rail pressure", (*NO_NUMBER, 0, -1, 160, 1600, 1e308, "160 us")),
@@ -197,6 +202,28 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     (lambda value: EvolutionSettings(treatment=value), "value", "treatment", (None, 0, "repairs", [])),
     (lambda value: Method(polish=value), "value", "polish", (-1, 1.5, "a", None, [])),
     (lambda value: Method(value), "value", "evolution", NO_KIND),
+    (lambda value: INJECTOR.with_values({"nozzle.holes": value}), "value", "holes", (5.5,)),
+    (lambda value: mass(reference=value), "value", "reference", (*NO_NUMBER[:8], "4 mm")),
+    (lambda value: mass(upper=value), "value", "upper", (*NO_NUMBER[:8], "5 mm")),
+    (lambda value: mass(unit=value), "value", "unit", ("m", "g", None, 1)),
+    (lambda value: cr.Space(value), "value", "parameters", (None, True, 0, "valve.mass", {})),
+    (lambda value: cr.Space([value]), "value", "Parameter", (None, "valve.mass")),
+    (lambda value: cr.Space([mass()]).point(value), "value", "values", (*NO_KIND[:6], {"valve.lift": 1.0})),
+    (lambda value: cr.Space([mass()]).point({"valve.mass": value}), "value", "valve.mass", NO_NUMBER[:8]),
+    (
+        lambda value: cr.percent_bounds(value, 10.0, 10.0),
+        "value",
+        "reference",
+        (None, True, "abc", "1 m", float("nan")),
+    ),
+    (lambda value: cr.Noise(sigma=value), "value", "sigma", ("a", "1 mm3", [], 0, -1)),
+    (lambda value: cr.Objective(value, [K1], [], 1e-6), "value", "injector", NO_KIND),
+    (lambda value: cr.Objective(INJECTOR, [value], [], 1e-6), "value", "names", ("valve.mas", "k1")),
+    (lambda value: cr.Objective(INJECTOR, [K1], [], value), "value", "time step", (*NO_NUMBER, 0, -1, 1)),
+    (lambda value: cr.sweep(INJECTOR, value), "value", "variables", (None, ["dwell"], "dwell", 1)),
+    (lambda value: cr.map(INJECTOR, pressures=["80 MPa"], times=[value]), "value", "times", (300, "3 mm", "x", None)),
+    (cr.sample_posterior, "estimate", "estimate", NO_KIND),
+    (cr.identify, "calibration", "calibration", NO_KIND),
 ]
 
 
@@ -374,7 +401,14 @@ def test_the_sentence_has_the_cure(call: Callable[[], object], cure: str) -> Non
     assert cure in str(found.value)
 
 
+@pytest.mark.parametrize("best", [None, {}, {"valve.mass": 0.004}, [1.0]])
+def test_best_values_that_lack_a_free_parameter_are_refused(study: cr.Study, best: Any) -> None:
+    for call in (cr.certify, cr.predict, cr.next_measurements):
+        refused(lambda call=call: call(study, best), "values of the parameters")
+
+
 def test_text_with_a_unit_is_read_as_the_number() -> None:
+    assert (mass().reference, mass().upper) == (0.004, 0.005)
     text = cr.OperatingPoint(
         "1600 bar", [("0us", "250us"), (900e-6, "0.6 ms")], "5MPa", "500 kPa", None, "3ms", start="-100us"
     )

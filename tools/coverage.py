@@ -199,9 +199,9 @@ class Benches:
         self.bed = bed
         injector = cr.load_injector("virtual-lino-2016")
         self.injector = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
-        low, high = bed.spread
+        (low, high), units = bed.spread, cr.parameter_quantities()
         parameters = [
-            cr.Parameter(n, v, v * (1 - low), v * (1 + high), "1", mark="E", source="virtual")
+            cr.Parameter(n, v, v * (1 - low), v * (1 + high), units[n].unit, mark="E", source="virtual")
             for n, v in bed.truth.items()
         ]
         if bed.temperature:

@@ -47,7 +47,7 @@ def test_percent_bounds_take_the_papers_own_optimum_of_k1() -> None:
     ],
 )
 def test_percent_bounds_refuse_what_crosses_or_turns_negative(reference: float, a_min: float, a_max: float) -> None:
-    with pytest.raises(ConfigurationError, match=r"^nozzle\.diameter: "):
+    with pytest.raises(ConfigurationError, match=r"nozzle\.diameter"):
         percent_bounds(reference, a_min, a_max, "nozzle.diameter")
 
 
@@ -67,7 +67,7 @@ def test_percent_bounds_refuse_what_crosses_or_turns_negative(reference: float, 
 def test_refusals_name_the_parameter(changes: dict[str, Any], why: str) -> None:
     with pytest.raises(ConfigurationError, match=why) as caught:
         make(**changes)
-    assert str(caught.value).startswith("plunger_needle.k1: ")
+    assert "plunger_needle.k1" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

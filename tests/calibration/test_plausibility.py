@@ -29,7 +29,7 @@ from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData, RateScore
 from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.physics.injector import Injector
+from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.law import Domain, Q
 from commonrail.runs.fingerprint import TARGET
 
@@ -66,7 +66,8 @@ def scored(data: RateData | QuantityData, simulated: np.ndarray) -> RateScore | 
 
 
 def parameter(name: str = "valve.spring_preload", lower: float = 60.0, upper: float = 90.0) -> Parameter:
-    return Parameter(name, 0.5 * (lower + upper), lower, upper, "N", mark="E", source="here")
+    unit = parameter_quantities()[name].unit
+    return Parameter(name, 0.5 * (lower + upper), lower, upper, unit, mark="E", source="here")
 
 
 def study(injector: Injector, *data: RateData | QuantityData, free: tuple[Parameter, ...] = (parameter(),)) -> Study:

@@ -144,12 +144,12 @@ def test_pull_back_always_satisfies(goal: list[float], seed: int) -> None:
 
 
 def test_conflict_names_constraint_bounds_and_unit() -> None:
-    pair = [parameter("sac.volume", 2.0, 3.0), parameter("nozzle.length", 0.0, 1.0)]
+    pair = [parameter("sac.length", 2.0, 3.0), parameter("nozzle.length", 0.0, 1.0)]
     with pytest.raises(ConfigurationError) as caught:
-        Space(pair, ["sac.volume < nozzle.length"])
+        Space(pair, ["sac.length < nozzle.length"])
     text = str(caught.value)
-    assert '"sac.volume < nozzle.length"' in text
-    assert "sac.volume 2 to 3 m" in text
+    assert '"sac.length < nozzle.length"' in text
+    assert "sac.length 2 to 3 m" in text
     assert "\n" not in text
 
 

@@ -93,7 +93,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     as shipped `certify` and `assessed_bands`. Their bits depend on the processor, with `same_bits` too.
     `KeyboardInterrupt` if a stop was asked for.
     """
-    study = calibration.study
+    study = instance(calibration, Calibration, "calibration").study
     fitted = of_role(study.data, Role.FIT)
     goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
     objective = Objective(

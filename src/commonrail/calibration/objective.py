@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.base.arguments import amount, instance, instances, known_names
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Precision
 from commonrail.calibration.parameter import Condition, Priors, broken, distances_past
@@ -17,7 +18,9 @@ from commonrail.data.registry import in_order, kinds_of
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
+from commonrail.engine.time_step import TIME_STEPS
 from commonrail.physics.injector import Injector
+from commonrail.physics.meters import is_of_meter
 
 
 class Loss(StrEnum):
@@ -168,16 +171,19 @@ class Objective:
         goal: Goal = PLAIN,
         same_bits: bool = False,
     ) -> None:
-        self.injector, self.names, self.time_step = injector, tuple(names), time_step
+        self.injector, self.names = instance(injector, Injector, "injector"), tuple(names)
+        self.time_step = time_step = amount(time_step, "s", "time step", TIME_STEPS)
+        known_names([n for n in names if not is_of_meter(n)], injector.quantities, "names", "nozzle.hole_diameter")
         self.precision, self.goal = precision, goal
         self.simulator = Simulator(injector, names, time_step, threads, same_bits=same_bits)
         coarse = goal.screening_step or time_step
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
         self._points = tuple(condition.point for condition in goal.conditions)
+        given = in_order(instances(data, DataSet, "data"))  # type: ignore[type-abstract]
         # without a meter that shows what it is given
         self.data = tuple(
-            d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in in_order(data)
+            d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in given
         )
         kinds = kinds_of(d.kind for d in self.data)
         groups = ((kind, [d for d in self.data if d.kind == kind.kind]) for kind in kinds)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
-from math import isfinite
 from typing import Any, Literal
 
 import numpy as np
 
-from commonrail.base.arguments import COUNTS, chosen, instance, number, plain_text, settle
+from commonrail.base.arguments import COUNTS, chosen, instance, number, plain_text, settle, shown
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import past_stops
@@ -219,7 +218,11 @@ def percent_bounds(reference: float, a_min: float, a_max: float, name: str = "pa
     ConfigurationError
         If the percentages would cross the bounds or make them negative.
     """
-    if not (isfinite(reference) and reference > 0.0):
+    reference, a_min, a_max = (
+        number(value, "1", f"{what} of {name}")
+        for what, value in (("reference", reference), ("a_min", a_min), ("a_max", a_max))
+    )
+    if not reference > 0.0:
         raise ConfigurationError(
             f"{name}: bounds in percent need a reference greater than zero, found {reference:g}; "
             "give lower and upper instead"
@@ -229,7 +232,7 @@ def percent_bounds(reference: float, a_min: float, a_max: float, name: str = "pa
             f"{name}: a_min = {a_min:g} % must lie between 0 and 100, or the lower bound would "
             "be negative or above the reference"
         )
-    if not (isfinite(a_max) and a_max > 0.0):
+    if not a_max > 0.0:
         raise ConfigurationError(f"{name}: a_max = {a_max:g} % must be a number greater than 0")
     return (1.0 - a_min / 100.0) * reference, (1.0 + a_max / 100.0) * reference
 
@@ -242,10 +245,10 @@ class Parameter:
     ----------
     name : str
         Part and field, such as ``plunger_needle.k7``.
-    reference : float
-        Value before calibration, SI; it may lie outside the bounds.
-    lower, upper : float
-        Bounds, SI, lower < upper; `percent_bounds` gives those of Eq. (16).
+    reference : float or str
+        Value before calibration, SI or with its unit; it may lie outside the bounds.
+    lower, upper : float or str
+        Bounds, SI or with their units, lower < upper; `percent_bounds` gives those of Eq. (16).
     unit : str
         SI unit.
     mark : {"M", "C", "F", "E"}
@@ -262,9 +265,9 @@ class Parameter:
     Raises
     ------
     ConfigurationError
-        If a number is not finite, the bounds are crossed, a positive quantity is given a
-        negative bound (or a logarithmic scale one that is not positive), or the prior's value
-        lies outside the bounds.
+        If a number is not finite, the unit is not that of the parameter, the bounds are crossed, a
+        positive quantity is given a negative bound (or a logarithmic scale one that is not positive),
+        or the prior's value lies outside the bounds.
     """
 
     name: str
@@ -280,8 +283,11 @@ class Parameter:
     signed: bool = False
 
     def __post_init__(self) -> None:
-        if not all(map(isfinite, (self.reference, self.lower, self.upper))):
-            self._refuse("reference, lower and upper must be finite numbers")
+        known = parameter_quantities().get(plain_text(self.name, "name of a parameter"))
+        if known is not None and known.unit != self.unit:
+            raise ConfigurationError(f'{self.name}: the unit is "{known.unit}", not {shown(self.unit)}.')
+        read = {what: getattr(self, what) for what in ("reference", "lower", "upper")}
+        settle(self, **{what: number(value, self.unit, f"{what} of {self.name}") for what, value in read.items()})
         if self.name in COUNTS:
             self._refuse("it counts pieces, and values between whole numbers mean nothing; fix it")
         if self.lower > self.upper:

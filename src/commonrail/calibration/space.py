@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import settle
+from commonrail.base.arguments import instances, mapping, number, settle
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.constraints import (
@@ -70,7 +70,7 @@ class Space:
     logarithmic: Bools = field(init=False, repr=False)  # mask (d,) of the parameters with a logarithmic scale
 
     def __post_init__(self) -> None:
-        parameters = tuple(self.parameters)
+        parameters = instances(self.parameters, Parameter, "parameters")
         names = tuple(parameter.name for parameter in parameters)
         _check_names(names)
         rows = self.constraints
@@ -122,6 +122,16 @@ class Space:
         drawn = self.from_unit(np.random.default_rng(0).random((_DRAWS, self.dimension)))
         candidates = np.vstack([deepest, self.reference, drawn])
         return _frozen(candidates[int(np.argmax(self.satisfies(candidates)))])
+
+    def point(self, values: Mapping[str, float]) -> Floats:
+        """Point (d,) of values [SI] by the names of the parameters, such as `Calibration.best`.
+
+        Raises `ConfigurationError` if one is missing, or no number.
+        """
+        given = mapping(values, "values of the parameters", f'{{"{self.names[0]}": {self.reference[0]:g}}}')
+        if missing := [name for name in self.names if name not in given]:
+            raise ConfigurationError(f"The values of the parameters lack {missing[0]}; give that of each free one.")
+        return np.array([number(given[p.name], p.unit, p.name) for p in self.parameters])
 
     def to_unit(self, x: ArrayLike) -> Floats:
         """Unit coordinates (..., d) of points (..., d); 0 and 1 exactly at the bounds."""

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Real
 from typing import Annotated
 
 from pydantic import Field
 
-from commonrail.base.arguments import Quantity, chosen, mapping, number, settle
+from commonrail.base.arguments import Quantity, chosen, mapping, number, settle, shown
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import parse
 from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
@@ -104,6 +105,10 @@ class Noise:
             correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
             uncertain={key: _deviation(key, value) for key, value in _given(self.uncertain).items()},
         )
+        plain = ("sigma", "pressure_length", "freedom", "discrepancy", "length", "relative")
+        for what, value in ((what, getattr(self, what)) for what in plain):
+            if not (value is None and what == "sigma") and not isinstance(value, Real):
+                raise ConfigurationError(f"The {what} of the noise must be a number, not {shown(value)}.")
         stated = ("sigma", self.sigma), ("pressure_length", self.pressure_length), ("freedom", self.freedom)
         for what, value in stated:
             if value is not None and not value > 0.0:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
-from commonrail.base.arguments import Quantity, instance, mapping, number, plain_text, settle
+from commonrail.base.arguments import Quantity, instance, mapping, not_whole, number, plain_text, settle
 from commonrail.base.choices import Actuation, Laws
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.physics.fuel import Fuel
@@ -198,4 +198,6 @@ def _read(name: str, path: str, value: object, known: Mapping[str, Q]) -> float:
             f"{found:g} {quantity.unit.removesuffix('1')}".rstrip()
             + "."
         )
+    if words := not_whole(path, found):
+        raise ConfigurationError(f"{name}: {words}.")
     return float(found)

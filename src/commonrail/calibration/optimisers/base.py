@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import settle, whole
+from commonrail.base.arguments import instance, settle, whole
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration.space import Space
@@ -179,7 +179,7 @@ class Optimiser(ABC):
     ended: ClassVar[str] = "all {generations} steps after the first one are done"  # reason, with the settings
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: Any) -> None:
-        self.space, self.settings, self._rng = space, settings, rng
+        self.space, self.settings, self._rng = instance(space, Space, "space"), settings, rng
         self.steps, self.counts, self.best = 0, Counts(), Best(space.centre.copy(), np.inf)
         self.population, self.costs = np.empty((0, space.dimension)), np.empty(0)
         self._asked: Trials | None = None

@@ -40,7 +40,7 @@ def certify_near(study: Study, best: Mapping[str, float], threads: int | None = 
     `best`: values [SI], as `Calibration.best`. Raises `SimulationError` if the values cannot be simulated.
     """
     likelihood = Likelihood.of(study, threads)
-    found = estimate_near(likelihood, likelihood.space.to_unit(np.array([best[name] for name in likelihood.names])))
+    found = estimate_near(likelihood, likelihood.space.to_unit(likelihood.space.point(best)))
     low, high = found.interval()
     judged = verdicts_of(found, low, high, withdrawal(found, lack_of_fit(found)))
     errors = np.sqrt(np.diag(found.covariance.total)) * np.abs(likelihood.scaled(found.unit))

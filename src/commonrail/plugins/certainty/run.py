@@ -81,7 +81,7 @@ def certify(
     wanted = list(likelihood.names) if profiles is None else list(profiles)
     columns = [_column(likelihood, name) for name in wanted]
     rows = {text: _row(likelihood, text) for text in combinations}
-    point = np.array([best[name] for name in likelihood.names])
+    point = likelihood.space.point(best)
     begin = likelihood.space.to_unit(point)[None]
     if starts > 1:
         note(f"searching from {starts} starts ...")

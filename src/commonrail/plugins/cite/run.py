@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from importlib import metadata, resources
+from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
 from commonrail.base.errors import InputError
+from commonrail.base.input import read_plain
 from commonrail.base.output import write_text
 from commonrail.base.text import counted
 from commonrail.calibration.optimisers.registry import named
@@ -146,7 +147,7 @@ def _packages(
 
 def references_of(uses: Sequence[Use]) -> list[Reference]:
     """Works to be cited: the tool, works that a source names, packages, and sources of data or with an address."""
-    text = (resources.files(__package__) / "references.bib").read_text(encoding="utf-8")
+    text = read_plain(Path(__file__).with_name("references.bib")).decode()
     named_in = "\n".join(use.source for use in uses)
     found = [_tool(uses[0])]
     found += [one for one in read_bibtex(text) if re.search(rf"(?<!\w){re.escape(one.fields['shorthand'])}", named_in)]

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, settle
+from commonrail.base.arguments import amount, array, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
+from commonrail.engine.operating_point import ENERGISING_TIMES as LIMITS
 
 MOST_POINTS = 200  # of an axis; maps of control units have some twenty
 
@@ -55,6 +56,7 @@ class MapAxes:
         )
         if self.quantity[0] < 0.0:
             raise ConfigurationError("The quantities of the map must be zero or greater.")
+        amount(self.energising_time[-1], "s", "energising times of the map", LIMITS)
         if self.energising_time[0] <= 0.0:
             raise ConfigurationError("The energising times of the map must be greater than zero.")
 

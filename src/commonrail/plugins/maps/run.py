@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import Quantity, array, instance, number
+from commonrail.base.arguments import Quantity, array, instance, mapping, number
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
@@ -273,7 +273,8 @@ def sweep(
     given = _USUAL | {name: number(value, OPERATING[name], name) for name, value in fixed.items()}
     pressures = given.pop("cylinder_pressure"), given.pop("return_pressure")
     base = Base(**given, conditions=Conditions(*pressures, number(time_step, "s", "time step"), threads))
-    return swept(injector, [_variable(*item) for item in vary.items()], base)
+    varied = mapping(vary, "variables of a sweep", '{"dwell": ["400 us", "800 us"]}')
+    return swept(injector, [_variable(*item) for item in varied.items()], base)
 
 
 def _variable(name: str, values: Sequence[Any]) -> Variable:

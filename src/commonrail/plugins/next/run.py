@@ -302,11 +302,11 @@ def next_measurements(
     instance(study, Study, "study")
     settings = settings or DesignSettings()
     likelihood = Likelihood.of(study, thread_count(threads))
+    begin = likelihood.space.to_unit(likelihood.space.point(best))[None]
     columns = [_column(likelihood, name) for name in settings.parameters or likelihood.names]
     wanted = list(candidates_of(study) if candidates is None else candidates)
     data = in_order(of_role(study.data, Role.FIT))
     _check(wanted, data)
-    begin = likelihood.space.to_unit(np.array([best[name] for name in likelihood.names]))[None]
     note("fitting the noise of the data ...")
     found = estimate(likelihood, begin)
     noises, notes = _trusted(found, data)

@@ -182,7 +182,7 @@ def predict_rate(
 
 def _fit_at(study: Study, best: Mapping[str, float], threads: int | None) -> _Fit:
     """Fit with its best values [SI]."""
-    point = np.array([best[name] for name in study.space.names])
+    point = study.space.point(best)
     likelihood = Likelihood.of(study, threads)
     return _fit(study, estimate(likelihood, likelihood.space.to_unit(point)[None]), point[None], threads)
 

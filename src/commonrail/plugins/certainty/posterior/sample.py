@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.base.arguments import whole
+from commonrail.base.arguments import instance, whole
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, SimulationError
@@ -235,6 +235,7 @@ def sample_posterior(
     SimulationError
         If no starts can be simulated.
     """
+    instance(estimate, Estimate, "estimate")
     seed, most = whole(seed, "seed", 0), whole(most, "most", 1)
     density = PosteriorDensity(estimate)
     ensembles = _Ensembles(density, local_surrogate(estimate), seed)
