@@ -40,7 +40,12 @@ SERVO = [Variant(*choices) for choices in itertools.product(Body, Boundary, Driv
 DIRECT = [Variant(drive=drive, laws=laws, actuation=Actuation.DIRECT) for drive in Drive for laws in Laws]
 # Values at which the extended laws differ from the paper's.
 EXTENDED = {"nozzle.shape_1": 0.02, "nozzle.shape_5": -0.03}
-EXTENDED_SERVO = EXTENDED | {"plunger_needle.friction": 5.0, "valve.seat_land": 50e-6}
+EXTENDED_SERVO = EXTENDED | {
+    "plunger_needle.friction": 5.0,
+    "valve.seat_land": 50e-6,
+    "plunger_needle.gap_widening": 2e-14,
+    "valve.stop_disc": 6e-3,
+}
 
 
 def label_of(variant: Variant) -> str:
