@@ -20,10 +20,12 @@ from matplotlib.figure import Figure
 
 from benchmarks.contest import Trace
 from benchmarks.plot import STYLE
+from commonrail.report.draw.figure import FAMILIES
 
 __all__ = ["draw_contest", "medians"]
 
 Row = dict[str, Any]
+DASHES = ("-", "--", "-.", ":")  # beside the colours of the reports
 
 
 def medians(rows: list[Row]) -> tuple[list[int], list[float]]:
@@ -42,21 +44,26 @@ def medians(rows: list[Row]) -> tuple[list[int], list[float]]:
 def draw_contest(rows: list[Row]) -> Figure:
     """Median objective above the best known, against evaluations, one panel for each problem."""
     problems = list(dict.fromkeys(row["problem"] for row in rows))
-    figure, grid = plt.subplots(1, len(problems), squeeze=False, figsize=(4.6 * len(problems), 3.6))
+    size = 4.6 * len(problems), 3.9
+    figure, grid = plt.subplots(1, len(problems), squeeze=False, figsize=size, layout="constrained")
     for axes, problem in zip(grid[0], problems, strict=True):
         _panel(axes, problem, [row for row in rows if row["problem"] == problem])
-    grid[0][0].legend(fontsize=7)
+    figure.legend(*grid[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     figure.suptitle("median of the seeds; one evaluation is one candidate at all operating points", fontsize=8)
     return figure
 
 
 def _panel(axes: Axes, problem: str, rows: list[Row]) -> None:
     known = min(min(map(_known, row["best"])) for row in rows)
-    for name in dict.fromkeys(row["optimiser"] for row in rows):
+    for i, name in enumerate(dict.fromkeys(row["optimiser"] for row in rows)):
         own = [row for row in rows if row["optimiser"] == name]
         evaluations, objective = medians(own)
         excess = [max(100.0 * (j / known - 1.0), 1e-3) for j in objective]
-        axes.step(evaluations, excess, where="post", label=f"{name} ({len(own)})")
+        look: dict[str, Any] = {
+            "color": FAMILIES[i % len(FAMILIES)],
+            "linestyle": DASHES[i % len(DASHES)],
+        }  # those of the reports
+        axes.step(evaluations, excess, where="post", label=f"{name} ({len(own)})", **look)
     axes.set(xscale="log", yscale="log", title=problem, xlabel="evaluations", ylabel="J above the best known, %")
 
 
@@ -71,7 +78,6 @@ def main() -> None:
     rows = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["searches"]
     with plt.rc_context(STYLE):
         figure = draw_contest(rows)
-        figure.tight_layout()
         figure.savefig(sys.argv[2], metadata={"Date": None}, bbox_inches="tight")
 
 

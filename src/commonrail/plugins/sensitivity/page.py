@@ -26,7 +26,7 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
         drawn = []
         for i, figure in enumerate(_figures(record, output)):
             drawn.append((figure, figure_html(figure, f"figure-{k}-{i}", bar_height(len(figure.panels[0].rows)))))
-        sections.append((_heading(output), _output_lines(record, output), table, drawn))
+        sections.append((_heading(output), _output_lines(record, output), replace(table, title="By effect"), drawn))
     first = sections[0][-1].pop(0) if sections and sections[0][-1] else None
     return analysis_html(
         "sensitivity.html",
