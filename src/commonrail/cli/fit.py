@@ -156,7 +156,7 @@ def print_card(record: Mapping[str, Any], run: str) -> None:
     figures = tiles(record, found.levels)
     for tile in figures:
         figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
-        click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37, whole=False)}")
+        click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
     steps = []
     for number, step in enumerate(found.steps[:STEPS], start=1):
         steps += [f"{number} {_one_line(step.text, 2)}", *(click.style(c, bold=True) for c in _command(step.command))]
@@ -176,15 +176,12 @@ def _command(command: str) -> list[str]:
     return [f"{line} \\" for line in found[:-1]] + found[-1:]
 
 
-def _one_line(text: str, before: int = 0, whole: bool = True) -> str:
-    """Text cut between words to the line of a terminal of which so many columns are taken; in a file the whole text.
-
-    If not `whole`, what stands in brackets goes first.
-    """
+def _one_line(text: str, before: int = 0) -> str:
+    """Text cut between words to the line of a terminal of which so many columns are taken; in a file the whole text."""
     if not sys.stdout.isatty():
         return text
-    if not whole and len(text) > columns_of(sys.stdout) - before:
-        text = text.partition(" (")[0]
+    if text.endswith(")") and len(text) > columns_of(sys.stdout) - before:
+        text = text.partition(" (")[0]  # what stands in brackets goes first
     return textwrap.shorten(text, max(columns_of(sys.stdout) - before, 20), placeholder=" …")
 
 

@@ -13,7 +13,7 @@ from commonrail.base.table import Table
 from commonrail.base.text import MISSING, duration, listed, significant
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.draw.figure import drawings
 from commonrail.report.fit.verdict import Tile
 from commonrail.report.html import render
 from commonrail.report.page import write_report
@@ -102,10 +102,7 @@ def result_html(
     tables: Sequence[Table],
 ) -> str:
     """Page of what follows from a study's fit, such as a measuring plan."""
-    rows = [max((len(panel.rows) for panel in getattr(f, "panels", ())), default=0) for f in figures]
-    heights = [bar_height(count) if count else 380 for count in rows]
-    numbered = enumerate(zip(figures, heights, strict=True))
-    drawn = [(figure, figure_html(figure, f"figure-{i}", height)) for i, (figure, height) in numbered]
+    drawn = list(drawings(figures, 380))
     return render(
         "result.html",
         title=f"{kind}: {study.title}",

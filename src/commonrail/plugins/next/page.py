@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from commonrail.base.chart import MARKERS, Bars, Chart, Figure, Panel, Points, Series, points
+from commonrail.base.chart import MARKERS, Chart, Figure, Panel, Points, Series, points
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import counted, fixed, pressure, quantity, signed, significant
 from commonrail.calibration.study import Study
@@ -16,7 +16,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, Plan
 from commonrail.plugins.next.study import Criterion, place_of
-from commonrail.report.analysis import SHOWN, result_html
+from commonrail.report.analysis import result_html
 from commonrail.report.fit.verdict import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
@@ -87,38 +87,23 @@ def plan_html(plan: Plan, study: Study) -> str:
 
 
 def plan_tiles(plan: Plan) -> list[Tile]:
-    """The first measurements, and what the whole plan gains."""
-    tiles = [Tile(f"{k}. {one.candidate.kind}", _place(one), _gain(one)) for k, one in enumerate(plan.measurements, 1)]
-    return tiles[:TILES]
-
-
-def _place(one: Measurement) -> str:
-    rail, time, _ = place_of(one.candidate.point)
-    return f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs"
-
-
-def _gain(one: Measurement) -> str:
-    before = f"dwell {_dwell(one)} µs; " if len(one.candidate.point.pulses) > 1 else ""
-    return f"{before}standard deviation {signed(100.0 * (one.factor - 1.0), 0)} % with it and those before"
+    """The first measurements, and what the plan gains until then."""
+    tiles = []
+    for k, one in enumerate(plan.measurements[:TILES], 1):
+        rail, time, _ = place_of(one.candidate.point)
+        dwell = f"dwell {_dwell(one)} µs; " if len(one.candidate.point.pulses) > 1 else ""
+        words = f"{dwell}standard deviation {signed(100.0 * (one.factor - 1.0), 0)} % with it and those before"
+        tiles.append(Tile(f"{k}. {one.candidate.kind}", f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs", words))
+    return tiles
 
 
 def plan_figures(plan: Plan, measured: Sequence[OperatingPoint] = ()) -> list[Chart]:
-    """Measurements among the operating points of the data, and standard errors with them over those without.
-
-    `measured` are the operating points that the fit has seen.
-    """
+    """Measurements among the operating points `measured` that the fit has seen; none of an empty plan."""
     planned = [one.candidate.point for one in plan.measurements]
     series = [Series("planned", "best", *_coordinates(planned), MARKERS, 1)]  # squares among discs
     series += [Series("fitted", "measured", *_coordinates(measured), MARKERS)] if measured else []
-    where = Figure("Where to measure", "", "energising time, µs", (Panel("rail pressure, MPa", tuple(series)),))
-    ratios = sorted(((plan.after[name] / before, name) for name, before in plan.before.items()))[:SHOWN]
-    shares = tuple(100.0 * ratio for ratio, _ in ratios)
-    bars = Bars("with the plan", "best", (0.0,) * len(ratios), shares)
-    names = tuple(name for _, name in ratios)
-    caption = "Standard error of each parameter with the plan; 100 % without it. Those that gain most come first."
-    panel = Panel("", (), bars=(bars,), rows=names)
-    gain = Figure("What the plan gains", caption, "standard error, % of today's", (panel,))
-    return [where, gain] if planned else [gain]
+    panel = Panel("rail pressure, MPa", tuple(series))
+    return [Figure("Where to measure", "", "energising time, µs", (panel,))] if planned else []
 
 
 def _coordinates(places: Sequence[OperatingPoint]) -> tuple[Points, Points]:
