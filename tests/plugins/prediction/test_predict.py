@@ -206,3 +206,14 @@ def test_bands_hold_what_an_interval_holds_beside_the_noise(file: Path) -> None:
     # stated tolerances may raise the noise, and lower nothing
     assert (np.diag(kept.noise) >= np.diag(more.noise) * (1.0 - 1e-12)).all()
     np.testing.assert_array_equal(kept.discrepancy, more.discrepancy)
+
+
+def test_a_table_holds_no_dead_time_as_a_quantity() -> None:
+    pytest.importorskip("pandas", reason="pandas comes with the extra notebook")
+    study = load_study(Path(__file__).parents[3] / "cases" / "cri2-16" / "study.toml")
+    table = cr.predict(study, {p.name: p.reference for p in study.space.parameters}).to_pandas()
+    dead = np.concatenate([data.dead_time for data in study.data])
+    assert dead.sum() == 4
+    for name in ("predicted [mm3]", "measured [mm3]"):
+        assert table[name][dead].isna().all()
+        assert 0.0 < table[name][~dead].min() < table[name][~dead].max() < 200.0

@@ -168,12 +168,12 @@ def _columns(band: Band, levels: Sequence[float]) -> dict[str, Floats]:
         "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in own]),
         "start": nothing if data.bounds is None else np.asarray(data.bounds[:-1]),
         "end": nothing if data.bounds is None else np.asarray(data.bounds[1:]),
-        "predicted": band.values,
+        "predicted": np.where(data.judged, band.values, nothing),  # a dead time is no quantity
     }
     for level in levels:
         sides = zip(("lower", "upper"), band.edges[level], strict=True)
         columns |= {f"{side}_{100.0 * level:g}": edge for side, edge in sides}
-    return columns | {"measured": np.asarray(data.measured, float) if band.measured else nothing}
+    return columns | {"measured": np.where(data.judged, data.measured, nothing) if band.measured else nothing}
 
 
 PREDICTION = Presenter(_lines, _tables, prediction_figures, _arrays)
