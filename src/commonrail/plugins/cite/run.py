@@ -14,12 +14,12 @@ from commonrail.base.input import read_plain
 from commonrail.base.output import write_text
 from commonrail.base.text import counted
 from commonrail.calibration.optimisers.registry import named
+from commonrail.cli.model_name import read_model_name
 from commonrail.compiler.target import package_versions
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.meters import Meter
 from commonrail.readers.toml import UNSTATED, read_toml
 from commonrail.runs.folder import STUDY, read_result
-from commonrail.runs.model_name import read_model_name
 
 MARKS = {"M": "measured", "C": "ECU calibration", "F": "fitted or derived", "E": "estimate"}
 MODEL = "Lino et al. 2016"  # equations of the injector
