@@ -263,7 +263,10 @@ def _data_lines(surveys: Sequence[Survey], blocks: Sequence[dict[str, Any]], sta
     lines: list[str] = []
     for found, block in zip(surveys, blocks, strict=True):
         lines += [f"# {found.taken_for}{'; ' + found.said if found.said else ''}", "[[data]]"]
-        lines += [_line(key, value, _checked(key, block, stated)) for key, value in block.items()] + [""]
+        lines += [_line(key, value, _checked(key, block, stated)) for key, value in block.items()]
+        if block["kind"] == "quantities" and any(other["kind"] == "rate" for other in blocks):
+            lines.append("# weight = 100 # to be set: few quantities have little say beside the samples of rates")
+        lines.append("")
     return lines
 
 
