@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import codecs
-import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Protocol
@@ -78,46 +77,6 @@ class FormModel(FileModel):
     def form(self) -> FileForm:
         """The form that the keys state."""
         return FileForm(self.encoding or "", self.decimal or "", self.sheet or "")
-
-
-# A number with a point, and one whose point may separate thousands.
-_POINTED = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
-
-
-class Thousands:
-    """Search of a text for numbers as 1.200 beside others as 35, none of which tells what the point is.
-
-    Tables whose decimal sign is a comma separate their cells by semicolons or tabs; a point separates thousands there.
-    `open` is false where the sign is known: stated, or shown by a number as 0.35. A text that writes all numbers with
-    three decimals has none without a point.
-    """
-
-    def __init__(self, separator: str, decimal: str) -> None:
-        self.open = separator in (";", "\t") and not decimal
-        self._grouped: tuple[int, str] | None = None
-        self._whole = ""
-
-    def look(self, cells: Iterable[str], line: int) -> None:
-        """Look at the cells of a line."""
-        for cell in map(str.strip, cells):
-            if "." not in cell:
-                self._whole = self._whole or (cell if cell.isdecimal() else "")
-            elif _GROUPED.fullmatch(cell):
-                self._grouped = self._grouped or (line, cell)
-            elif _POINTED.fullmatch(cell):
-                self.open = False
-                return
-
-    def check(self, path: Path) -> None:
-        """Refuse a number that may have thousands; called at the end of the text."""
-        if self.open and self._grouped and self._whole:
-            line, cell = self._grouped
-            raise InputError(
-                f'{path}, line {line}: "{cell}" may be {cell.replace(".", "")}, because three digits follow each point '
-                f'of the file and others, as "{self._whole}", have none; write thousands without a point, or state the '
-                'decimal sign: decimal = "." in a study, --decimal . on the command line.'
-            )
 
 
 MOST_SHOWN = 12  # names of a header

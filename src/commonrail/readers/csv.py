@@ -23,18 +23,8 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 from commonrail.base.output import restored, restored_note
 from commonrail.base.units import fits
-from commonrail.readers.columns import (
-    LARGEST,
-    PLAIN,
-    Column,
-    FileForm,
-    Table,
-    Thousands,
-    cell_place,
-    find_column,
-    name_and_unit,
-)
-from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines
+from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
+from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines, without_thousands
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
 LONGEST_NUMBER = 100  # [characters]
@@ -66,7 +56,6 @@ class CsvFile:
         if first is None:
             raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
         separator = "," if plain else _delimiter(first[1])
-        self._thousands = Thousands(separator, form.decimal)
         rows = _cells(path, chain((first,), lines), separator, plain)
         if plain:
             rows = ((line, [restored(cell) for cell in row]) for line, row in rows)
@@ -74,6 +63,8 @@ class CsvFile:
         self.header = header if plain else [cell.strip() for cell in header]
         _check_header(path, self.header)
         self.rows = _checked(path, rows, len(header), most)
+        if separator != "," and not form.decimal:
+            self.rows = without_thousands(path, self.rows)
         named = [(cell, "") if plain else name_and_unit(cell) for cell in self.header]
         self.names, self._units = (list(parts) for parts in zip(*named, strict=True))
 
@@ -94,12 +85,9 @@ class CsvFile:
         wanted = list(zip(columns, places, cells, strict=True))
         for line, row in body:
             lines.append(line)
-            if self._thousands.open:
-                self._thousands.look(row, line)
             for column, i, content in wanted:
                 # a text is one of the same few names in every row
                 content.append(self._number(row[i], column, line) if column.unit else sys.intern(row[i]))
-        self._thousands.check(self.path)
         found = {column.name: content for column, content in zip(columns, cells, strict=True)}
         return Table(
             self.path,

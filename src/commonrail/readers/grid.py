@@ -20,18 +20,9 @@ import numpy as np
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import fits
-from commonrail.readers.columns import (
-    PLAIN,
-    Column,
-    FileForm,
-    Table,
-    Thousands,
-    cell_place,
-    find_column,
-    name_and_unit,
-)
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
 from commonrail.readers.guarded import read_apart
-from commonrail.readers.location import LONGEST_LINE, Shape, plain_spaces
+from commonrail.readers.location import LONGEST_LINE, Shape, plain_spaces, without_thousands
 
 LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept
@@ -81,7 +72,8 @@ def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:
     rows, lines, said = tuple(map(tuple, about["rows"])), tuple(about["lines"]), f'sheet "{about["sheet"]}"'
     flat = [cell for row in rows for cell in row if isinstance(cell, str)]
     comma = _has_commas(path, flat, form.decimal)
-    _check_thousands(path, (";", form.decimal), rows, lines)
+    if not form.decimal:
+        _ = list(without_thousands(path, zip(lines, rows, strict=True)))
     if not comma and not any("." in cell and _POINT.fullmatch(cell) for cell in flat):
         return Grid(path, rows, lines, (said,))
     number = _with_comma if comma else _with_point
@@ -137,7 +129,8 @@ def _parsed(path: Path, text: str, encoding: str, decimal: str) -> Grid:
     number = _with_comma if comma else _with_point
     names = {";": "semicolons", "\t": "tabs", ",": "commas"}
     sign = "decimal comma" if comma else "decimal point"
-    _check_thousands(path, (separator, decimal), cells, lines)
+    if separator != "," and not decimal:
+        _ = list(without_thousands(path, zip(lines, cells, strict=True)))
     said = (f"encoding {encoding}", f"separated by {names[separator]}", sign)
     return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(lines), said, comments)
 
@@ -151,16 +144,6 @@ def _has_commas(path: Path, cells: Sequence[str], decimal: str) -> bool:
             "thousands without a sign."
         )
     return comma
-
-
-def _check_thousands(
-    path: Path, form: tuple[str, str], rows: Sequence[Sequence[str | float]], lines: Sequence[int]
-) -> None:
-    thousands = Thousands(*form)
-    for row, n in zip(rows, lines, strict=True):
-        if thousands.open:
-            thousands.look((cell for cell in row if isinstance(cell, str)), n)
-    thousands.check(path)
 
 
 def _separator(path: Path, lines: Iterator[tuple[int, str]]) -> str:

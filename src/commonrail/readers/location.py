@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator, Mapping
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from commonrail.base.arrays import IndexArray
 from commonrail.base.errors import CommonrailError, InputError, nearest_key
 from commonrail.base.input import read_plain, similar_names
+
+Row = TypeVar("Row", bound=Sequence[str | float])
 
 _KINDS = {
     "commonrail-injector": "an injector file",
@@ -197,6 +200,35 @@ def read_lines(path: Path, largest: int, encoding: str = "") -> Iterator[str]:
 def plain_spaces(text: str) -> str:
     """Text whose no-break spaces, which spreadsheets and word processors write, are spaces."""
     return text.replace("\u00a0", " ").replace("\u202f", " ")
+
+
+_POINTED = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
+
+
+def without_thousands(path: Path, rows: Iterable[tuple[int, Row]]) -> Iterator[tuple[int, Row]]:
+    """Pass on lines and their cells; `InputError` at the end if points may separate thousands, as decimal commas go.
+
+    So it is where three digits follow each point, as in 1.200, and other numbers, as 35, have none: a text that writes
+    three decimals everywhere has no such number, and any as 0.35 shows that its point is a decimal sign.
+    """
+    is_open, grouped, whole = True, (0, ""), ""
+    for line, row in rows:
+        for cell in (cell.strip() for cell in row if isinstance(cell, str)) if is_open else ():
+            if "." not in cell:
+                whole = whole or (cell if cell.isdecimal() else "")
+            elif _GROUPED.fullmatch(cell):
+                grouped = grouped if grouped[1] else (line, cell)
+            elif _POINTED.fullmatch(cell):
+                is_open = False
+        yield line, row
+    line, cell = grouped
+    if is_open and cell and whole:
+        raise InputError(
+            f'{path}, line {line}: "{cell}" may be {cell.replace(".", "")}, because three digits follow each point of '
+            f'the file and others, as "{whole}", have none; write thousands without a point, or state the decimal '
+            'sign: decimal = "." in a study, --decimal . on the command line.'
+        )
 
 
 def read_bytes(path: Path, largest: int) -> bytes:

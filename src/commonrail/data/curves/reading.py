@@ -168,27 +168,14 @@ def _from_zero(drive: Trace, first: float, at: Place) -> Trace:
 _PRESSURES = ("rail_pressure", "cylinder_pressure", "return_pressure")
 
 
-def _traces(
-    key: str, item: TraceModel, names: Sequence[str], model: RateModel, context: Context, sheet: Sheet
-) -> dict[str, Trace]:
-    """Courses of columns of a file by their names; what their key does not say of time is that of the data set."""
-    unit = drive_unit(context.injector) if key == "drive" else "Pa"
-    time = item.time or model.time
-    time_unit = item.time_unit or (model.time_unit if item.file is None else None)
-    wanted = [Column(name, unit, item.unit) for name in dict.fromkeys(names)]
-    tables = _tables(sheet, Column(time, "s", time_unit, increasing=True), wanted)
-    zero = model.time_zero if item.file is None else 0.0
-    return {
-        column.name: Trace.of(table.columns[time] - zero, table.columns[column.name])
-        for column, table in zip(wanted, tables, strict=True)
-    }
-
-
 def _tables(sheet: Sheet, time: Column, wanted: Sequence[Column]) -> list[Table]:
     """Table of each of some columns with their times; the file is gone through once."""
+    each = {column.name: column for column in wanted}
     if sheet.apart:
-        return [take_columns(sheet, [time, column]) for column in wanted]
-    return [take_columns(sheet, [time, *wanted])] * len(wanted)
+        read = {name: take_columns(sheet, [time, column]) for name, column in each.items()}
+    else:
+        read = dict.fromkeys(each, take_columns(sheet, [time, *each.values()]))
+    return [read[column.name] for column in wanted]
 
 
 # Repeated shots in one long record: found by a trigger, brought to one raster, averaged at each operating point.
@@ -400,7 +387,8 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
 def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context) -> list[dict[str, Trace]]:
     """Courses of each curve by their keys; a file is read once for all curves, also where `column` is a pattern.
 
-    Raises `InputError` if not exactly one column fits a curve, or a column cannot be read.
+    What a key does not say of time is that of the data set. Raises `InputError` if not exactly one column fits a curve,
+    or a column cannot be read.
     """
     found: list[dict[str, Trace]] = [{} for _ in curves]
     for key in (*_PRESSURES, "drive"):
@@ -409,16 +397,25 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
             continue
         if key == "drive":
             _check_drive(model, context)
-        at, form = context.at / key, model.form if item.file is None else item.form
-        sheet = context.sheet(item.file or model.file, at, form)
+        at, is_own = context.at / key, item.file is None
+        sheet = context.sheet(item.file or model.file, at, model.form if is_own else item.form)
         names = [item.column] * len(curves)
         if _of_each(key, model):
             pattern = ColumnPattern(item.column, stated_units(model), at / "column")
             points = [point for name in sheet.names if (point := pattern.read(name))]
-            names = [_fitting(points, curve, sheet, item.column, at) for curve in curves]
-        traces = _traces(key, item, names, model, context, sheet)
-        for courses, name in zip(found, names, strict=True):
-            courses[key] = traces[name]
+            for i, curve in enumerate(curves):
+                fitting = [point.column for point in points if _is_at(point, curve)]
+                if len(fitting) != 1:
+                    raise (at / "column").error(
+                        f'{len(fitting)} columns of {sheet.path} fit "{item.column}" at {label_of(curve)}, and one must'
+                    )
+                names[i] = fitting[0]
+        unit = drive_unit(context.injector) if key == "drive" else "Pa"
+        time = Column(item.time or model.time, "s", item.time_unit or (model.time_unit if is_own else None), True)
+        tables = _tables(sheet, time, [Column(name, unit, item.unit) for name in names])
+        zero = model.time_zero if is_own else 0.0
+        for courses, name, table in zip(found, names, tables, strict=True):
+            courses[key] = Trace.of(table.columns[time.name] - zero, table.columns[name])
     return found
 
 
@@ -426,16 +423,6 @@ def _of_each(key: str, model: RateModel) -> bool:
     """Return whether each curve has its own column of a course: the key `column` is a pattern."""
     item = getattr(model, key)
     return isinstance(item, TraceModel) and model.columns is not None and "{" in item.column
-
-
-def _fitting(points: Sequence[NamedPoint], curve: FoundCurve, sheet: Sheet, pattern: str, at: Place) -> str:
-    """Name of the only column at the operating point of a curve."""
-    columns = [point.column for point in points if _is_at(point, curve)]
-    if len(columns) != 1:
-        raise (at / "column").error(
-            f'{len(columns)} columns of {sheet.path} fit "{pattern}" at {label_of(curve)}, and one must'
-        )
-    return columns[0]
 
 
 def _is_at(point: NamedPoint, curve: FoundCurve) -> bool:
