@@ -187,18 +187,14 @@ def read_points(
     The injector gives the fuel, for quantities by mass; pressures are in Pa, or texts with their units. `InputError` if
     the file cannot be read, or something in it is missing or of the wrong kind.
     """
-    file = file_path(path, "path of the reference quantities")
+    file, share = file_path(path, "path of the reference quantities"), _share(tolerance, "tolerance")
     pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
     stated = {key: f"{value!r} Pa" if isinstance(value, float) else value for key, value in pressures.items()}
     for key, value in stated.items():
         parse(value, "Pa", key)
     model = QuantitiesModel.model_validate(
         {"kind": "quantities", "name": file.name, "role": "fit", "file": str(file.absolute()), **stated}
-        | {
-            "absolute": "0.05 mm3",
-            "relative": _share(tolerance, "tolerance"),
-            "source": f"reference quantities of {file.name}",
-        }
+        | {"absolute": "0.05 mm3", "relative": share, "source": f"reference quantities of {file.name}"}
     )
     (read,) = QuantityData.read_all(model, Context(injector, 1e-6, Reach(file, True), Place(str(file))))
     return read

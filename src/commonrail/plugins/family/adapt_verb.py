@@ -50,9 +50,7 @@ def adapt(
     ] = None,
     cylinder_pressure: CylinderPressure = None,
     return_pressure: ReturnPressure = None,
-    tolerance: Annotated[
-        str, Option(help="Of the quantities, beside 0.05 mm3: scatter and error of the bench.")
-    ] = "1.5%",
+    tolerance: Annotated[str, Option(help="Tolerance of the quantities beside 0.05 mm3.")] = "1.5%",
     flow_spread: Annotated[str, Option(help="Standard deviation of the nozzles' flow about their drawing.")] = "3%",
     strict: Annotated[
         bool, Option("--strict", help="Exit with status 2 if the part is doubted; the model is written all the same.")
@@ -78,8 +76,8 @@ def adapt(
     named = None if injector is None else read_model_name(injector)
     part = None if named is None else named.injector
     behind = read_pressures(cylinder_pressure, return_pressure, None if named is None else named.folder)
+    share = parse(flow_spread, "1", "--flow-spread")
     if advise:
-        share = parse(flow_spread, "1", "--flow-spread")
         _advise(injector_type, points, (injector, part), behind, share, threads, json)
         return
     if points is None or out is None:
@@ -93,7 +91,7 @@ def adapt(
         cylinder_pressure=behind[0],
         return_pressure=behind[1],
         tolerance=parse(tolerance, "1", "--tolerance"),
-        flow_spread=parse(flow_spread, "1", "--flow-spread"),
+        flow_spread=share,
         threads=threads,
     )
     header = (
@@ -152,11 +150,10 @@ def _advise(
     named = [] if injector[0] is None else ["--injector", injector[0]]
     cylinder, back = (to_text(pressure, "Pa").replace(" ", "") for pressure in behind)
     pressures = ["--cylinder-pressure", cylinder, "--return-pressure", back]
-    files = ["--from", "points.csv", "--out", "model.toml"]
-    again = shlex.join(["commonrail", "adapt", str(injector_type), *named, *pressures, *files])
+    again = shlex.join(["commonrail", "adapt", str(injector_type), *named, *pressures, "--from", "points.csv"])
     click.echo(
         'next: measure the first of them, write it into points.csv below the line "rail_pressure [MPa],energising_time '
-        f'[us],quantity [mm3]", then {again}'
+        f'[us],quantity [mm3]", then {again} --out model.toml'
     )
 
 
