@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from commonrail.data.curves.reading import mean_curve
+from commonrail.data.curves.samples import Samples
 from commonrail.data.repeats import averaged, groups_of
 
 
@@ -84,3 +86,15 @@ def test_shots_that_differ_by_an_offset_count_once_each() -> None:
 def test_few_repeats_have_few_degrees_of_freedom() -> None:
     found = averaged(np.array([1.0, 3.0, 20.0, 24.0, 7.0]), [np.array([0, 1]), np.array([2, 3]), np.array([4])])
     assert found.freedom == 2.0
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02])
+def test_a_mean_of_shots_knows_how_far_it_is_off_as_a_whole(scatter: float) -> None:
+    """Shots whose quantities scatter, and noise of single samples, which is hardly anything of a quantity."""
+    random, bounds = np.random.default_rng(11), np.linspace(0.0, 2e-3, 401)
+    curve = 3e-5 * np.sin(np.pi * np.linspace(0.0, 1.0, 400))
+    sizes = 1.0 + scatter * random.standard_normal(50)
+    rates = sizes[:, None] * curve + 3e-7 * random.standard_normal((50, 400))
+    found = mean_curve([Samples(bounds, rate, "m3/s", "s", "time") for rate in rates], 100e6, 1e-3)
+    # 50 shots: the estimate scatters by 10 %, of which two and a half are allowed; the samples' own share is 0.01 %
+    assert found.scatter == pytest.approx(scatter / 50.0**0.5, rel=0.25, abs=2e-4)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from numbers import Real
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -80,6 +80,9 @@ class Noise:
     relative : float
         Share of the rate that the standard deviation of a curve grows by: it is sigma + relative · rate. Shots scatter
         in proportion to the rate. Where no sigma is stated, the residuals tell whether it grows.
+    scatter : float
+        Standard error of the whole curve as a share of it, such as that of a mean of shots whose quantities scatter:
+        it is common to all samples, so that no noise of single samples shows it.
 
     Raises
     ------
@@ -97,6 +100,7 @@ class Noise:
     uncertain: Mapping[str, Quantity] = field(default_factory=dict)
     freedom: float = math.inf
     relative: float = 0.0
+    scatter: float = 0.0
 
     def __post_init__(self) -> None:
         settle(
@@ -105,7 +109,7 @@ class Noise:
             correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
             uncertain={key: _deviation(key, value) for key, value in _given(self.uncertain).items()},
         )
-        plain = ("sigma", "pressure_length", "freedom", "discrepancy", "length", "relative")
+        plain = ("sigma", "pressure_length", "freedom", "discrepancy", "length", "relative", "scatter")
         for what, value in ((what, getattr(self, what)) for what in plain):
             if not (value is None and what == "sigma") and not isinstance(value, Real):
                 raise ConfigurationError(f"The {what} of the noise must be a number, not {shown(value)}.")
@@ -113,7 +117,12 @@ class Noise:
         for what, value in stated:
             if value is not None and not value > 0.0:
                 raise ConfigurationError(f"The {what} of the noise must be greater than zero, not {value:g}.")
-        others = ("discrepancy", self.discrepancy), ("length", self.length), ("relative part", self.relative)
+        others = (
+            ("discrepancy", self.discrepancy),
+            ("length", self.length),
+            ("relative part", self.relative),
+            ("scatter", self.scatter),
+        )
         for what, value in others:
             if not 0.0 <= value < math.inf:
                 raise ConfigurationError(f"The {what} of the noise must be zero or greater, not {value:g}.")
@@ -128,6 +137,11 @@ class Noise:
             )
         if self.sigma is not None and self.shots:
             raise ConfigurationError("The noise has a sigma and repeated shots to estimate it from; keep one of them.")
+
+    @property
+    def measured(self) -> dict[str, Any]:
+        """What repeats of a measurement tell, beside what a study states."""
+        return {"sigma": self.sigma, "freedom": self.freedom, "scatter": self.scatter}
 
     @property
     def deviations(self) -> Mapping[str, float]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.estimate import CLOSE, Estimate, estimate, estimate_at
+from commonrail.plugins.certainty.estimate import CLOSE, Estimate, _level, estimate, estimate_at
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.profile import MOST_RATIO, ripple_of
@@ -92,6 +94,16 @@ def test_starts_that_a_ripple_catches_lead_to_the_top_of_the_smooth_likelihood()
     assert settled >= 4
 
 
+@pytest.mark.parametrize(("distance", "agree"), [(10.0, True), (40.0, False)])
+def test_ends_far_from_the_best_are_no_evidence_of_its_top(distance: float, agree: bool) -> None:
+    """The model is linear: its slopes lead there from anywhere, as from another top of one that is not."""
+    found = fitted(likelihood([curve(1)], [design()], [STATED]))
+    ways = np.random.default_rng(3).choice([-1.0, 1.0], (6, 3))
+    ends = found.unit + distance * np.sqrt(np.diag(found.covariance.total)) * ways
+    levelled = _level(replace(found, starts=6, agreeing=1, ends=ends))
+    assert levelled.settled == agree
+
+
 def test_a_place_at_a_bound_settles_nothing() -> None:
     """Data whose third parameter is 12, and a bound of 10: all starts agree there, on what the others take of it."""
     measured = design() @ np.array([2.0, 3.0, 12.0]) + 0.2 * np.random.default_rng(1).standard_normal(N)
@@ -117,6 +129,26 @@ def test_the_error_of_the_time_step_is_in_the_interval() -> None:
     own = Likelihood(plain.space, plain.blocks, plain.residuals, finer=lambda points: plain.residuals(points + moved))
     found = fitted(own)
     assert half_width(found) == pytest.approx(np.hypot(half_width(smooth), 1.96 * shift), rel=0.05)
+
+
+def test_curves_that_are_off_as_wholes_widen_the_intervals_by_that() -> None:
+    """Three curves, each 1 % off as a whole, more than their noise lets the values be: without it 3 in 4 miss."""
+    stated = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.02)
+    held = {0.0: 0, 0.01: 0}
+    for seed in range(40):
+        random = np.random.default_rng([5, seed])
+        curves = [
+            (1.0 + 0.01 * random.standard_normal()) * design() @ TRUTH + 0.02 * random.standard_normal(N)
+            for _ in range(3)
+        ]
+        for scatter in held:
+            noises = [replace(stated, scatter=scatter)] * 3
+            low, high = fitted(likelihood(curves, [design()] * 3, noises)).interval()
+            held[scatter] += int(np.sum((low <= TRUTH) & (high >= TRUTH)))
+    print(held)
+    # of 120, three of a bench moving together: 95 % less three standard deviations of 40 independent ones
+    assert held[0.01] >= 102
+    assert held[0.0] < 60
 
 
 def test_a_drift_that_is_found_widens_the_intervals() -> None:

@@ -196,7 +196,7 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
         noise = model.noise.read(kind.sigma_unit, at[i] / "noise")
         for read in kind.read_all(model, context._replace(at=at[i])):
             known = noise.sigma is not None or noise.shots
-            own = noise if known else replace(noise, sigma=read.noise.sigma, freedom=read.noise.freedom)
+            own = noise if known else replace(noise, **read.noise.measured)
             found.append(read.changed(noise=own))
             samples += read.samples
             if samples > MOST_SAMPLES:

@@ -91,7 +91,9 @@ def _curve(model: RateModel, curve: FoundCurve, context: Context, courses: Mappi
     point = _point(model, samples, context, courses)
     density = mass_density(context.injector, samples.unit, point)
     scale = 1.0 if math.isnan(density) else density
-    noise = NOISE if curve.sigma is None else Noise(sigma=curve.sigma / scale, freedom=curve.freedom)
+    noise = (
+        NOISE if curve.sigma is None else Noise(sigma=curve.sigma / scale, freedom=curve.freedom, scatter=curve.scatter)
+    )
     return ReadCurve(point, samples.bounds, samples.rate / scale, density, label_of(curve), curve.shots, noise)
 
 
@@ -349,6 +351,7 @@ class FoundCurve(NamedTuple):
     shots: int = 1  # repeated shots of which it is the mean
     sigma: float | None = None  # standard error of the mean, in the unit of the samples
     freedom: float = 0.0  # its degrees of freedom
+    scatter: float = 0.0  # standard error of the mean's quantity as a share of it, as shots scatter as wholes
 
 
 def label_of(curve: FoundCurve) -> str:
@@ -463,7 +466,10 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
     rates = np.array([s.on(bounds).rate for s in shots])
     mean = averaged(rates, [np.arange(len(shots))])
     samples = shots[0]._replace(bounds=bounds, rate=mean.mean[0])
-    return FoundCurve(samples, rail_pressure, energising_time, len(shots), mean.sigma, mean.freedom)
+    quantities = rates @ np.diff(bounds)
+    whole, error = abs(quantities.mean()), quantities.std(ddof=1) / len(shots) ** 0.5
+    scatter = float(error / whole) if whole > error else 0.0  # of a curve without an injection it would be all
+    return FoundCurve(samples, rail_pressure, energising_time, len(shots), mean.sigma, mean.freedom, scatter)
 
 
 def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:

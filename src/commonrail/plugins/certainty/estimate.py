@@ -11,10 +11,12 @@ from functools import partial
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
+from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import SimulationError
 from commonrail.calibration.optimisers.base import farthest
+from commonrail.calibration.optimisers.evolution import FEWEST_MEMBERS, Treatment, crossover, draw, treat
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
+from commonrail.calibration.optimisers.staged import CROSSOVER, FACTOR
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
@@ -156,9 +158,13 @@ SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
 NEAR = 15  # steps of one under noise that the last one's end showed
 # Ends of a search that do not agree go on by steps of the best one's linear model, whose derivatives over the interval
 # see no ripple. A smooth likelihood falls by `AGREED` where one parameter is `CLOSE` standard errors off.
-LEVEL_STEPS, LEVEL_MOVES, CLOSE = 8, 3, AGREED**0.5
+# From farther than `FARTHEST` standard errors that model leads anywhere to one place, a wrong one too; ends of searches
+# of nine parameters about the right top lay up to 18 away (`tools/walk_bench.py`).
+LEVEL_STEPS, LEVEL_MOVES, CLOSE, FARTHEST = 8, 3, AGREED**0.5, 20.0
 NEARBY, DISTANCE = 4, 2.0  # starts about the end of a single ascent, and their distance in standard errors
 CLOSEST = 40  # members of a library that are compared as starts
+# Best members that evolve, for how long, and how many of them lead: they shall come near and not yet have become one.
+POOL, GENERATIONS, LEADERS = 64, 60, 8
 
 
 @dataclass(frozen=True)
@@ -238,21 +244,59 @@ def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, F
     return likelihood.space.to_unit(points[sound]), errors[sound]
 
 
+def evolved(likelihood: Likelihood, found: tuple[Floats, Floats], seed: int = 0) -> tuple[Floats, Floats]:
+    """Positions (m, d) and residuals (m, n) of the best members of a library after some differential evolution.
+
+    From random members the ascents of more than a few parameters end in as many places, most of them far from any that
+    agrees with the data. Members move towards one of the best (current-to-pbest/1/bin, Zhang, Sanderson 2009) by
+    `_misfits`.
+
+    `found` (positions, residuals): of `library`, at least four members; `seed`: of the draws.
+    """
+    unit, errors = found
+    chosen = np.argsort(_misfits(likelihood, errors), kind="stable")[:POOL]
+    unit, errors = unit[chosen], errors[chosen]
+    costs, space, rng = _misfits(likelihood, errors), likelihood.space, np.random.default_rng([seed, len(unit)])
+
+    def trials(members: IndexArray) -> Floats:
+        draws = draw(rng, members, unit.shape, FACTOR)
+        leaders = np.argsort(costs, kind="stable")[rng.integers(0, LEADERS, len(members))]
+        towards = unit[leaders] - unit[members] + unit[draws.others[0]] - unit[draws.others[1]]
+        return crossover(unit[members], unit[members] + draws.factor * towards, draws, CROSSOVER)
+
+    for _ in range(GENERATIONS if len(unit) >= FEWEST_MEMBERS else 0):
+        trial = treat(Treatment.REPAIR, space, unit, trials(np.arange(len(unit))), lambda few: trials(few)[:, None])
+        residuals = likelihood.residuals(trial.x)
+        there = _misfits(likelihood, residuals)
+        better = there <= costs
+        unit, errors = (np.where(better[:, None], *both) for both in ((trial.unit, unit), (residuals, errors)))
+        costs = np.where(better, there, costs)
+    return unit, errors
+
+
+def _misfits(likelihood: Likelihood, errors: Floats) -> Floats:
+    """Σ n ln Σ|e| over the blocks (k,) of residuals (k, n); +inf where a simulation failed.
+
+    No noise need be known for it, and outliers, whose squares lead all starts to another optimum, add little. Values at
+    which all members agree with the data do not count in n.
+    """
+    sound = np.isfinite(errors).all(axis=1)
+    terms = [
+        sample_count(errors[sound][:, b.rows]) * np.log(np.maximum(np.sum(np.abs(errors[:, b.rows]), axis=1), 1e-300))
+        for b in likelihood.blocks
+    ]
+    return np.where(sound, np.sum(terms, axis=0), np.inf)
+
+
 def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
-    """Starts (k, d): the best member of a library, and of its best ones those that lie farthest apart.
+    """Starts (k, d): the best member of a library by `_misfits`, and of its best ones those that lie farthest apart.
 
-    Members are compared by Σ n ln Σ|e| over the blocks: no noise need be known for that, and outliers, whose squares
-    lead all starts to another optimum, add little. Values at which all members agree with the data do not count in n.
-
-    `found` (positions, residuals): of `library`.
+    `found` (positions, residuals): of `library` or `evolved`.
     """
     unit, errors = found
     if not len(unit):
         return np.empty((0, likelihood.space.dimension))
-    sums = [np.sum(np.abs(errors[:, b.rows]), axis=1) for b in likelihood.blocks]
-    sizes = [sample_count(errors[:, b.rows]) for b in likelihood.blocks]
-    cost = np.sum([n * np.log(np.maximum(s, 1e-300)) for n, s in zip(sizes, sums, strict=True)], axis=0)
-    near = unit[np.argsort(cost, kind="stable")[:CLOSEST]]
+    near = unit[np.argsort(_misfits(likelihood, errors), kind="stable")[:CLOSEST]]
     return np.asarray(near[farthest(near, min(many, len(near)))])
 
 
@@ -316,6 +360,9 @@ def _level(found: Estimate) -> Estimate:
         draws = np.random.default_rng(0).normal(size=(NEARBY, len(found.unit)))
         ends = found.unit + DISTANCE * draws @ found.covariance.root.T
     unit = FeasibleSet.of(own.space).within(np.tile(found.unit, (len(ends), 1)), ends)
+    unit = unit[found.apart(unit) <= FARTHEST]
+    if len(unit) < min(LEAST_AGREEING, len(ends)):
+        return found
     for _ in range(LEVEL_MOVES):
         unit, errors, costs = _stepped_on(found, unit)
         middle = np.median(unit, axis=0)
@@ -331,7 +378,7 @@ def _level(found: Estimate) -> Estimate:
     # 20 % wrong, four were pinned to wrong values that way
     if FeasibleSet.of(own.space).active(found.unit, near=1e-3).any():
         return found
-    if many < min(LEAST_AGREEING, len(unit)):
+    if many < min(LEAST_AGREEING, len(ends)):
         return found if single else replace(found, agreeing=max(many, 1))
     found = found.with_errors((unit[close] - found.unit) / many**0.5)
     return replace(found, gain=0.0, agreeing=1 if single else many, beyond_ripple=True)
@@ -425,7 +472,22 @@ def _over_intervals(found: Estimate) -> Estimate:
             ratios = np.nan_to_num(after / before, nan=1.0, posinf=1.0)
         if found is again and (np.abs(np.log(np.maximum(ratios, 1e-300))) < AGREEING).all():
             break
-    return with_step_error(replace(found, covariance=wider(found.covariance, local)))
+    return with_step_error(with_scatter(replace(found, covariance=wider(found.covariance, local))))
+
+
+def with_scatter(found: Estimate) -> Estimate:
+    """The estimate, its covariance with what curves are off as wholes, see `Noise.scatter`; each by itself."""
+    likelihood = found.likelihood
+    shifts = [_whole(likelihood, block.rows, block.noise.scatter * block.at_zero) for block in likelihood.blocks]
+    shifts = [shift for shift in shifts if shift.any()]
+    return found.with_errors(found.position_shifts(np.array(shifts))) if shifts else found
+
+
+def _whole(likelihood: Likelihood, rows: slice, values: Floats) -> Floats:
+    """Residuals (n,) that are zero but for the values of a block."""
+    found = np.zeros(likelihood.size)
+    found[rows] = values
+    return found
 
 
 def with_step_error(found: Estimate) -> Estimate:
