@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from commonrail.base.arguments import COUNTS
 from commonrail.base.choices import Actuation
 from commonrail.calibration.objective import Objective
 from commonrail.data.base import Role
@@ -55,7 +56,10 @@ def neighbour(name: str, own: float) -> float:
     """A value of a parameter that is near its own and admissible."""
     if name == FUEL_TEMPERATURE:
         return COLD
-    return 0.99 * own if own else 0.01
+    quantity = parameter_quantities(Actuation.SERVO)[name]
+    if name in COUNTS:
+        return own - 1.0
+    return 0.99 * own if own else min(0.01, *(quantity.usual or (0.01,)))
 
 
 # Each parameter is read by one of them, but for the diode's voltage: with a free-wheeling coil the needle outlasts

@@ -18,7 +18,12 @@ from commonrail.physics.injector import Injector
 # Differences of a linear model of numbers of order 1e-8 about steps of 0.5 % lose three of sixteen digits.
 EXACT = 1e-9
 MM3 = 1e-9
-SPACE = Space([Parameter(name, 0.0, -4.0, 6.0, "1", mark="E", source="made up") for name in ("a", "b", "c")])
+NAMES = (
+    "nozzle.discharge_maximum",
+    "valve.seat_discharge",
+    "rail.throttle_discharge",
+)  # read by nothing
+SPACE = Space([Parameter(name, 0.0, -4.0, 6.0, "1", mark="E", source="made up") for name in NAMES])
 
 
 class Linear(QuantityData):

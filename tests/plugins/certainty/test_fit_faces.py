@@ -107,7 +107,7 @@ def test_draws_that_do_not_agree_are_not_handed_on() -> None:
 def test_figures_of_analyses_name_their_output_or_point() -> None:
     titles = [figure.title for figure in sensitivity_figures(sensitivity_record())]
     assert titles == [
-        "Share of the variance: Injected quantity, 160 MPa, 700 us",
-        "Tornado: Injected quantity, 160 MPa, 700 us",
+        "Share of the variance: Injected quantity, 160 MPa, 700 µs",
+        "Tornado: Injected quantity, 160 MPa, 700 µs",
     ]
     assert "Quantity of the parts: full load" in [figure.title for figure in tolerance_figures(tolerance_record())]
