@@ -117,7 +117,7 @@ def series(first: float, second: float) -> float:
 #
 # with d of the guide, D of the body's outside and Young's modulus E. The flow along the gap (Reynolds' equation),
 # q = −ρ π d g(p)³/(12 η(p)) dp/dx, integrates over the length to q l = π d/12 ∫ g(p)³/ν(p) dp between the pressures at
-# its ends. Eq. (5) is its midpoint rule, gap and viscosity at the mean pressure. Both grow with p, so g³/ν is flat.
+# its ends. Eq. (5) is its midpoint rule, gap and viscosity at the mean pressure. g³/ν is nearly linear in p.
 
 
 class Guide(NamedTuple):

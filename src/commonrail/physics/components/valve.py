@@ -10,7 +10,7 @@ from commonrail.physics.elementary import sine
 from commonrail.physics.flow import pipe_area
 from commonrail.physics.law import Domain, Q, physics
 
-_USUAL_DISC, _USUAL_FILM = (0.2e-3, 30e-3), (0.2e-6, 300e-6)  # of a seat to an armature; roughness to air gap [m]
+_USUAL_DISC, _USUAL_FILM = (0.2e-3, 30e-3), (1e-6, 300e-6)  # of a seat to an armature; a step to air gap [m]
 
 
 class Parameters(NamedTuple):

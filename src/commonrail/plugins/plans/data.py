@@ -33,9 +33,9 @@ from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, Test
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import Unit
 
-# Residual for one half band. Bands are specifications of what passes, not measurements: of a quantity of which a middle
-# and limits alone are stated, JCGM 100:2008 (GUM), 4.3.9, takes a triangular distribution about the middle, whose
-# standard deviation is the half band over √6. So a quantity at its limit is 2.4 standard deviations off.
+# Residual for one half band. Bands are specifications of what passes, not measurements: makers aim at the nominal, so
+# that values near it are likelier than those at the limits, for which JCGM 100:2008 (GUM), 4.3.9, takes a triangular
+# distribution, whose standard deviation is the half band over √6. So a quantity at its limit is 2.4 of them off.
 RESIDUAL = math.sqrt(6.0)
 SPECIFIED = Noise(sigma=1.0)  # that standard deviation is stated, not estimated from a few residuals
 
@@ -228,7 +228,7 @@ class PlanScore(Score):
 
     def best_gain(self, gains: Floats) -> float:
         """Factor on the simulated values that makes J least; 1 where they lie inside: there a band asks for none."""
-        return super().best_gain(gains) if self.error > 1.0 else 1.0
+        return 1.0 if all(state is State.INSIDE for state in self.states) else super().best_gain(gains)
 
     def relative_error(self) -> float:
         """Σ |error| over Σ quantity, each in its half band; NaN for a failed simulation."""
