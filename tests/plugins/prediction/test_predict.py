@@ -18,7 +18,7 @@ from commonrail.plugins.certainty.run import certify
 from commonrail.plugins.prediction import run as module
 from commonrail.plugins.prediction.page import prediction_figures, prediction_html
 from commonrail.plugins.prediction.scatter import floored
-from tests.cli.conftest import run_command
+from tests.cli.conftest import Command, run_command
 from tests.map_study import map_study
 from tools.coverage import BEDS, Benches
 
@@ -217,3 +217,9 @@ def test_a_table_holds_no_dead_time_as_a_quantity() -> None:
     for name in ("predicted [mm3]", "measured [mm3]"):
         assert table[name][dead].isna().all()
         assert 0.0 < table[name][~dead].min() < table[name][~dead].max() < 200.0
+
+
+def test_bands_and_report_at_one_place_are_refused(tmp_path: Path, command: Command) -> None:
+    done = command("predict", tmp_path, "--out", tmp_path / "one.csv", "--report", tmp_path / "one.csv")
+    assert done.status == 2
+    assert "name a file for each" in done.sentence

@@ -15,6 +15,7 @@ from commonrail.cli.options import (
     Json,
     ReturnPressure,
     Threads,
+    check_distinct,
     check_file,
     read_axis,
     read_pressures,
@@ -78,6 +79,7 @@ def predict(
 
     check_file(out, "--out")
     check_file(report, "--report")
+    check_distinct(out, report)
     study, best = read_fit(run)
     points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
     draws = read_draws(run, study.space.names) if bands is Bands.POSTERIOR else None
