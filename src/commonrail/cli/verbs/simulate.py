@@ -180,7 +180,7 @@ def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None)
         suffix = out.suffix.lower()
         writer = registry.find("simulations", suffix) if suffix not in ("", ".csv") else None
         if writer is not None:
-            files += writer.call(out, run, fitted)
+            files += writer.call(out, run, fitted, report)
         else:
             with writing(out, "--out"):
                 write_rows(run, out)
