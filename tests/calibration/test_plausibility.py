@@ -176,6 +176,11 @@ def test_the_points_of_a_map_make_one_finding(pwm: Injector) -> None:
     assert "300 ns (and 2 more such values)" in finding.sentence
 
 
+def test_a_closed_injector_among_the_points_is_not_odd(pwm: Injector) -> None:
+    points = tuple(OperatingPoint(80e6, t) for t in (0.0, 500e-6, 700e-6, 1000e-6))
+    assert of_settings(study(pwm, map_(points=points))) == ()
+
+
 def test_a_parameter_outside_what_its_part_calls_usual(pwm: Injector) -> None:
     (finding,) = of_settings(study(pwm.with_values({"valve.lift": 55e-3}), curve(pulse())))
     assert (finding.code, finding.subject) == ("parameter", "valve.lift")

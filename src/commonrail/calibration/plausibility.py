@@ -104,7 +104,7 @@ def data_findings(data: DataSet, injector: Injector) -> Iterator[Finding]:
     if data.bounds is not None:
         yield from _sampling(data.name, data.bounds)
     yield from _drive(data, injector)
-    yield from _energising(data.name, data.points)
+    yield from _energising(data.name, data.points, rests=data.bounds is None)
     for key, words, usual in _PRESSURES:
         yield from _pressure(data.name, words, [getattr(point, key) for point in data.points], usual)
 
@@ -194,9 +194,11 @@ def _drive(data: DataSet, injector: Injector) -> Iterator[Finding]:
         )
 
 
-def _energising(name: str, points: Sequence[OperatingPoint]) -> Iterator[Finding]:
+def _energising(name: str, points: Sequence[OperatingPoint], rests: bool) -> Iterator[Finding]:
+    """Odd energising times; `rests`: zero is none, as of the return of a closed injector."""
     low, high = ENERGISING
-    odd = [pulse.duration for point in points for pulse in point.pulses if not low <= pulse.duration <= high]
+    times = [pulse.duration for point in points for pulse in point.pulses]
+    odd = [time for time in times if not (low <= time <= high or (rests and time == 0.0))]
     if odd:
         yield found(
             "energising",
