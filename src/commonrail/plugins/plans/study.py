@@ -281,14 +281,15 @@ def _test(table: Table, row: int) -> PlanTest:
         raise table.place("test", row).error("the cell is empty, and the name of the test is expected")
     if word not in ("", *Measure):
         raise table.place("measure", row).error(f'"{word}" is no measure; write delivery or return')
+    measure = Measure(word or Measure.DELIVERY)
     with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
         return PlanTest(
             name,
             float(table.columns["rail_pressure"][row]),
             _energisings(float(table.columns["energising_time"][row]), cells),
             cells.get("nominal"),
-            *_limits(table, cells),
-            Measure(word or Measure.DELIVERY),
+            *_limits(table, cells, measure),
+            measure,
             cells.get("stroke_rate"),
             cells.get("bench"),
         )
@@ -303,7 +304,7 @@ def _energisings(first: float, cells: dict[str, float | None]) -> tuple[Energisi
     return Energising(0.0, first), Energising(first + dwell, second)
 
 
-def _limits(table: Table, cells: dict[str, float | None]) -> tuple[float | None, float | None]:
+def _limits(table: Table, cells: dict[str, float | None], measure: Measure) -> tuple[float | None, float | None]:
     """Lower and upper limit of a row."""
     nominal = cells.get("nominal")
 
@@ -320,4 +321,9 @@ def _limits(table: Table, cells: dict[str, float | None]) -> tuple[float | None,
         return lower, upper
     if lower is not None or upper is not None:
         raise ConfigurationError("State half_band or limits, not both.")
+    if measure is Measure.DELIVERY and half >= nominal * (1.0 - 1e-9):
+        raise ConfigurationError(
+            f"The half_band of a delivery is {100.0 * half / nominal:.4g} % of the nominal quantity, so that a part "
+            "that injects nothing would pass; state less, or upper_limit if that may pass."
+        )
     return nominal - half, nominal + half
