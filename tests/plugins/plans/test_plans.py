@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from commonrail.plugins.plans.run import run_plan
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
 from commonrail.readers.injector.file import load_injector
 from tests.cli.conftest import Command
+from tests.data.samples import Sample, plan_table
 
 PULSE = ((0.0, 500e-6),)
 PRESSURES = (5e6, 0.5e6)
@@ -247,3 +249,13 @@ def test_the_verb_prints_json_and_writes_a_report(command: Command, tmp_path: Pa
     assert command("plan", "virtual-lino-2016@regulated", file).status == 2
     said = command("plan", "virtual-lino-2016@regulated", file, "--decimal", ",")
     assert "what the guides leak until the next stroke" in said.out
+
+
+@pytest.mark.parametrize(("keys", "told"), [("", 1), ('stroke_rate = "1000 1/min"\n', 0)])
+def test_a_study_tells_of_a_return_without_a_stroke_rate(
+    regulated: Injector, tmp_path: Path, keys: str, told: int
+) -> None:
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        Sample(keys, plan_table, 4).read(PlanData, regulated, tmp_path, np.ones(4))
+    assert ["test 3 (return)" in str(one.message) for one in notes] == [True] * told

@@ -146,8 +146,13 @@ def plan_lines(record: Record) -> list[str]:
     lines += [f"{_name(row)} has no number: {row['reason']}" for row in rows if row["reason"]]
     without = [_name(row) for row in rows if row["measure"] == Measure.RETURN.value and not row["stroke_rate"]]
     if without:
-        lines.append(f"Without a stroke rate {listed(without)} lacks what the guides leak until the next stroke.")
+        lines.append(without_rate(without))
     return lines
+
+
+def without_rate(names: Sequence[str]) -> str:
+    """Sentence on returns without a stroke rate."""
+    return f"Without a stroke rate {listed(names)} lacks what the guides leak until the next stroke."
 
 
 def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
