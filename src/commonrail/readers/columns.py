@@ -97,7 +97,7 @@ class Column(NamedTuple):
     domain : Domain
         Values outside are refused.
     required : bool
-        Whether every cell must hold a number; if not, an empty one is NaN.
+        Whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan".
     otherwise : str
         Unit of a column that has none and for which none is stated; empty refuses it.
     """

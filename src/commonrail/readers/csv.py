@@ -23,6 +23,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 from commonrail.base.output import restored, restored_note
 from commonrail.base.units import fits
+from commonrail.physics.law import Domain
 from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
 from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines, without_thousands
 
@@ -100,7 +101,8 @@ class CsvFile:
 
     def _number(self, cell: str, column: Column, line: int) -> float:
         text = cell.strip()
-        if not column.required and text in ("", "nan"):
+        # "nan" fills up columns of curves that end earlier; what has a domain is left empty where it is missing.
+        if not column.required and (text == "" or (text == "nan" and column.domain is Domain.ANY)):
             return math.nan
         if self._decimal == ",":
             text = text.translate(_COMMA)
