@@ -98,8 +98,8 @@ def _ending(path: Path) -> str:
 
 
 def _example(column: Column) -> str:
-    """Units that people write for what is wanted, "mm3/ms or mg/ms"."""
-    return " or ".join(NAMES[unit][1].partition(" ")[2] if unit in NAMES else unit for unit in column.units)
+    """Units that people write for what is wanted, "mm3/ms or mg/ms"; of a share "%"."""
+    return " or ".join(NAMES[unit][1].partition(" ")[2] or "%" if unit in NAMES else unit for unit in column.units)
 
 
 def _unit(column: Column, written: str, at: Place) -> str:

@@ -115,6 +115,7 @@ def test_bands_of_a_file_in_percent_and_in_quantities(tmp_path: Path) -> None:
         (f"{HEAD},upper_limit [mm3]\nVL,80,500,20\nVL,60,500,20\n", ("two tests VL",)),
         (f"{HEAD},nominal [mm3],half_band [%]\nVL,80,500,20,100\n", ("line 2", "half_band", "100 %", "would pass")),
         (f"{HEAD},upper_limit [mm3],bench [mm3]\nVL,80,500,20,nan\n", ("line 2", 'column "bench"', "not a finite")),
+        (f"{HEAD},nominal [mm3],half_band\nVL,80,500,20,10\n", ("half_band [%]",)),
         ("test,rail_pressure [MPa]\nVL,80\n", ("energising_time",)),
     ],
 )
