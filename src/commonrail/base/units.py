@@ -76,14 +76,15 @@ FAST = {name: Scale(kind, factor) for kind, names in FACTORS.items() for name, f
     "degC": Scale("K", 1.0, 273.15)
 }
 
-# What a message calls a kind, and what it offers as an example.
+# What a message calls a kind, or a unit that stands for some of it, and what it offers as an example.
 NAMES: dict[str, tuple[str, str]] = {
     "1": ("a plain number", "0.8"),
     "m": ("a length", "0.2 mm"),
     "m2": ("an area", "70 mm2"),
     "m3": ("a volume", "150 mm3"),
     "s": ("a time", "700 us"),
-    "1/s": ("a frequency", "20 kHz"),
+    "1/s": ("a frequency", "1000 1/min"),
+    "Hz": ("a frequency", "20 kHz"),
     "m/s": ("a speed", "1300 m/s"),
     "kg": ("a mass", "5 g"),
     "kg/s": ("a mass flow or a damping", "20 mg/ms"),
@@ -92,6 +93,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "N": ("a force", "72 N"),
     "N/m": ("a stiffness", "20 N/mm"),
     "Pa": ("a pressure", "160 MPa"),
+    "m/Pa": ("a length per pressure", "0.02 um/MPa"),
     "Pa s": ("a dynamic viscosity", "3 mPa s"),
     "m2/s": ("a kinematic viscosity", "2.6 mm2/s"),
     "J": ("an energy or a torque", "30 mJ"),
@@ -325,7 +327,7 @@ def _name(kind: str) -> str:
 
 
 def _expected(kind: str, unit: str) -> str:
-    name, example = NAMES.get(kind, (f"a quantity in {unit}", f"3 {unit}"))
+    name, example = NAMES.get(unit) or NAMES.get(kind, (f"a quantity in {unit}", f"3 {unit}"))
     return f'{name} is expected, for example "{example}"'
 
 
