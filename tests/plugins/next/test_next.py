@@ -11,6 +11,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import ConfigurationError
+from commonrail.data.base import Role
 from commonrail.data.noise import Law
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import estimate
@@ -18,7 +19,10 @@ from commonrail.plugins.certainty.noise_fit import Block
 from commonrail.plugins.next.file import plan_record, write_plan
 from commonrail.plugins.next.page import plan_figures, plan_html, plan_lines, plan_tiles
 from commonrail.plugins.next.problem import common_loads, posterior_draws
+from commonrail.plugins.next.run import candidates_of
 from commonrail.plugins.next.study import grid, place_of, usual_axes
+from commonrail.plugins.plans.data import PlanData
+from commonrail.plugins.plans.study import PlanTest, TestPlan
 from tests.map_study import map_study
 
 BEST = {"control_chamber.a_hole_diameter": 0.2127e-3}
@@ -162,6 +166,15 @@ def test_a_kind_without_data_is_refused_with_what_there_is(study: cr.Study) -> N
     with pytest.raises(ConfigurationError, match="plan for quantities"):
         cr.next_measurements(study, BEST, [cr.Candidate("rate", study.data[0].points[0])], SETTINGS, note=notes.append)
     assert notes == []  # before the work
+
+
+def test_a_test_plan_is_no_measurement_to_plan_for_and_a_map_beside_it_is(study: cr.Study) -> None:
+    tests = TestPlan("plan", (PlanTest("VL", 80e6, ((0.0, 500e-6),), 1e-9, 0.5e-9, 2e-9),))
+    data = PlanData.of(tests, study.injector, (5e6, 0.5e6), "plan", Role.FIT)
+    with pytest.raises(ConfigurationError, match="fits test plan alone"):
+        cr.next_measurements(replace(study, data=(data,)), BEST, threads=1)
+    beside = replace(study, data=(data, *study.data))
+    assert {one.kind for one in candidates_of(beside)} == {"quantities"}
 
 
 def test_a_plan_that_is_shorter_than_asked_for_says_so(plan: cr.Plan) -> None:

@@ -13,6 +13,7 @@ from commonrail.base.arguments import chosen, instance, number, settle, thread_c
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.text import listed
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
 from commonrail.data.quantities.data import QuantityData
@@ -35,6 +36,7 @@ from commonrail.plugins.next.study import (
     Candidate,
     Criterion,
     Problem,
+    fitted_kinds,
     grid,
     place_of,
     planned,
@@ -250,18 +252,19 @@ def candidates_of(
     dwells: Sequence[float] = (),
     first_energising_time: float = 0.0,
 ) -> list[Candidate]:
-    """Candidates of kinds with their costs, by default of the kind of the first fitted data set, on a grid.
+    """Candidates of kinds with their costs, by default of the first kind of `KINDS` that was fitted, on a grid.
 
     Rail pressures [Pa] and energising times [s] lie within the range of the data by default; dwells [s] and the first
     energising time [s] are as in `grid`.
     """
     data = of_role(study.data, Role.FIT)
+    usual_kind = fitted_kinds(data)[0]
     if pressures is None or times is None:
         usual = usual_axes(data)
         pressures = usual[0] if pressures is None else pressures
         times = usual[1] if times is None else times
     points = grid(data[0].points[0], pressures.tolist(), times.tolist(), dwells, first_energising_time)
-    return [Candidate(kind, point, cost) for kind, cost in (costs or {data[0].kind: 1.0}).items() for point in points]
+    return [Candidate(kind, point, cost) for kind, cost in (costs or {usual_kind: 1.0}).items() for point in points]
 
 
 def next_measurements(
@@ -339,7 +342,9 @@ def _check(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> None:
         raise ConfigurationError(f"There must be 1 to {MOST_CANDIDATES} candidates, not {len(wanted)}.")
     for one in wanted:
         if one.kind not in KINDS:
-            raise ConfigurationError(f'"{one.kind}" is no kind of measurement{nearest(one.kind, KINDS)}; {KINDS} are.')
+            raise ConfigurationError(
+                f'"{one.kind}" is no kind of measurement{nearest(one.kind, KINDS)}; {listed(KINDS)} are.'
+            )
         if not number(one.cost, "1", "cost of a candidate") > 0.0:
             raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {one.cost:g}.")
     for kind in {one.kind for one in wanted}:

@@ -12,6 +12,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
+from commonrail.base.text import listed
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
@@ -95,6 +96,18 @@ def _rounded(values: Floats, n: int, step: float) -> Floats:
     return np.unique(np.clip(inner, low, high))
 
 
+def fitted_kinds(data: Sequence[DataSet]) -> list[str]:
+    """Kinds of measurement that can be planned, in the order of the fitted data; ConfigurationError if none is."""
+    found = list(dict.fromkeys(one.kind for one in data if one.kind in KINDS))
+    if not found:
+        there = listed(sorted({one.kind for one in data}))
+        raise ConfigurationError(
+            f"The study fits {there} alone, and the noise of a new measurement is that of a fitted set of its kind; "
+            f"fit {', '.join(KINDS[:-1])} or {KINDS[-1]}."
+        )
+    return found
+
+
 def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]) -> list[DataSet]:
     """Data sets of measurements that are not made yet, their values zero.
 
@@ -118,7 +131,7 @@ def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]
         ]
     raise ConfigurationError(
         f'There is no fitted data set of the kind "{kind}" whose noise and meter a new one could have; plan for '
-        f"{' or '.join(sorted({one.kind for one in like}))}."
+        f"{' or '.join(fitted_kinds(like))}."
     )
 
 

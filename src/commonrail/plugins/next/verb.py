@@ -45,7 +45,7 @@ def next_(
         Option(
             metavar="KIND[=COST]",
             help='Kind of measurement that the run has data of, with its cost: quantities, rate, "return quantities"; '
-            "repeatable. [default: that of the first data set, cost 1]",
+            "repeatable. [default: the first of these that was fitted, cost 1]",
         ),
     ] = (),
     budget: Annotated[float | None, Option(min=0.0, help="Largest cost. [default: none]")] = None,
