@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -39,6 +41,36 @@ def test_a_run_names_its_model_data_priors_and_optimiser(run: Path) -> None:
     assert uses["fuel"].endswith(load_injector(run / "calibrated.toml").fuel.source)
 
 
+@pytest.mark.parametrize(
+    ("file", "key", "value"),
+    [
+        ("study.toml", "injector", "a"),
+        ("result.json", "software", 3),
+        ("result.json", "software", {}),
+        ("result.json", "injector", "a"),
+        ("result.json", "injector", {"name": ["a"]}),
+        ("result.json", "data", [{"name": "a"}]),
+        ("result.json", "data", {"name": "a"}),
+        ("result.json", "optimiser", {"method": ["a"]}),
+        ("result.json", "certainty", 3),
+    ],
+)
+def test_a_record_of_another_form_is_refused_by_file_and_key(
+    file: str, key: str, value: object, run: Path, tmp_path: Path, command: Command
+) -> None:
+    folder = Path(shutil.copytree(run, tmp_path / "run"))
+    (folder / "SHA256SUMS").unlink()
+    path = folder / file
+    if file == "study.toml":
+        text = re.sub(r"^injector = .*$", f'injector = ["{value}"]', path.read_text("utf-8"), flags=re.M)
+    else:
+        text = json.dumps(json.loads(path.read_text("utf-8")) | {key: value})
+    path.write_text(text, encoding="utf-8")
+    done = command("cite", folder)
+    assert done.status == 2
+    assert f"{file}, {key}" in done.err
+
+
 def test_all_sources_of_an_injector_are_told(command: Command) -> None:
     record = command("cite", "cri2-16", "--json").record
     told = "\n".join(use["source"] for use in record["used"])
@@ -73,7 +105,7 @@ def test_a_package_is_cited_as_it_asks_for(asked: str, key: str, tmp_path: Path)
     parts = "[commonrail.injectors]\ncri2-16-own = makers_parts:FILE\n"
     file = tmp_path / "own.toml"
     module = f"__citation__ = {asked!r}\nFILE = {str(file)!r}\n"
-    from commonrail.readers.injector.model import CATALOGUE
+    from commonrail.readers.injector.file import CATALOGUE
 
     file.write_text(CATALOGUE.text("cri2-16"), encoding="utf-8")
     with distribution(tmp_path, {"makers_parts": module}, parts, "makers"):

@@ -8,8 +8,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic import ConfigDict, Field, field_validator
+
 from commonrail.base import registry
-from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.output import write_text
 from commonrail.base.text import counted
@@ -18,8 +19,9 @@ from commonrail.cli.model_name import read_model_name
 from commonrail.compiler.target import package_versions
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.meters import Meter
-from commonrail.readers.toml import UNSTATED, read_toml
-from commonrail.runs.folder import STUDY, read_result
+from commonrail.readers.location import Place
+from commonrail.readers.toml import UNSTATED, FileModel, fault, read_model, read_toml
+from commonrail.runs.folder import RESULT, STUDY, read_result
 
 MARKS = {"M": "measured", "C": "ECU calibration", "F": "fitted or derived", "E": "estimate"}
 MODEL = "Lino et al. 2016"  # equations of the injector
@@ -72,7 +74,7 @@ def uses_of(model: str) -> list[Use]:
     """
     found = read_model_name(model)
     injector, run = found.injector, found.folder
-    record = {} if run is None else read_result(run)
+    record, study = _records(run)
     software = record.get("software") or package_versions()
     summary = metadata.metadata("commonrail")["Summary"]
     uses = [
@@ -84,14 +86,72 @@ def uses_of(model: str) -> list[Use]:
     ]
     for meter in found.meters:
         uses += _values(meter.sources, f"meter {meter.name}")
-    try:
-        uses += _of_record(record)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise InputError(f"{run}: result.json lacks what a calibration writes ({error!r}); calibrate again.") from error
+    uses += _of_record(record)
     uses += [Use("library", f"{name} {software[name]}", name) for name in LIBRARIES if software.get(name)]
-    study = {} if run is None or not (run / STUDY).is_file() else read_toml(run / STUDY)[0]
     stated = {model, injector.name, record.get("injector", {}).get("name"), study.get("injector")}
     return [*uses, *_packages(injector, found.meters, record, stated)]
+
+
+class _Part(FileModel):
+    """Table of a record, of which only the keys below are read."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Data(_Part):
+    name: str
+    role: str
+    source: str
+    synthetic: str
+    kind: str
+
+
+class _Prior(_Part):
+    source: str
+
+
+class _Parameter(_Part):
+    name: str
+    prior: _Prior = _Prior(source="")
+
+
+class _Optimiser(_Part):
+    method: str | None = None
+
+
+class _Injector(_Part):
+    name: str | None = None
+
+
+class _Record(_Part):
+    software: dict[str, str | None] | None = None
+    injector: _Injector = _Injector()
+    data: list[_Data] = Field(default_factory=list)
+    parameters: list[_Parameter] = Field(default_factory=list)
+    optimiser: _Optimiser = _Optimiser()
+    certainty: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("software")
+    @classmethod
+    def _has_version(cls, software: dict[str, str | None] | None) -> dict[str, str | None] | None:
+        if software is not None and software.get("commonrail") is None:
+            raise fault('the version of "commonrail" is missing; calibrate again')
+        return software
+
+
+class _Study(_Part):
+    injector: str | None = None
+
+
+def _records(run: Path | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Record and study of a run, empty without them; `InputError` with file and key where one is of another form."""
+    if run is None:
+        return {}, {}
+    record = read_result(run)
+    read_model(_Record, record, Place(str(run / RESULT)))
+    study = read_toml(run / STUDY)[0] if (run / STUDY).is_file() else {}
+    read_model(_Study, study, Place(str(run / STUDY)))
+    return record, study
 
 
 def _source(text: str, synthetic: str) -> str:
