@@ -48,6 +48,55 @@ def test_the_maps_of_a_dcm_file_are_listed(command: Command, tmp_path: Path) -> 
     assert "7 × 3 over hPa × mm^3/inj, values in us" in command("inspect", path).out
 
 
+@pytest.mark.parametrize(
+    ("rows", "options"),
+    [
+        ("0,0.5\n3,1.5\n", ["--decimal", ","]),
+        ("0,5\n3,15\n", ["--decimal", ","]),
+        ("0,5\n3,15\n", ["--sheet", "Foo"]),
+    ],
+)
+def test_a_stated_form_that_does_not_fit_is_refused(
+    rows: str, options: list[str], command: Command, tmp_path: Path
+) -> None:
+    data = tmp_path / "rate.csv"
+    data.write_text("time [us],rate [mm3/ms]\n" + rows, encoding="utf-8")
+    assert command("inspect", data).status == 0
+    assert command("inspect", data, *options).status == 2
+
+
+def test_a_stated_decimal_comma_counts_between_columns_that_commas_separate(command: Command, tmp_path: Path) -> None:
+    data = tmp_path / "rate.csv"
+    data.write_text('time [us],rate [mm3/ms]\n0,"1,234"\n3,"2,5"\n', encoding="utf-8")
+    record = command("inspect", data, "--decimal", ",", "--json").record
+    assert record["rate"].startswith("2 values, 1.234 to 2.5 mm3/ms")
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("bench.xlsx", ["--encoding", "utf-16"]),
+        ("bench.mat", ["--decimal", ","]),
+        ("bench.lvm", ["--sheet", "Foo"]),
+        ("et.dcm", ["--sheet", "Foo"]),
+    ],
+)
+def test_a_form_that_a_format_does_not_read_is_refused(
+    name: str, options: list[str], command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / name).touch()
+    done = command("inspect", tmp_path / name, *options)
+    assert done.status == 2
+    assert options[0] in done.err
+
+
+@pytest.mark.parametrize("options", [["--encoding", "utf-16"], ["--decimal", ","], ["--sheet", "Foo"]])
+def test_a_run_folder_has_no_form(options: list[str], command: Command, tmp_path: Path) -> None:
+    done = command("features", tmp_path, *options)
+    assert done.status == 2
+    assert options[0] in done.err
+
+
 def test_channels_are_listed_with_units_ranges_and_meanings(command: Command, tmp_path: Path) -> None:
     data = tmp_path / "rate.csv"
     data.write_text("time [us];rate [mm3/ms];I [A]\n0;0,5;1\n3;1,5;2\n6;2,5;3\n", encoding="utf-8")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -214,9 +214,22 @@ ClusterAddress = Annotated[
 ]
 
 
-def read_form(encoding: str | None, decimal: str | None, sheet: str | None) -> FileForm:
-    """Form of a data file as options state it; InputError if there is no such encoding or decimal sign."""
+_READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "sheet": "workbooks (.xlsx)"}
+
+
+def read_form(encoding: str | None, decimal: str | None, sheet: str | None, files: Iterable[Path] = ()) -> FileForm:
+    """Form of data files as options state it.
+
+    `InputError` if there is no such encoding or decimal sign, or none of the `files` is read by what is stated.
+    """
     from commonrail.readers.columns import FileForm, check_encoding
+    from commonrail.readers.tables import form_keys
+
+    files = list(files)
+    read = {key for file in files for key in form_keys(file)}
+    for key, value in {"encoding": encoding, "decimal": decimal, "sheet": sheet}.items():
+        if files and value is not None and key not in read:
+            raise InputError(f"--{key} {value}: it is for {_READ_BY[key]}, and does nothing for {files[0]}; omit it.")
 
     if decimal not in (None, ".", ","):
         raise InputError(f'--decimal {decimal}: the decimal sign of a text is "." or ",".')

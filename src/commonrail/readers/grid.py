@@ -125,7 +125,12 @@ def _parsed(path: Path, text: str, encoding: str, decimal: str) -> Grid:
         cells.append(row)
         lines.append(n)
     flat = [cell for row in cells for cell in row if cell]
-    comma = separator != "," and _has_commas(path, flat, decimal)
+    comma = (separator != "," or decimal == ",") and _has_commas(path, flat, decimal)
+    if comma and separator == "," and not any(map(_COMMA.fullmatch, flat)):
+        raise InputError(
+            f"{path}: a decimal comma is stated, but commas separate the columns and no number has one in quotes; "
+            "state a decimal point, or separate the columns by semicolons."
+        )
     number = _with_comma if comma else _with_point
     names = {";": "semicolons", "\t": "tabs", ",": "commas"}
     sign = "decimal comma" if comma else "decimal point"
@@ -139,6 +144,10 @@ def _has_commas(path: Path, cells: Sequence[str], decimal: str) -> bool:
     """Return whether the decimal sign is a comma, if nobody states it that of any number; refuse points beside it."""
     comma = decimal == "," or (not decimal and any(_COMMA.fullmatch(cell) for cell in cells))
     if comma and (pointed := next((cell for cell in cells if "." in cell and _POINT.fullmatch(cell)), "")):
+        if decimal:
+            raise InputError(
+                f'{path}: a decimal comma is stated, and "{pointed}" has a point; state what the file has.'
+            )
         raise InputError(
             f'{path}: some numbers have a decimal comma, and "{pointed}" has a point; write all of them alike, and '
             "thousands without a sign."

@@ -22,6 +22,7 @@ from commonrail.readers.location import Place, located
 LEAST_SAMPLES = 4
 
 _GRIDS = ("csv", "txt", "tsv", "xlsx")  # endings of files with cells, in which a table may stand anywhere
+_FORM_KEYS = {"xlsx": ("decimal", "sheet"), "lvm": ("encoding",)}  # fields of the form that a format reads
 _UNREAD = {"nc": "NetCDF", "xls": "old Excel", "tdms": "TDMS"}
 
 
@@ -85,6 +86,17 @@ def is_grid(path: Path) -> bool:
     """True if a file holds cells, in which a table may stand anywhere: a text or a workbook, not named columns."""
     ending = _ending(path)
     return ending in _GRIDS or _format(ending) is None
+
+
+def form_keys(path: Path) -> tuple[str, ...]:
+    """Fields of a `FileForm` by which a file is read; all of them for a format of an installed package."""
+    ending = _ending(path)
+    if path.is_dir() or registry.find("inspectors", ending):
+        return ()
+    part = _format(ending)
+    if part is not None and part.distribution != registry.PACKAGE:
+        return FileForm._fields
+    return _FORM_KEYS.get(ending, ("encoding", "decimal") if is_grid(path) else ())
 
 
 def _format(ending: str) -> registry.Entry | None:

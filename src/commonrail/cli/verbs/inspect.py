@@ -45,11 +45,12 @@ def inspect(
     from commonrail.readers.quantity_matrix import GivenUnits
 
     check_file(out, "--out")
+    form = read_form(encoding, decimal, sheet, [file])
     if part := registry.find("inspectors", file.suffix.lower().removeprefix(".")):
         _show({"file": str(file), **part.call(file)}, json)
         return
     given = GivenUnits(pressure_unit, time_unit, quantity_unit)
-    found = survey(file, read_form(encoding, decimal, sheet), given)
+    found = survey(file, form, given)
     if found.found is None and (out is not None or any(given.by_kind().values())):
         reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
         raise InputError(f"{file}: {reason}")

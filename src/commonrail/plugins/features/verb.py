@@ -92,6 +92,7 @@ def features(
         threshold, split=parse(split, "1", "--split"), averaging=averaging, tail=tail, zero_at_rest=zero_at_rest
     )
     pulses = _energisings(energising_time, energising)
+    form = read_form(encoding, decimal, sheet, [source])
     if source.is_dir():
         if rate or pulses:
             raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
@@ -100,7 +101,7 @@ def features(
     between = None
     if window is not None:
         between = read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
-    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, read_form(encoding, decimal, sheet))
+    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, form)
     found = {name: find(trace, settings=settings) for name, trace in read_rates(source, columns, pulses).items()}
     _print_file(found, repeated=not separate and are_repeated(list(found)), out=out, json=json)
 

@@ -86,7 +86,7 @@ def new(
         from commonrail.plugins.new.study import StatedByUser
         from commonrail.readers.quantity_matrix import GivenUnits
 
-        form = read_form(encoding, decimal, sheet)
+        form = read_form(encoding, decimal, sheet, from_)
         _of_files(folder, injector, from_, StatedByUser(pressures, points, form, GivenUnits(*units), free), json)
         return
     if of_data:

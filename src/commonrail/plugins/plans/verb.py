@@ -66,7 +66,7 @@ def plan(
     from commonrail.plugins.plans.study import load_plan
 
     check_file(report, "--report")
-    tests = load_plan(file, read_form(None, decimal, None))
+    tests = load_plan(file, read_form(None, decimal, None, [file]))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
