@@ -140,6 +140,8 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
         ((*SIMULATE, "--time-step", "1ms"), "The time step must lie between"),
         ((*SIMULATE, "--energising", "0us:1us"), "Give --energising-time for one injection"),
         ((*SIMULATE, "--out", "/nowhere/x.csv"), "--out: there is no folder"),
+        ((*SIMULATE, "--out", "x.xyz"), ".csv, .foam, .dat"),
+        ((*SIMULATE, "--out", "x.foam.txt"), ".csv, .foam, .dat"),
         ((*SIMULATE, "--report", "."), "--report: . is a folder"),
         ((*SIMULATE, "--set", "a.b=1"), "has no such parameter"),
         # of a direct-acting injector

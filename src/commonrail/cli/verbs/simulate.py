@@ -118,6 +118,7 @@ def simulate(
     if engine is Engine.REFERENCE and time_step is not None:
         raise InputError("--time-step: the reference engine chooses its steps by its errors; omit it or --engine.")
     check_file(out, "--out")
+    _writer(out)
     check_file(report, "--report")
     check_distinct(out, report)
     named = read_model_name(injector)
@@ -169,6 +170,17 @@ def _meter_of(model: NamedModel, name: str) -> Meter:
     raise InputError(f"--meter {name}: {model.text} {there}; name a study or a calibrated.toml with --study.")
 
 
+def _writer(out: Path | None) -> registry.Entry | None:
+    """Plug-in that writes a file of this ending, None for CSV; `InputError` if the ending tells no format."""
+    suffix = "" if out is None else out.suffix.lower()
+    if suffix in ("", ".csv"):
+        return None
+    if (writer := registry.find("simulations", suffix)) is None:
+        known = [".csv", *(name for name in registry.entries("simulations") if name.startswith("."))]
+        raise InputError(f"--out {out}: a simulation is written as {', '.join(known)}; name a file that ends so.")
+    return writer
+
+
 def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None) -> list[str]:
     """Write the files that are asked for; `fitted`: run folder of the injector, if it was simulated as calibrated."""
     files: list[Path] = []
@@ -177,8 +189,7 @@ def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None)
     from commonrail.base.output import write_text, writing
 
     if out is not None:
-        suffix = out.suffix.lower()
-        writer = registry.find("simulations", suffix) if suffix not in ("", ".csv") else None
+        writer = _writer(out)
         if writer is not None:
             files += writer.call(out, run, fitted, report)
         else:
