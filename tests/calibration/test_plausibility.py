@@ -435,3 +435,13 @@ def test_the_page_tells_every_code() -> None:
     told = set(re.findall(r"(?m)^\| `(\w+)` \| ", (root / "docs/howto/plausibility.md").read_text(encoding="utf-8")))
     assert codes
     assert codes | {TARGET} == told - {"compare", "fleet"}
+
+
+def test_a_film_without_a_disc_is_told_of_where_it_is_fixed_or_free(pwm: Injector) -> None:
+    film, disc = parameter("valve.stop_film", 2e-6, 20e-6), parameter("valve.stop_disc", 1e-3, 4e-3)
+    both = study(pwm, curve(pulse()), free=(film, disc))
+    assert of_settings(both) == ()
+    (finding,) = of_settings(study(pwm, curve(pulse()), free=(film,)))
+    assert finding.subject == "valve.stop_film"
+    (finding,) = of_settings(replace(study(pwm, curve(pulse())), fixed=("valve.seat_film",)))
+    assert finding.subject == "valve.seat_film"

@@ -147,3 +147,22 @@ def test_a_value_that_a_study_varies_is_no_setting_of_it(command: Command, study
     done = command("sensitivity", study, "--set", "nozzle.discharge_maximum=0.8")
     assert done.status == 2
     assert "the study frees it" in done.sentence
+
+
+@pytest.mark.parametrize("end", ["stop", "seat"])
+def test_a_film_without_a_disc_is_told_of(end: str, capsys: pytest.CaptureFixture[str]) -> None:
+    injector = load_injector("virtual-lino-2016")
+    with_overrides(injector, [f"valve.{end}_film=5um"])
+    assert f"no effect while valve.{end}_disc is 0" in capsys.readouterr().err
+    with_overrides(injector, [f"valve.{end}_film=5um", f"valve.{end}_disc=2mm"])
+    assert capsys.readouterr().err == ""
+
+
+def test_a_film_without_a_disc_in_a_file_is_told_of(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    file = tmp_path / "own.toml"
+    head = 'format = "commonrail-injector/1"\nbase = "virtual-lino-2016"\n[valve]\nstop_film = {}\nstop_disc = {}\n'
+    for film, disc, told in (("5 um", "0 m", 1), ("5 um", "2 mm", 0), ("10 um", "0 m", 0)):
+        recwarn.clear()
+        file.write_text(head.format(f'"{film}"', f'"{disc}"'), encoding="utf-8")
+        load_injector(file)
+        assert len(recwarn) == told

@@ -24,6 +24,7 @@ from commonrail.engine.time_step import step_advice
 from commonrail.physics.elementary import exp, log
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.meters import known_quantity
+from commonrail.readers.injector.file import idle_words
 
 
 class Finding(NamedTuple):
@@ -134,6 +135,14 @@ def bounds_findings(space: Space) -> Iterator[Finding]:
                 f"a bound is {quantity(odd[0], q.unit, 4)}, more than {BOUND_SLACK:g} times outside the usual "
                 f"{_range(q.usual, q.unit)}; check its unit in the study.",
             )
+
+
+def idle_findings(study: Study) -> Iterator[Finding]:
+    """Stated or free parameters that have no effect beside the values of others."""
+    free = study.space.names
+    for name in (*study.fixed, *free):
+        if words := idle_words(name, lambda p: 1.0 if p in free else study.injector.values[p]):
+            yield found("parameter", name, f"{words}; state that, or omit this one.")
 
 
 def step_findings(study: Study) -> Iterator[Finding]:
@@ -497,7 +506,8 @@ def _density_slip(gain: float, density: float) -> str:
 def of_settings(study: Study) -> tuple[Finding, ...]:
     """Findings about what a study says: no simulation is needed."""
     findings = [f for data in study.data for f in data_findings(data, study.injector)]
-    findings += [*injector_findings(study.injector), *bounds_findings(study.space), *step_findings(study)]
+    findings += [*injector_findings(study.injector), *bounds_findings(study.space), *idle_findings(study)]
+    findings += step_findings(study)
     return tuple(findings)
 
 

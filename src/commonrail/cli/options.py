@@ -272,10 +272,11 @@ def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energ
 def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     """The injector with values from ``--set path=value``; a value has its unit or is a plain SI number.
 
-    Warns on stderr of values that no built injector has. Raises `InputError` if a setting cannot be read. Raises
-    `ConfigurationError` if a value lies outside its domain.
+    Warns on stderr of values that no built injector has, or that have no effect. Raises `InputError` if a setting
+    cannot be read. Raises `ConfigurationError` if a value lies outside its domain.
     """
     from commonrail.cli.console import say
+    from commonrail.readers.injector.file import idle_words
 
     if not settings:
         return injector
@@ -286,6 +287,8 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
         raise InputError(f"--set {twice}: it is set twice; keep one.")
     chosen = injector.with_values(values)
     for name, value in values.items():
+        if words := idle_words(name, chosen.values.__getitem__):
+            say(f"warning: --set {name}: {words}.")
         q = chosen.quantities[name]
         if q.usual is not None and not q.is_usual(value):
             low, high = (to_text(limit, q.unit, 4) for limit in q.usual)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, PlainValidator, create_model
 from commonrail.base.arguments import file_path, not_whole, source_of
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import InputError
+from commonrail.base.hooks import note
 from commonrail.base.input import check_sum
 from commonrail.base.registry import Catalogue
 from commonrail.base.text import counted, listed
@@ -232,6 +233,11 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
     for path, item in given.items():
         if words := not_whole(path, item.value):
             raise at.error(words)
+    usual = parameter_quantities(variant.actuation)
+    for path in (path for path in _DISC_OF if path in given and path.partition(".")[2] in document.get("valve", {})):
+        # the default is no wish: files that the project writes have all values
+        if given[path].value != usual[path].default and (words := idle_words(path, lambda p: given[p].value)):
+            note(f"{at / path}: {words}.")
     fuel = _fuel(model.fuel, base, given[FUEL_TEMPERATURE].value, at / "fuel", reach)
     name = stem if model.name is None else model.name
     with located(at):  # a drawing may lead to a stiffness without bounds
@@ -347,6 +353,15 @@ def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
         Variant(*wanted._replace(nozzle_law=""))
     with located(at / "nozzle_law"):
         return Variant(*wanted)
+
+
+_DISC_OF = {"valve.stop_film": "valve.stop_disc", "valve.seat_film": "valve.seat_disc"}
+
+
+def idle_words(name: str, value: Callable[[str], float]) -> str:
+    """Words for a film whose disc, by its dotted name, has no `value`: it does nothing; empty for all other names."""
+    disc = _DISC_OF.get(name, "")
+    return f"it has no effect while {disc} is 0" if disc and value(disc) == 0.0 else ""
 
 
 def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
