@@ -143,7 +143,9 @@ def _injector(source: str) -> Injector:
     if not path.is_dir():
         return load_injector(path)
     if not (path / CALIBRATED).is_file():
-        raise InputError(
+        from commonrail.runs.folder import without_result  # slow to import
+
+        raise without_result(path) or InputError(
             f"{source}: no {CALIBRATED} there; name a run folder of commonrail calibrate, an injector's file or a "
             "name of the catalogue."
         )

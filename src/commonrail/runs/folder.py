@@ -24,6 +24,7 @@ from commonrail.physics.meters import is_of_meter
 from commonrail.readers.injector.writer import dump_injector
 from commonrail.readers.location import read_text
 from commonrail.readers.toml import read_toml
+from commonrail.runs.journal import JOURNAL
 from commonrail.runs.traces import Curve, Traces, read_traces, write_traces
 
 # JSON records of run folders, read without trust in who wrote them.
@@ -53,8 +54,18 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
 
 
+def without_result(folder: Path) -> InputError | None:
+    """Error for the folder of a run that has not come to its results; None for any other folder."""
+    if not (folder / JOURNAL).is_file() or any(folder.glob("*.json")):
+        return None
+    again = f"`commonrail resume {shlex.quote(str(folder))}`"
+    return InputError(f"{folder}: this run has no results yet; if it was stopped, {again} runs it to its end.")
+
+
 def _no_run(folder: Path, made_by: str) -> InputError | None:
-    """Error for what was never a run folder: a file, the folder of a study, nothing; None for any other folder."""
+    """Error for what has no record: a file, the folder of a study, nothing, an unfinished run; else None."""
+    if unfinished := without_result(folder):
+        return unfinished
     study = folder if folder.is_file() else folder / STUDY
     wanted = f"a run folder of {made_by} is expected"
     if study.is_file():

@@ -71,6 +71,22 @@ def test_a_record_of_another_form_is_refused_by_file_and_key(
     assert f"{file}, {key}" in done.err
 
 
+@pytest.mark.parametrize("verb", ["cite", "predict", "next", "simulate", "plan"])
+def test_a_run_without_results_is_to_be_resumed(verb: str, run: Path, tmp_path: Path, command: Command) -> None:
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    for name in ("study.toml", "journal.sqlite"):
+        shutil.copy(run / name, folder)
+    point = ("--rail-pressure", "160MPa", "--energising-time", "700us")
+    plan = ROOT / "examples" / "test-plan" / "plan.csv"
+    more = {"predict": point, "simulate": point, "plan": (str(plan),)}.get(verb, ())
+    done = command(verb, folder, *more)
+    assert done.status == 2
+    assert f"commonrail resume {folder}" in done.err
+    (folder / "result.json").write_text("[]", encoding="utf-8")  # broken, so not to be resumed
+    assert "commonrail resume" not in command(verb, folder, *more).err
+
+
 def test_all_sources_of_an_injector_are_told(command: Command) -> None:
     record = command("cite", "cri2-16", "--json").record
     told = "\n".join(use["source"] for use in record["used"])
