@@ -11,6 +11,7 @@ import pytest
 import commonrail as cr
 from commonrail.base.units import to_text
 from commonrail.plugins.family.drawn import FLOW
+from tests.cli.conftest import Command
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, injected, small_type
 
 FOUR = (80.0, 400.0), (80.0, 1000.0), (160.0, 400.0), (160.0, 1000.0)
@@ -140,3 +141,10 @@ def test_one_quantity_beyond_the_band_is_doubted() -> None:
     assert sound.doubts.sentences == ()
     assert odd.doubts.sentences
     assert not odd.doubts.low[0] < odd.points.quantity[0] < odd.doubts.high[0]
+
+
+@pytest.mark.parametrize(("option", "value"), [("--tolerance", "0%"), ("--flow-spread", "100%")])
+def test_a_share_at_an_end_is_refused_by_its_option(option: str, value: str, command: Command) -> None:
+    done = command("adapt", "type.toml", option, value)
+    assert done.status == 2
+    assert done.sentence.startswith(f"{option} must lie between 0 and 100 %, both excluded")

@@ -10,7 +10,7 @@ import click
 
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.text import number, quantity
-from commonrail.base.units import parse, to_text
+from commonrail.base.units import to_text
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import CylinderPressure, Json, ReturnPressure, Threads, check_file, read_pressures
@@ -71,12 +71,13 @@ def adapt(
     """
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.family.adapt import adapt as run
+    from commonrail.plugins.family.adapt import share_of
     from commonrail.readers.injector.writer import dump_injector
 
     named = None if injector is None else read_model_name(injector)
     part = None if named is None else named.injector
     behind = read_pressures(cylinder_pressure, return_pressure, None if named is None else named.folder)
-    share = parse(flow_spread, "1", "--flow-spread")
+    share, allowed = share_of(flow_spread, "--flow-spread"), share_of(tolerance, "--tolerance")
     if advise:
         _advise(injector_type, points, (injector, part), behind, share, threads, json)
         return
@@ -90,7 +91,7 @@ def adapt(
         injector=part,
         cylinder_pressure=behind[0],
         return_pressure=behind[1],
-        tolerance=parse(tolerance, "1", "--tolerance"),
+        tolerance=allowed,
         flow_spread=share,
         threads=threads,
     )
