@@ -244,3 +244,35 @@ def test_comments_and_empty_lines_are_passed_over_and_lines_keep_their_numbers(t
     assert list(grid.lines) == expected
     notes = [line.strip()[1:].strip() for line in lines if line.strip().startswith("#")]
     assert list(grid.comments) == notes[:1000]
+
+
+POINTS, TRACE = "rail_pressure [bar],energising_time [us],quantity [mm3]\n", "time [us],rate [mm3/ms]\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        POINTS + "400,300,1.5\n400,500,1,77\n",
+        "p,t,q,,\nbar,us,mm3,,\n400,300,1.5,,\n400,500,1,77,\n",
+        TRACE + "0,1\n1,1.5\n2,1,77\n",
+    ],
+)
+def test_a_decimal_comma_between_commas_is_refused_with_its_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding="utf-8")
+    line = len(text.splitlines())
+    with pytest.raises(InputError, match=rf"a\.csv, line {line}: .* write a decimal sign as a point"):
+        survey(path)
+    if text.startswith(("rail", "p")):
+        with pytest.raises(InputError, match=f"line {line}"):
+            found_table(path, PLAIN, GivenUnits(), "quantity", matrix=False)
+
+
+@pytest.mark.parametrize("head", [POINTS, "p,t,q,remark\nbar,us,mm3,\n"])
+def test_empty_cells_behind_the_last_column_and_remarks_below_a_name_are_no_fault(tmp_path: Path, head: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(head + "400,300,1.5,,\n400,500,1.77,\n", encoding="utf-8")
+    assert find_map(read_grid(path)).quantity.tolist() == [1.5, 1.77]
+    if "remark" in head:
+        path.write_text(head + "400,300,1.5,good\n400,500,1.77\n", encoding="utf-8")
+        assert find_map(read_grid(path)).quantity.tolist() == [1.5, 1.77]

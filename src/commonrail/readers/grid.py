@@ -34,6 +34,10 @@ _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 
 
+class TooManyCells(InputError):
+    """Row of a text that holds more cells than its table has columns."""
+
+
 @dataclass(frozen=True)
 class Grid:
     """Cells of a table without comment lines and empty ones; texts are stripped, numbers are floats."""
@@ -81,6 +85,28 @@ def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:
     return Grid(
         path, read, lines, (said, f"numbers written as texts, decimal {'comma' if comma else 'point'}"), (), rows
     )
+
+
+def refuse_longer_rows(grid: Grid, header: int, start: int) -> None:
+    """Refuse a row from `start` on with a cell behind the names and units in the rows from `header` to there.
+
+    A decimal comma between commas splits a number in two, and moves what follows it. Rows below a lone title and those
+    of a workbook, whose cells stand where they are, are let pass. Raises `TooManyCells`.
+    """
+    columns = max(map(_width, grid.rows[header:start]))
+    if columns < 2 or grid.path.suffix.lower() == ".xlsx":
+        return
+    for line, row in zip(grid.lines[start:], grid.rows[start:], strict=True):
+        if len(row) > columns and (width := _width(row)) > columns:
+            cure = "name the column of each cell, or take away what stands behind the last one"
+            if "separated by commas" in grid.said:
+                cure = "write a decimal sign as a point, or separate the columns by semicolons"
+            raise TooManyCells(f"{grid.path}, line {line}: the row has {width} cells, the header {columns}; {cure}.")
+
+
+def _width(row: Sequence[str | float]) -> int:
+    """Number of cells up to the last one that is filled."""
+    return max((i for i, cell in enumerate(row, 1) if cell != ""), default=0)
 
 
 def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
@@ -208,6 +234,7 @@ class GridSheet:
         self.path = grid.path
         self._grid = grid
         self._header, self._start = _header(grid)
+        refuse_longer_rows(grid, self._header, self._start)
         self._texts = (grid.texts or grid.rows)[self._start :]
         named = [name_and_unit(str(cell)) for cell in (grid.texts or grid.rows)[self._header]]
         self.names = [name for name, _ in named]

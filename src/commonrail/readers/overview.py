@@ -18,7 +18,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.units import convert, fits, to_text
 from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, unit_of
-from commonrail.readers.grid import Grid, GridSheet, read_grid
+from commonrail.readers.grid import Grid, GridSheet, TooManyCells, read_grid
 from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
 from commonrail.readers.tables import is_grid, open_sheet
@@ -216,6 +216,8 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     for way in (_map, _traces, _columns):
         try:
             return way(grid, form, given)
+        except TooManyCells:  # of no way to read it are its numbers those that were meant
+            raise
         except InputError as error:
             reasons.append(str(error).removeprefix(f"{path}: "))
     facts = {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}

@@ -19,7 +19,7 @@ from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.units import compatible, convert, fits
 from commonrail.readers.columns import ChannelSheet, Column, Sheet, unit_of
-from commonrail.readers.grid import Grid, numbers_of
+from commonrail.readers.grid import Grid, numbers_of, refuse_longer_rows
 
 MOST_HEADER = 30  # rows in which the header of a table is looked for
 BAND = "_band_"  # in the names of columns that hold an edge of a band beside the quantity
@@ -72,6 +72,9 @@ def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
     for i, header in enumerate(grid.rows[:MOST_HEADER]):
         columns = _columns(header, given)
         if columns is not None:
+            units = [_plain(str(cell)) for cell in header if cell != ""]
+            names = i - 1 if i and all(fits(unit, unit) for unit in units) else i
+            refuse_longer_rows(grid, names, i + 1)
             return _long(grid, i + 1, columns)
     start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), None)
     if start is None:
