@@ -265,3 +265,16 @@ def test_many_curves_have_the_range_of_their_errors() -> None:
     ]
     fit, *_ = tiles(record, verdict(record, "r").levels)
     assert (fit.figure, fit.words) == ("1.0 to 5.0 %", "of the rate, 9 curves (start 4.0 %)")
+
+
+@pytest.mark.parametrize(
+    ("start", "best", "sign"), [(0.03, 0.01, "✓"), (0.03, 0.03, "!"), (1.0, 1.0, "✗"), (0.9, 0.6, "✗")]
+)
+def test_the_mark_of_a_tile_is_that_of_its_own_figure(start: float, best: float, sign: str) -> None:
+    record = rate_record()
+    shares = {"start": start, "best": best}
+    record["data"][0] |= {"J_relative": shares, "J": {label: 14000.0 * share for label, share in shares.items()}}
+    found = verdict(record, "r")
+    fit, unseen, *_ = tiles(record, found.levels)
+    assert (fit.sign, unseen.sign) == (sign, "✓")
+    assert (found.level == "bad") is (sign == "✗")

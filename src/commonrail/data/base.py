@@ -174,6 +174,10 @@ class View(ABC):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Error of a model on data sets, beside that of the start values if there are any."""
 
+    def missed(self, data: Sequence[Record]) -> float | None:
+        """Error of the calibrated model as a share of what was measured, where there is such a share."""
+        return None
+
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the quantity per stroke, where `merit` does not say it."""
         return None

@@ -51,6 +51,10 @@ class CurveView(View):
         )
         return Merit(f"{best} %", f"of the rate, {_named(data)}{start_words(start, '%')}")
 
+    def missed(self, data: Sequence[Record]) -> float | None:
+        """The largest Σ |error| over Σ |rate|."""
+        return max(filter(None, (number(d.get("J_relative", {}).get(JUDGED)) for d in data)), default=None)
+
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the injected volume."""
         errors = [relative_error(number(q), measured) for d in data for measured, q in self.quantities(d)]

@@ -77,6 +77,11 @@ class MapView(View):
         found = filter(None, (_rms(self, data, key, label) for key in keys))
         return next(found, Merit(MISSING, "no quantity"))
 
+    def missed(self, data: Sequence[Record]) -> float | None:
+        """The largest root mean square error of the large quantities."""
+        found = (number(errors.get(JUDGED)) for errors in self.leading(data)[1])
+        return max((value / 100.0 for value in found if value is not None), default=None)
+
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Root mean square error of the small quantities, which percentages do not tell."""
         return _rms(self, data, "rms_small") if _rms(self, data, "rms_large_percent") else None

@@ -11,6 +11,7 @@ from commonrail.base.text import MISSING, counted, fixed, in_print, listed, numb
 from commonrail.calibration.optimisers.base import ALIKE
 from commonrail.calibration.search import ONE_POINT
 from commonrail.data.bands import band_sentence, too_few_inside
+from commonrail.data.base import View
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
 from commonrail.report.fit.certainty import difference
@@ -226,6 +227,7 @@ def _left_out_table(found: Sequence[Record]) -> Table:
 
 
 GOOD, CARE, BAD = "good", "care", "bad"
+MISSED = 0.5  # half of what a model misses that injects nothing: our judgement
 SHOWN = 4  # parameters that a sentence names
 WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 
@@ -270,7 +272,7 @@ def verdict(record: Record, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     folder = shlex.quote(run)
     subjects = {
-        "fit": list(_better(record, folder)),
+        "fit": [*_better(record, folder), *_misses(record)],
         "search": list(_ending(record, folder)),
         "data": list(_plausibility(record, folder)),
         "unseen": list(_prediction(record)),
@@ -296,6 +298,19 @@ def _worst(points: Sequence[_Point]) -> str:
     return BAD if BAD in levels else CARE if CARE in levels else GOOD
 
 
+def _own_level(level: str, view: View, data: Sequence[Record]) -> str:
+    """Level of a tile: that of the verdict, unless its own figure is worse.
+
+    A fit is bad that misses `MISSED`, and none is good whose error is that of the start values, to a thousandth.
+    """
+    errors = [[number(one.get(key)) for key in (JUDGED, "start")] for one in view.leading(data)[1]]
+    known = [(best, start) for best, start in errors if best is not None and start is not None]
+    if (view.missed(data) or 0.0) >= MISSED:
+        return BAD
+    alike = bool(known) and sum(best for best, _ in known) > 0.999 * sum(start for _, start in known)
+    return CARE if alike and level == GOOD else level
+
+
 class Tile(NamedTuple):
     """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none."""
 
@@ -313,7 +328,7 @@ class Tile(NamedTuple):
 def merits(data: Sequence[Record], before: str = "", levels: Mapping[str, str] = {}) -> list[Tile]:
     """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
     return [
-        Tile(f"{before}{head}", *view.merit(own), levels.get(head, ""))
+        Tile(f"{before}{head}", *view.merit(own), _own_level(levels[head], view, own) if head in levels else "")
         for role, head in (("fit", "fit"), ("validation", "unseen"))
         for view, own in by_kind(of_role(data, role))
     ]
@@ -352,6 +367,14 @@ def _better(record: Record, folder: str) -> Iterator[_Point]:
         return
     step = Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt")
     yield _Point(CARE, found.sentence, step if record["certainty"]["starts"] > 1 else _full(folder, record))
+
+
+def _misses(record: Record) -> Iterator[_Point]:
+    """Fit that is far off what was measured."""
+    for view, own in by_kind(of_role(record["data"], "fit")):
+        if (share := view.missed(own)) is not None and share >= MISSED:
+            step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
+            yield _Point(BAD, f"The fit misses {fixed(share, 0, 100.0)} % of what was measured.", step)
 
 
 def _confirmed(record: Record) -> bool:
