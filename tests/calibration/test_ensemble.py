@@ -13,7 +13,7 @@ import commonrail as cr
 from commonrail.base.input import SUMS
 from commonrail.calibration import scoring
 from commonrail.calibration.optimisers.base import Best
-from commonrail.calibration.scoring import equal_ends, members_of
+from commonrail.calibration.scoring import equal_ends, injector_of, members_of
 from commonrail.runs.fit import STUDIES, calibrate_into
 from commonrail.runs.folder import write_results
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, study_of
@@ -39,6 +39,18 @@ def test_ends_within_two_standard_errors_of_the_best_are_equal(best: float, limi
     costs = (best, best + 0.5, limit - 0.1, limit + 0.1, 2.0 * limit)
     ends = [Best(np.array([float(i)]), cost) for i, cost in enumerate(costs)]
     assert [end.cost for end in equal_ends(ends, 20)] == [best, best + 0.5, limit - 0.1]
+
+
+@pytest.mark.parametrize(
+    ("title", "calibrated"),
+    [("A part, start values", "A part, calibrated"), ("A part, calibrated", "A part, calibrated"), ("", "calibrated")],
+)
+def test_the_title_of_a_calibrated_injector_does_not_call_its_values_those_of_the_start(
+    title: str, calibrated: str
+) -> None:
+    given = study()
+    given = replace(given, injector=replace(given.injector, title=title))
+    assert injector_of(given, {PRELOAD: given.injector.values[PRELOAD]}).title == calibrated
 
 
 def test_members_cost_at_most_twice_the_best() -> None:

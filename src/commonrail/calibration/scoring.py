@@ -123,10 +123,11 @@ def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple
 
 
 def injector_of(study: Study, best: Mapping[str, float], number: int = 1) -> Injector:
-    """Injector with the values of an optimum, the best being number 1."""
+    """Injector with the values of an optimum, the best being number 1; name and title say that it is calibrated."""
     own = {name: value for name, value in best.items() if not is_of_meter(name)}
     name = f"{study.injector.name}-calibrated" + (f"-{number}" if number > 1 else "")
-    return replace(study.injector.with_values(own), name=name)
+    title = study.injector.title.removesuffix(", calibrated").removesuffix(", start values")
+    return replace(study.injector.with_values(own), name=name, title=f"{title}, calibrated".removeprefix(", "))
 
 
 def mean_scores(
