@@ -120,8 +120,8 @@ class CsvFile:
         if re.fullmatch(r"[+-]?\d{1,3}( \d{3})+\S*", text):
             raise at.error(f'"{text}" has a space; write thousands without one')
         if re.fullmatch(r"[+-]?\d+,\d+", text):
-            sign = 'write the decimal sign as a point, or state decimal = ","'
-            raise at.error(f'"{text}" has a decimal comma; {sign}')
+            sign = 'state decimal = "," in a study, --decimal , on the command line'
+            raise at.error(f'"{text}" has a decimal comma; write the decimal sign as a point, or {sign}')
         expected = "with a decimal comma" if self._decimal == "," else ""
         raise at.error(f'"{cell.strip()[:40]}" is not a finite number{expected and f" {expected}"}')
 
