@@ -252,3 +252,11 @@ def test_a_page_with_sliders_beside_the_report_is_linked(rate_run: Path) -> None
     assert "bench.html" not in write_report(rate_run).read_text(encoding="utf-8")
     (rate_run / "bench.html").write_text("<p>", encoding="utf-8")
     assert 'href="bench.html"' in write_report(rate_run).read_text(encoding="utf-8")
+
+
+def test_an_interval_of_a_withdrawn_verdict_is_called_so_beside_its_bar() -> None:
+    record = rate_record()
+    before = Page(report_html(record, rate_traces(record))).text.count("withdrawn")
+    record["parameters"][0] |= {"verdict": "withdrawn"}
+    # beside the bar, in the key of the bars, and as what the data say in the table, where it stood alone
+    assert Page(report_html(record, rate_traces(record))).text.count("withdrawn") >= before + 3
