@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
@@ -33,9 +34,9 @@ PILOT, MAIN = 250e-6, 500e-6  # their energising times [s]
 DIRECT_AT = (20e6,)  # of a direct-acting injector, which is made for lower rail pressures [Pa]
 DIRECT_PILOT, DIRECT_MAIN = 400e-6, 600e-6  # it opens later [s]
 CANDIDATES, BOX, SEED = 50, 0.6, 20160401  # random stiffnesses within ± 60 % at 160 MPa
-INJECTORS, AROUND, DRAWS = 20, 0.3, 1000  # random injectors, every parameter within ± 30 %, out of so many draws
+INJECTORS, AROUND, DRAWS = 20, 0.3, 1000  # random injectors, every parameter but counts within ± 30 %, out of so many draws
 # Not varied: without a shape of the nozzle and without a free-wheel diode they change nothing.
-IDLE = ("nozzle.knot_", "drive.diode_voltage")
+IDLE = ("nozzle.knot_", "drive.diode_voltage", *COUNTS)  # or no number between two whole ones
 RANDOM_AT, RANDOM_HORIZON = 100e6, 3.3e-3  # of the random injectors [Pa], [s]
 SOME = 1e-9  # the least that one of them injects [m³]
 AWAY = 5.0  # of hot and cold fuel from the ends of its range [K]
@@ -206,7 +207,7 @@ def _random_injectors(injector: Injector) -> list[Task]:
     batch = simulate_batch(injector, [point], names, factors * own)
     refused = np.isin(batch.status[:, 0], (Status.OUTSIDE_DOMAIN, Status.NOT_CLOSED_AT_START))
     drawn = factors[~refused & ~(batch.injected_volume[:, 0] < SOME)][:INJECTORS]  # what fails otherwise stays
-    group = f"{len(drawn)} random injectors, every parameter within ± {100 * AROUND:.0f} %"
+    group = f"{len(drawn)} random injectors, every parameter but counts within ± {100 * AROUND:.0f} %"
     return [Task(group, _scaled(injector, names, row), point, ANY) for row in drawn]
 
 
