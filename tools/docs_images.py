@@ -60,7 +60,7 @@ _GALLERY = {
 _MOVE = """(() => {{ const range = document.getElementById({slider!r});
     range.value = +range.min + (range.max - range.min) * {place};
     range.dispatchEvent(new Event("input")); }})()"""
-_SLIDERS = "[...document.querySelectorAll('input[type=range]')].map((r) => r.id)"
+_SLIDERS = "[...document.querySelectorAll('#point-sliders input[type=range]')].map((r) => r.id)"
 
 
 def make_files(folder: Path) -> None:
