@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import special
 
+from commonrail.base.arrays import Floats
 from commonrail.data.curves.reading import mean_curve
 from commonrail.data.curves.samples import Samples
 from commonrail.data.repeats import averaged, groups_of
@@ -98,3 +100,32 @@ def test_a_mean_of_shots_knows_how_far_it_is_off_as_a_whole(scatter: float) -> N
     found = mean_curve([Samples(bounds, rate, "m3/s", "s", "time") for rate in rates], 100e6, 1e-3)
     # 50 shots: the estimate scatters by 10 %, of which two and a half are allowed; the samples' own share is 0.01 %
     assert found.scatter == pytest.approx(scatter / 50.0**0.5, rel=0.25, abs=2e-4)
+
+
+def test_a_shift_by_half_a_sample_is_no_low_pass() -> None:
+    """Means of a course over intervals that lie half a sample apart, by its integral in closed form.
+
+    An integral linear between the bounds averages neighbours: on these flanks, of 30 us, it is off by 0.17 % of the
+    peak, eight times what the cubic is.
+    """
+
+    def integral(time: Floats) -> Floats:
+        return np.asarray(0.5 * special.erf((time - 1e-3) / 30e-6) - 0.5 * special.erf((time - 1.5e-3) / 30e-6))
+
+    bounds = np.arange(0.0, 2.5e-3, 5e-6)
+    moved = bounds[10:-10] + 2.5e-6
+    read, right = (np.diff(integral(at)) / np.diff(at) for at in (bounds, moved))
+    found = Samples(bounds, read, "m3/s", "s", "time").on(moved)
+    assert found.rate == pytest.approx(right, abs=3e-4 * right.max())
+    whole = np.diff(integral(moved[[0, -1]]))[0]
+    assert found.rate @ np.diff(moved) == pytest.approx(whole, abs=1e-12)
+
+
+def test_noise_of_single_samples_is_told_from_what_shots_are_off_by_as_wholes() -> None:
+    """Shots that scatter by 2 %, 0.6 at the peak, and noise of 0.3: the standard error is that of the noise alone."""
+    random, bounds = np.random.default_rng(12), np.linspace(0.0, 2e-3, 401)
+    curve = 3e-5 * np.sin(np.pi * np.linspace(0.0, 1.0, 400))
+    sizes = 1.0 + 0.02 * random.standard_normal(50)
+    rates = sizes[:, None] * curve + 3e-7 * random.standard_normal((50, 400))
+    found = mean_curve([Samples(bounds, rate, "m3/s", "s", "time") for rate in rates], 100e6, 1e-3)
+    assert found.sigma == pytest.approx(3e-7 / 50.0**0.5, rel=0.03)  # of 20,000 values: 0.5 %

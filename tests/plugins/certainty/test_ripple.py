@@ -169,7 +169,8 @@ def test_what_a_curve_is_off_by_as_a_whole_is_no_fault_of_the_model() -> None:
     print(doubted)
     assert doubted[0.0, 0.01] >= 18
     assert doubted[0.01, 0.01] <= 3  # of 20: wrong in 1 %
-    assert doubted[0.01, 0.05] >= 18
+    # all four lie within the 3.3 deviations of the test's level in 9 % of the benches: 18 of 20, less two deviations
+    assert doubted[0.01, 0.05] >= 15
 
 
 def test_a_drift_that_is_found_widens_the_intervals() -> None:

@@ -464,11 +464,13 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
     own = shots[0].bounds
     bounds = own[(own >= begin - 1e-12) & (own <= end + 1e-12)]
     rates = np.array([s.on(bounds).rate for s in shots])
-    mean = averaged(rates, [np.arange(len(shots))])
+    whole = rates.mean(axis=0)
+    power = float(whole @ whole)
+    # of each shot, by least squares; what it is off by together is none of the noise of its samples
+    sizes = rates @ whole / power if power else np.ones(len(shots))
+    mean = averaged(rates - np.multiply.outer(sizes - 1.0, whole), [np.arange(len(shots))])
     samples = shots[0]._replace(bounds=bounds, rate=mean.mean[0])
-    quantities = rates @ np.diff(bounds)
-    whole, error = abs(quantities.mean()), quantities.std(ddof=1) / len(shots) ** 0.5
-    scatter = float(error / whole) if whole > error else 0.0  # of a curve without an injection it would be all
+    scatter = float(sizes.std(ddof=1)) / len(shots) ** 0.5
     return FoundCurve(samples, rail_pressure, energising_time, len(shots), mean.sigma, mean.freedom, scatter)
 
 

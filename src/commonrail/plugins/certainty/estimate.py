@@ -472,22 +472,7 @@ def _over_intervals(found: Estimate) -> Estimate:
             ratios = np.nan_to_num(after / before, nan=1.0, posinf=1.0)
         if found is again and (np.abs(np.log(np.maximum(ratios, 1e-300))) < AGREEING).all():
             break
-    return with_step_error(with_scatter(replace(found, covariance=wider(found.covariance, local))))
-
-
-def with_scatter(found: Estimate) -> Estimate:
-    """The estimate, its covariance with what curves are off as wholes, see `Noise.scatter`; each by itself."""
-    likelihood = found.likelihood
-    shifts = [_whole(likelihood, block.rows, block.noise.scatter * block.at_zero) for block in likelihood.blocks]
-    shifts = [shift for shift in shifts if shift.any()]
-    return found.with_errors(found.position_shifts(np.array(shifts))) if shifts else found
-
-
-def _whole(likelihood: Likelihood, rows: slice, values: Floats) -> Floats:
-    """Residuals (n,) that are zero but for the values of a block."""
-    found = np.zeros(likelihood.size)
-    found[rows] = values
-    return found
+    return with_step_error(replace(found, covariance=wider(found.covariance, local)))
 
 
 def with_step_error(found: Estimate) -> Estimate:

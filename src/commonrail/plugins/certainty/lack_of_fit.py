@@ -207,21 +207,16 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
     errors, slopes = estimate.errors[block.rows], estimate.slopes[:, block.rows]
     innovations = noise.whiten(errors)
     robust = np.sqrt(noise.density.weight(innovations))  # outliers count as they do in the fit
-    whole = noise.whiten(block.noise.scatter * block.at_zero)  # what the curve may be off by as a whole
-    scattered = bool(whole.any())
     suspects = meter_changes(block, errors)
     changes = robust * noise.whiten(np.array(list(suspects.values())))
     tangents = robust * np.vstack([noise.whiten(slopes), held.changes[:, block.rows]])
     wide = np.hstack([tangents, held.slopes.T])
     values = np.append(robust * innovations, held.distances)
-    if scattered:
-        wide, values = _with_one_more(wide, robust * whole), np.append(values, 0.0)
     score, suspect = _score(values, wide, list(suspects), changes, agreed(errors))
     judged = noise.known and block.shots is None
     free_noise = block.ordered and block.shots is None and block.noise.correlation is not Correlation.WHITE
-    alone = innovations - whole * (whole @ innovations / (whole @ whole)) if scattered else innovations
-    used = agreed(errors) + estimate.covariance.used[index] + scattered
-    size = _size(as_normal(noise.law, alone), used, noise.freedom) if judged else None
+    used = agreed(errors) + estimate.covariance.used[index]
+    size = _size(as_normal(noise.law, innovations), used, noise.freedom) if judged else None
     if block.ordered:
         drifts = robust * noise.whiten(drift_courses(block)[1:])
         drifting, _ = _score(values, wide, [DRIFT] * len(drifts), drifts, agreed(errors))
@@ -233,20 +228,14 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
     if score < level:
         sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
     elif size is not None and size < level:
-        ratio = float(np.sqrt(np.mean(unequal(alone) ** 2))) / noise.density.deviation
+        ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
-    elif scattered:
-        power = float(whole @ whole)
-        off = abs(float(whole @ innovations)) / power  # in standard deviations of the whole; noise adds 1/√power
-        if special.erfc(off / np.sqrt(2.0 + 2.0 / power)) < level:
+    elif noise.whole.any():
+        whole = noise.whiten(noise.whole)
+        off = abs(float(whole @ innovations)) / float(np.linalg.norm(whole))
+        if special.erfc(off / np.sqrt(2.0)) < level:
             sentence = f"{block.name} is off as a whole by {off:.1f} times what its shots scatter by"
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
-
-
-def _with_one_more(tangents: Floats, change: Floats) -> Floats:
-    """Tangents (d + 1, n + 1) with one more `change` (m,), m ≤ n, whose standard deviation is a further value."""
-    row = np.pad(change, (0, tangents.shape[1] - len(change)))
-    return np.block([[tangents, np.zeros((len(tangents), 1))], [row[None], np.ones((1, 1))]])
 
 
 def meter_changes(block: Block, errors: Floats) -> dict[str, Floats]:

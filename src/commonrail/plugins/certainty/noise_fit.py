@@ -281,6 +281,8 @@ class FittedNoise:
     autoregression: Autoregression = WHITE
     known: bool = False  # the scale is stated, or that of repeated measurements: it does not come from the residuals
     growth: Growth = EVEN  # standard deviations of the values relative to each other
+    scatter: float = 0.0  # what all values are off by together, as a share of them
+    whole: Floats = field(default_factory=lambda: np.zeros(1))  # (n,) or (1,), one standard deviation of that
 
     @property
     def density(self) -> DensityLaw:
@@ -306,8 +308,26 @@ class FittedNoise:
         """Mean slope of the law over innovations (n,), 0.05 at least."""
         return max(float(self.density.slope(unequal(innovations)).mean()), 0.05)
 
+    def at(self, rate: Floats) -> FittedNoise:
+        """The same noise of a curve with other rates (m,), in the same unit."""
+        return replace(self, growth=self.growth.at(rate), whole=self.scatter * rate)
+
     def whiten(self, errors: Floats) -> Floats:
-        """Standardised innovations (…, n) of residuals (…, n)."""
+        """Standardised innovations (…, n) of residuals (…, n).
+
+        With the whitened course u of what the values are off by together, the covariance of innovations is 1 + u uᵀ;
+        its root keeps what is square to u, and divides the rest by √(1 + |u|²).
+        """
+        found = self._innovations(errors)
+        if not self.whole.any():
+            return found
+        whole = self._innovations(self.whole)
+        power = float(whole @ whole)
+        loss = (1.0 - 1.0 / math.sqrt(1.0 + power)) / power
+        return np.asarray(found - np.multiply.outer(found @ whole, loss * whole))
+
+    def _innovations(self, errors: Floats) -> Floats:
+        """Those of noise that is independent from sample to sample, correlation apart."""
         return self.autoregression.whiten(errors / self.growth.shape) / self.scale
 
 
@@ -439,6 +459,9 @@ def fit_noise(
     if block.shots is not None:
         return block.shots
     off = np.zeros((0, len(errors))) if off is None else off
+    rate = errors - block.at_zero if rate is None else rate
+    whole = block.noise.scatter * rate
+    errors = _apart(errors, whole, block.noise.sigma)
     growth = _growth(block, errors, rate, off) if correlated else EVEN
     errors, off = errors / growth.shape, off / growth.shape
     law = _law(block, errors, off, correlated)
@@ -450,21 +473,30 @@ def fit_noise(
         if correlated:
             sigma = sigma / growth.least
         else:  # at the mean rate, for a search whose first rates may be far from the true ones
-            sigma += block.noise.relative * float(np.mean(np.maximum(errors - block.at_zero, 0.0)))
-        whole = math.hypot(sigma, floor)
-        freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
-        scale = whole * regression.innovation_share / LAWS[law].deviation
-        return FittedNoise(law, scale, freedom, regression, known=True, growth=growth)
-    freedom = max(sample_count(errors) - used, 1.0)
-    scale = scale_of(law, regression.whiten(errors), freedom)
-    return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression, growth=growth)
+            sigma += block.noise.relative * float(np.mean(np.maximum(rate, 0.0)))
+        widened = math.hypot(sigma, floor)
+        freedom = block.noise.freedom * (widened / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
+        scale = widened * regression.innovation_share / LAWS[law].deviation
+    else:
+        freedom = max(sample_count(errors) - used, 1.0)
+        scale = max(scale_of(law, regression.whiten(errors), freedom), np.finfo(float).tiny ** 0.25)
+    is_known = sigma is not None
+    return FittedNoise(law, scale, freedom, regression, is_known, growth, block.noise.scatter, whole)
 
 
-def _growth(block: Block, errors: Floats, rate: Floats | None, off: Floats) -> Growth:
+def _apart(errors: Floats, whole: Floats, sigma: float | None) -> Floats:
+    """Errors (n,) without their likely part of what all are off by together: it is no noise of single samples.
+
+    `whole` (n,): one standard deviation of that; `sigma`: of a sample, None where it is not known.
+    """
+    power = float(whole @ whole)
+    return errors - whole * (float(whole @ errors) / (power + (sigma or 0.0) ** 2)) if power else errors
+
+
+def _growth(block: Block, errors: Floats, rate: Floats, off: Floats) -> Growth:
     """Growth of the noise with the rate: as stated, or as the innovations show it."""
     if not block.ordered:
         return EVEN
-    rate = errors - block.at_zero if rate is None else rate
     if block.noise.sigma is not None:
         return Growth.of(rate, block.noise.relative / block.noise.sigma)
     white = block.noise.correlation is Correlation.WHITE

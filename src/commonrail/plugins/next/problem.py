@@ -197,7 +197,7 @@ class Responder(NamedTuple):
         sound: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
         both = self._with_loads(data, np.where(sound[:, None, None], slopes, 0.0))
         best = data.simulated(self.simulator, self.best)[0]
-        noise = replace(noise, growth=noise.growth.at(data.residual_scale * np.nan_to_num(best)))
+        noise = noise.at(data.residual_scale * np.nan_to_num(best))
         tangents = decorrelated(noise.whiten(np.where(sound[:, None, None], both, 0.0)), block_of(data, 0), noise)
         # the rows of R of a QR decomposition tell as much as all samples
         rows = np.array([np.linalg.qr(one.T, mode="r") for one in tangents])
