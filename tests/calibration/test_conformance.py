@@ -43,7 +43,7 @@ CASES = [
     for space in SPACES.values()
     for case in (
         *(named(entry, space) for entry in (*SHIPPED, GUESSING)),
-        named(STAGED, space, evolution=2, starts=3, trial_iterations=1, finalists=2),
+        named(STAGED, space, inversions=2, starts=3, trial_iterations=1, finalists=2),
         *(named(REGISTERED[0], space, treatment=treatment) for treatment in (Treatment.REJECT, Treatment.RESAMPLE)),
         refinement(space),
     )

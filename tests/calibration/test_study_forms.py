@@ -152,7 +152,9 @@ def test_repeated_columns_become_their_mean(load: Load) -> None:
     table = "time [us],800bar_300us_1,800bar_300us_2\n" + "".join(f"{5 * i},{i},{i + 2}\n" for i in range(10))
     (data,) = load("w.csv", 'columns = "{p}bar_{et}us_{shot}"\nrate_unit = "mm3/ms"', table)
     np.testing.assert_allclose(data.measured, 1e-6 * (np.arange(10) + 1.0))
-    assert data.noise.sigma == pytest.approx(1e-6)
+    # the mean m is i + 1, the shots m ± 1 are off as wholes by ± Σm/Σm² = ± 1/7, and what is left is ± (1 − m/7)
+    assert data.noise.scatter == pytest.approx(1.0 / 7.0)
+    assert data.noise.sigma == pytest.approx(1e-6 * (0.1 * (10.0 - 2.0 * 55.0 / 7.0 + 385.0 / 49.0)) ** 0.5)
     assert data.source.endswith("mean of 2 shots")
 
 
@@ -167,7 +169,8 @@ def test_resampling_keeps_the_quantity_and_a_zero_moves_the_times(load: Load) ->
     volume = np.sum(own.measured * widths_of(own))
     for other in (coarse, fine):
         assert np.sum(other.measured * widths_of(other)) == pytest.approx(volume, rel=1e-12)
-    np.testing.assert_allclose(fine.measured, np.repeat(own.measured, 3))
+    # the table has the means of a rate of t/3 us + 0.5, and so has any finer raster
+    np.testing.assert_allclose(fine.measured, 1e-6 * ((np.arange(120) + 0.5) / 3.0 + 0.5))
 
 
 POINTS = ((800.0, 300.0), (1600.0, 700.0))

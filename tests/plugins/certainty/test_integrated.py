@@ -13,7 +13,7 @@ from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.data.noise import Correlation, Law, Noise
 from commonrail.plugins.certainty.covariance import Robust, second_moment
-from commonrail.plugins.certainty.estimate import estimate, evolved, library, starts_from
+from commonrail.plugins.certainty.estimate import assimilated, estimate, library, starts_from
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import LAWS, scale_of
 from commonrail.plugins.certainty.profile import profiles_of
@@ -186,8 +186,8 @@ def test_a_search_that_outliers_mislead_is_made_again_under_their_law() -> None:
     assert estimate(own, starts).point[0] == pytest.approx(3.0, abs=0.02)
 
 
-def test_members_evolve_towards_the_best_of_many_places() -> None:
-    """Eight parameters, each with a lesser place beside the right one: of 64 draws none is near the right ones."""
+def test_ensembles_come_to_the_best_of_many_places() -> None:
+    """Eight parameters, each with lesser places beside the right one: of 192 draws none is near the right ones."""
     names, right = "abcdefgh", np.linspace(2.0, 7.0, 8)
     room = Space([Parameter(name, 5.0, 0.0, 10.0, "1", mark="E", source="test") for name in names])
 
@@ -195,13 +195,16 @@ def test_members_evolve_towards_the_best_of_many_places() -> None:
         away = points - right
         return np.asarray(np.hstack([away + np.sin(4.0 * away), 0.5 * away]) + 0.01)
 
+    def farthest(unit: Floats) -> Floats:
+        return np.abs(room.from_unit(unit) - right).max(axis=1)
+
     block = likelihood([np.ones(16)], [np.ones((16, 1))], [Noise(correlation=Correlation.WHITE)]).blocks
     own = Likelihood(room, block, residuals)
-    drawn = library(own, 64)
-    before, after = (np.abs(room.from_unit(unit) - right).max(axis=1) for unit, _ in (drawn, evolved(own, drawn)))
-    assert before.min() > 2.0
-    assert np.median(after) < 0.5 * before.min()
-    assert np.ptp(room.from_unit(evolved(own, drawn)[0]), axis=0).min() > 1e-3  # not yet one
+    drawn = library(own, 192)
+    starts = assimilated(own, drawn, 3)
+    assert len(starts) == 3
+    assert farthest(drawn[0]).min() > 2.0
+    assert farthest(starts).max() < 0.3  # a quarter of the way to the next place, at 1.5
 
 
 def test_starts_are_ranked_by_what_outliers_do_not_lead() -> None:

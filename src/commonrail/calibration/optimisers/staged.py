@@ -1,4 +1,4 @@
-"""Least squares in stages, for objectives with cliffs: screening, evolution if wanted, descents side by side."""
+"""Least squares in stages, for objectives with cliffs: screening, ensembles if wanted, descents side by side."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import (
     MOST_GENERATIONS,
@@ -22,13 +22,20 @@ from commonrail.calibration.optimisers.base import (
     asked,
     check_counts,
     count,
-    diverse_members,
     hop,
     inside,
     ranked,
 )
-from commonrail.calibration.optimisers.evolution import FEWEST_MEMBERS, Treatment, crossover, draw, mutate, treat, wins
-from commonrail.calibration.optimisers.least_squares import DescentLoss, Descents, LossSum, Rules, advance, recognised
+from commonrail.calibration.optimisers.ensemble import groups_of, moved
+from commonrail.calibration.optimisers.least_squares import (
+    DescentLoss,
+    Descents,
+    FeasibleSet,
+    LossSum,
+    Rules,
+    advance,
+    recognised,
+)
 from commonrail.calibration.space import Space, sample_priors
 
 # Settings of the staged least squares.
@@ -43,12 +50,12 @@ class StagedSettings:
     members : int
         Candidates that are screened, at least 4.
     generations : int
-        Steps after the screening: generations of the evolution, then iterations of the descents.
-    evolution : int
-        Generations of differential evolution of the best screened candidates before the descents; 0 for none. Without
-        priors about 90 are needed.
+        Steps after the screening: those of the ensembles, then iterations of the descents.
+    inversions : int
+        Steps of ensemble Kalman inversion of the screened candidates before the descents; 0 for none. Without priors
+        about 12 are needed.
     starts : int
-        Descents that begin side by side.
+        Descents that begin side by side, and ensembles, as far as there are candidates for them.
     trial_iterations : int
         Iterations after which only the best descents continue; 0 lets all of them continue.
     finalists : int
@@ -64,9 +71,9 @@ class StagedSettings:
 
     size: ClassVar[str] = "{members} screened candidates, {generations} steps"  # in words, of a report
 
-    members: int = count(400, MOST_MEMBERS, FEWEST_MEMBERS)
+    members: int = count(400, MOST_MEMBERS, 4)
     generations: int = count(52, MOST_GENERATIONS)
-    evolution: int = count(0, MOST_GENERATIONS)
+    inversions: int = count(0, MOST_GENERATIONS)
     starts: int = count(3, MOST_STARTS, 1)
     trial_iterations: int = count(10, MOST_GENERATIONS)
     finalists: int = count(1, MOST_STARTS, 1)
@@ -79,9 +86,7 @@ class StagedSettings:
 
 
 SCREENING_CAP = 12.0  # a residual beyond it counts as much: a candidate must not lose by one point alone
-EVOLUTION_CAP = 36.0  # that of residuals with three times the tolerance
-POOL = 60  # best screened candidates that evolve
-FACTOR, CROSSOVER = (0.4, 1.0), 0.8  # the paper's, Eq. (18), (19)
+INVERSION_CAP = 36.0  # that of residuals with three times the tolerance
 
 # Forward differences as shares of the range, one stage each. Quantities jump where a valve or a needle bounces once
 # more: a small step measures such a jump or none, a large one the mean slope across many of them.
@@ -95,9 +100,9 @@ class StagedLeastSquares(Optimiser):
     """Damped least squares whose difference steps shrink in stages, from the best of many screened candidates.
 
     The first step screens draws from the priors, or from the bounds where a parameter has none, with coarser
-    simulations. Then these evolve, if the settings say so. The other steps are iterations: at first of several
-    descents, after `trial_iterations` of the best ones only, through all stages. When all have ended, a new descent
-    starts from a point near the best.
+    simulations. Then ensembles of them contract, if the settings say so. The other steps are iterations: at first of
+    several descents, after `trial_iterations` of the best ones only, through all stages. When all have ended, a new
+    descent starts from a point near the best.
 
     `rng`: source of every draw.
     """
@@ -108,7 +113,7 @@ class StagedLeastSquares(Optimiser):
     def __init__(self, space: Space, rng: np.random.Generator, settings: StagedSettings | None = None) -> None:
         super().__init__(space, rng, settings or StagedSettings())
         empty = np.empty((0, space.dimension))
-        self._pool, self._pool_costs = empty, np.empty(0)
+        self._pool, self._group = empty, np.empty(0, int)  # members, and the ensemble of each
         self._descents = Descents.begin(empty, np.empty((0, 0)))
         self._stage = self._iteration = np.empty(0, int)  # of each descent; one beyond the last stage has ended
         self._ended_x, self._ended_costs, self._hopping = empty, np.empty(0), False
@@ -116,46 +121,40 @@ class StagedLeastSquares(Optimiser):
 
     @property
     def ends(self) -> tuple[Best, ...]:
-        """Points of the descents from the screened or evolved members; hops, which start near the best, refine it."""
+        """Points of the descents from the members of the pool; hops, which start near the best, refine it."""
         x, costs = (self._ended_x, self._ended_costs) if self._hopping else (self.population, self.costs)
         return ranked(self.best, x, costs)
 
     def _step(self) -> Work:
-        """Screening at first, then the evolution that is wanted, then iterations."""
+        """Screening at first, then the inversions that are wanted, then iterations."""
         if self.steps == 0:
             return self._screen()
-        return self._evolve() if self.steps <= self.settings.evolution else self._descend()
+        return self._invert() if self.steps <= self.settings.inversions else self._descend()
 
     def _screen(self) -> Work:
         """Screen draws, and choose where descents start."""
         x = sample_priors(self.space, self.settings.members, self._rng)
         costs = capped(SCREENING_CAP, (yield asked(x, Question.SCREENED)))
-        order = np.argsort(costs, kind="stable")[: max(POOL, self.settings.starts)]
-        starts = x[order[: self.settings.starts]]
-        yield from self._begin(self.space.to_unit(starts))
-        self._pool, self._pool_costs = self.space.to_unit(x[order]), costs[order]
+        order = np.argsort(costs, kind="stable")
+        yield from self._begin(self.space.to_unit(x[order[: self.settings.starts]]))
+        pool = order[np.isfinite(costs[order])] if self.settings.inversions else order[:0]
+        self._pool = self.space.to_unit(x[pool])
+        self._group = groups_of(len(pool), self.settings.starts, self.space.dimension)
 
-    def _evolve(self) -> Work:
-        """One generation of the pool; after the last one descents start from members that lie apart."""
-        n, d = self._pool.shape
-        members = np.arange(n)
-
-        def trials(chosen: IndexArray) -> Floats:
-            draws = draw(self._rng, chosen, (n, d), FACTOR)
-            return crossover(self._pool[chosen], mutate(self._pool, draws), draws, CROSSOVER)
-
-        trial = treat(Treatment.REPAIR, self.space, self._pool, trials(members), lambda few: trials(few)[:, None])
-        costs = capped(EVOLUTION_CAP, (yield asked(trial.x, Question.SCREENED)))
-        better = wins((costs, np.zeros(n)), (self._pool_costs, np.zeros(n)))
-        pool = np.where(better[:, None], trial.unit, self._pool)
-        costs = np.where(better, costs, self._pool_costs)
-        if self.steps == self.settings.evolution:
-            chosen = diverse_members(pool, costs, self.settings.starts)
-            starts = pool[chosen] if len(chosen) else pool[: self.settings.starts]
-        else:
-            starts = pool[[int(np.argmin(costs))]]
-        yield from self._begin(starts)
-        self._pool, self._pool_costs = pool, costs
+    def _invert(self) -> Work:
+        """One step of the ensembles; after the last one descents start from the best member of each."""
+        residuals = yield asked(self.space.from_unit(self._pool), Question.SCREENED)
+        costs = capped(INVERSION_CAP, residuals)
+        sound = np.isfinite(costs)
+        pool, group, costs, residuals = (part[sound] for part in (self._pool, self._group, costs, residuals))
+        rows = [np.flatnonzero(group == one) for one in np.unique(group)]
+        best = np.array([members[int(np.argmin(costs[members]))] for members in rows], int)
+        last = self.steps == self.settings.inversions
+        yield from self._begin(pool[best if last else best[np.argsort(costs[best], kind="stable")[:1]]])
+        feasible = FeasibleSet.of(self.space)
+        for members in rows:
+            pool[members] = moved(feasible, pool[members], residuals[members])
+        self._pool, self._group = pool, group
 
     def _descend(self) -> Work:
         """One iteration of the descents, or the start of a new one."""
@@ -212,7 +211,7 @@ class StagedLeastSquares(Optimiser):
     def _kept(self) -> dict[str, Any]:
         return {
             "pool": self._pool.copy(),
-            "pool_costs": self._pool_costs.copy(),
+            "group": self._group.copy(),
             **self._descents.record(),
             "stage": self._stage.copy(),
             "iteration": self._iteration.copy(),
@@ -226,16 +225,16 @@ class StagedLeastSquares(Optimiser):
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         d = self.space.dimension
-        names = "pool", "ended_x", "pool_costs", "costs", "ended_costs"
-        pool, ended, pool_costs, costs, ended_costs = (np.array(state[name], dtype=float) for name in names)
-        stage, iteration = (np.array(state[name], dtype=np.int64) for name in ("stage", "iteration"))
+        names = "pool", "ended_x", "costs", "ended_costs"
+        pool, ended, costs, ended_costs = (np.array(state[name], dtype=float) for name in names)
+        group, stage, iteration = (np.array(state[name], dtype=np.int64) for name in ("group", "stage", "iteration"))
         descents = Descents.recorded(state, d)
         shapes = [pool.shape, ended.shape, costs.shape, stage.shape, iteration.shape]
-        if shapes != [(len(pool_costs), d), (len(ended_costs), d), *[descents.damping.shape] * 3]:
+        if shapes != [(len(group), d), (len(ended_costs), d), *[descents.damping.shape] * 3]:
             raise ConfigurationError("state: its descents are not whole; take a whole state")
         if not (inside(pool) and inside(self.space.to_unit(ended))) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
-        self._pool, self._pool_costs = pool, pool_costs
+        self._pool, self._group = pool, group
         self._descents, self._stage, self._iteration = descents, stage, iteration
         self._stages, self._loss = int(state["stages"]), DescentLoss(state["loss"])
         self._ended_x, self._ended_costs, self._hopping = ended, ended_costs, bool(state["hopping"])

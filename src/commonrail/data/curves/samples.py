@@ -108,7 +108,7 @@ class Samples(NamedTuple):
         from scipy.interpolate import CubicHermiteSpline  # takes a tenth of a second to import
 
         integral = np.concatenate(([0.0], np.cumsum(self.rate * np.diff(self.bounds))))
-        course = CubicHermiteSpline(self.bounds, integral, np.gradient(integral, self.bounds))
+        course = CubicHermiteSpline(self.bounds, integral, np.gradient(integral, self.bounds, edge_order=2))
         return self._replace(bounds=bounds, rate=np.diff(course(bounds)) / np.diff(bounds))
 
 

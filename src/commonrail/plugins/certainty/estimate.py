@@ -11,12 +11,11 @@ from functools import partial
 
 import numpy as np
 
-from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.calibration.optimisers.base import farthest
-from commonrail.calibration.optimisers.evolution import FEWEST_MEMBERS, Treatment, crossover, draw, treat
+from commonrail.calibration.optimisers.ensemble import groups_of, moved
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
-from commonrail.calibration.optimisers.staged import CROSSOVER, FACTOR
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
@@ -163,8 +162,9 @@ NEAR = 15  # steps of one under noise that the last one's end showed
 LEVEL_STEPS, LEVEL_MOVES, CLOSE, FARTHEST = 8, 3, AGREED**0.5, 20.0
 NEARBY, DISTANCE = 4, 2.0  # starts about the end of a single ascent, and their distance in standard errors
 CLOSEST = 40  # members of a library that are compared as starts
-# Best members that evolve, for how long, and how many of them lead: they shall come near and not yet have become one.
-POOL, GENERATIONS, LEADERS = 64, 60, 8
+# Members of an ensemble, or more where there are many parameters, and its steps: of nine parameters of a map and six
+# curves, 13 of 16 ensembles drawn between the bounds then were at the right top (`tools/walk_bench.py`).
+ENSEMBLE, INVERSIONS = 64, 10
 
 
 @dataclass(frozen=True)
@@ -244,34 +244,31 @@ def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, F
     return likelihood.space.to_unit(points[sound]), errors[sound]
 
 
-def evolved(likelihood: Likelihood, found: tuple[Floats, Floats], seed: int = 0) -> tuple[Floats, Floats]:
-    """Positions (m, d) and residuals (m, n) of the best members of a library after some differential evolution.
+def assimilated(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
+    """Starts (k, d), k ≤ `many`: the best member of each of several ensembles after some Kalman inversion.
 
     From random members the ascents of more than a few parameters end in as many places, most of them far from any that
-    agrees with the data. Members move towards one of the best (current-to-pbest/1/bin, Zhang, Sanderson 2009) by
-    `_misfits`.
+    agrees with the data. The ensembles have no member in common: where their ascents agree, they do so independently.
 
-    `found` (positions, residuals): of `library`, at least four members; `seed`: of the draws.
+    `found` (positions, residuals): of `library`.
     """
-    unit, errors = found
-    chosen = np.argsort(_misfits(likelihood, errors), kind="stable")[:POOL]
-    unit, errors = unit[chosen], errors[chosen]
-    costs, space, rng = _misfits(likelihood, errors), likelihood.space, np.random.default_rng([seed, len(unit)])
-
-    def trials(members: IndexArray) -> Floats:
-        draws = draw(rng, members, unit.shape, FACTOR)
-        leaders = np.argsort(costs, kind="stable")[rng.integers(0, LEADERS, len(members))]
-        towards = unit[leaders] - unit[members] + unit[draws.others[0]] - unit[draws.others[1]]
-        return crossover(unit[members], unit[members] + draws.factor * towards, draws, CROSSOVER)
-
-    for _ in range(GENERATIONS if len(unit) >= FEWEST_MEMBERS else 0):
-        trial = treat(Treatment.REPAIR, space, unit, trials(np.arange(len(unit))), lambda few: trials(few)[:, None])
-        residuals = likelihood.residuals(trial.x)
-        there = _misfits(likelihood, residuals)
-        better = there <= costs
-        unit, errors = (np.where(better[:, None], *both) for both in ((trial.unit, unit), (residuals, errors)))
-        costs = np.where(better, there, costs)
-    return unit, errors
+    unit, errors = (part[: many * ENSEMBLE] for part in found)
+    feasible, starts = FeasibleSet.of(likelihood.space), []
+    group = groups_of(len(unit), many, unit.shape[1])
+    for one in np.unique(group):
+        own, seen = unit[group == one], errors[group == one]
+        for _ in range(INVERSIONS):
+            scale = np.empty(likelihood.size)  # no noise is known: each data set has that which its members leave
+            for b in likelihood.blocks:
+                scale[b.rows] = max(float(np.median(np.mean(seen[:, b.rows] ** 2, axis=1))) ** 0.5, 1e-300)
+            own = moved(feasible, own, seen / scale)
+            seen = likelihood.residuals(likelihood.space.from_unit(own))
+            sound = np.isfinite(seen).all(axis=1)
+            if np.count_nonzero(sound) < 2:
+                break
+            own, seen = own[sound], seen[sound]
+        starts.append(own[int(np.argmin(_misfits(likelihood, seen)))])
+    return np.array(starts).reshape(-1, unit.shape[1])
 
 
 def _misfits(likelihood: Likelihood, errors: Floats) -> Floats:
@@ -291,7 +288,7 @@ def _misfits(likelihood: Likelihood, errors: Floats) -> Floats:
 def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
     """Starts (k, d): the best member of a library by `_misfits`, and of its best ones those that lie farthest apart.
 
-    `found` (positions, residuals): of `library` or `evolved`.
+    `found` (positions, residuals): of `library`.
     """
     unit, errors = found
     if not len(unit):

@@ -17,7 +17,7 @@ from commonrail.calibration.study import Study
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW
 from commonrail.plugins.certainty.covariance import student
-from commonrail.plugins.certainty.estimate import CLOSE, Estimate, evolved, library, starts_from
+from commonrail.plugins.certainty.estimate import CLOSE, Estimate, assimilated, library, starts_from
 from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.lack_of_fit import DRIFT, LackOfFit, assess_residuals, of_missing, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
@@ -86,8 +86,8 @@ def certify(
     if starts > 1:
         note(f"searching from {starts} starts ...")
         members = library(likelihood, MEMBERS)
-        members = evolved(likelihood, members) if len(likelihood.names) > FEW else members
-        begin = np.vstack([begin, starts_from(likelihood, members, starts - 1)])
+        choose = assimilated if len(likelihood.names) > FEW else starts_from
+        begin = np.vstack([begin, choose(likelihood, members, starts - 1)])
     within = estimate_within(study, likelihood, begin, thread_count(threads))
     simulated, adopted = likelihood.simulated + within.whole.simulated, 0
     profiled: dict[str, Profile] = {}

@@ -291,15 +291,15 @@ def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
     """Search for such data.
 
     On benches of a map and 120 shots the staged one ended at two thirds of the J of the evolution, in the same time
-    (`tools/walk_bench.py`): a map has cliffs, where quantities become zero.
+    (`tools/walk_bench.py`): a map has cliffs, where quantities become zero. Its ensembles are there after a dozen steps.
     """
     if any(block["kind"] == "quantities" for block in blocks):
-        head = "[optimiser] # `members` are screened and evolve, least squares follow, and `polish` refinements"
+        head = "[optimiser] # `members` are screened, ensembles contract, least squares follow, and `polish` refinements"
         search = [
             'method = "staged least squares"',
             "members = 400",
-            "evolution = 60",
-            "generations = 112",
+            "inversions = 12",
+            "generations = 64",
             "polish = 3",
         ]
     else:

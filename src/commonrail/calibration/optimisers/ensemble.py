@@ -1,0 +1,40 @@
+"""Ensemble Kalman inversion: members go where a linear regression of their residuals on their positions leads them.
+
+Iglesias, Law & Stuart (2013), Inverse Problems 29, 045001. The regression over the whole ensemble does not see ripple
+that is narrower than the ensemble, where derivatives at a point lead astray: quantities that jump with one more bounce
+of a valve, and flanks that a time step shifts. Nor does it need derivatives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from commonrail.base.arrays import Floats, IndexArray
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
+
+FEWEST = 3  # members for each parameter and one: fewer span too few directions, which no step leaves
+
+
+def groups_of(members: int, most: int, dimension: int) -> IndexArray:
+    """Number of the ensemble of each of some members (n,): at most `most`, each with members enough.
+
+    Neighbours go to different ones: of ranked members the ensembles are alike.
+    """
+    return np.arange(members) % max(min(most, members // (FEWEST * (dimension + 1))), 1)
+
+
+def moved(feasible: FeasibleSet, unit: Floats, residuals: Floats) -> Floats:
+    """Positions (n, d) of an ensemble after one step.
+
+    Each residual has the noise of the median member's root mean square: a step leaves a spread in proportion to what
+    is still unexplained, and the members come to one place as they come to fit.
+
+    `feasible`: bounds, at which steps end, and constraints; `unit` (n, d): positions in unit coordinates; `residuals`
+    (n, m): finite ones there.
+    """
+    size = np.sqrt(np.median(np.mean(residuals**2, axis=1)))
+    scaled = residuals / max(float(size), 1e-300)
+    share = 1.0 / np.sqrt(max(len(unit) - 1, 1))
+    apart, away = (share * (part - part.mean(axis=0)) for part in (scaled, unit))
+    weights = np.linalg.solve(apart @ apart.T + np.eye(len(unit)), apart @ scaled.T)
+    return feasible.within(unit, unit - weights.T @ away)
