@@ -23,13 +23,12 @@ Call = Callable[[int, int, int], int]
 def object_of(source: Source, names: Mapping[str, str], processor: Processor) -> tuple[bytes, bool]:
     """Object file of a source for this system, from the cache or compiled, and whether it was compiled.
 
-    `names`: as of `emit.emit`. Raises ConfigurationError as `lower.texts`.
+    `names`: as of `lower.emit`. Raises ConfigurationError as `lower.texts`.
     """
     made = []
 
     def make() -> bytes:
-        from commonrail.compiler.emit import emit  # slow to import, and seldom needed
-        from commonrail.compiler.lower import texts
+        from commonrail.compiler.lower import emit, texts  # slow to import, and seldom needed
 
         made.append(True)
         return emit(texts(source), names, system)

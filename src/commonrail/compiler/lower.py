@@ -1,4 +1,6 @@
-"""From laws to LLVM's text: Numba types and lowers them in a child process, for no processor in particular.
+"""From laws to LLVM's text, and from that to object files.
+
+Numba types and lowers laws in a child process, for no processor in particular.
 
 There it may be told to leave the text unoptimised and unvectorised, which nobody else's Numba is; and laws that were
 typed for one kernel are known to the next one. The child ends with its parent, or when it has waited for a while.
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import functools
 import json
 import os
 import re
@@ -15,13 +18,13 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.cache import Source, kept_or_made
-from commonrail.compiler.target import may_compile
+from commonrail.compiler.target import System, may_compile
 
 # Level 1 without vectors: at 0 the text is fourteen times as long and takes a quarter more time, at 3 it is that of a
 # processor.
@@ -168,6 +171,79 @@ def _text(name: str, function: Callable[..., Any], signature: Any, *, kind: str)
     if "@NRT_" in text:
         raise TypeError(f"{name} allocates memory, for which there is no owner")
     return text
+
+
+# From the text to an object file, for any processor and system: in the process that asks for it.
+
+
+def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, visibility: str = "default") -> bytes:
+    """Object file of functions.
+
+    `texts`: by the name of the function in its text; `names`: by the same, its name in the object.
+    """
+    machine, whole = optimised(texts, names, system, visibility)
+    return bytes(machine.emit_object(whole))
+
+
+def assembly(texts: Mapping[str, str], names: Mapping[str, str], system: System) -> str:
+    """Assembly text of what `emit` makes of the same arguments."""
+    machine, whole = optimised(texts, names, system)
+    return str(machine.emit_assembly(whole))
+
+
+def optimised(
+    texts: Mapping[str, str],
+    names: Mapping[str, str],
+    system: System,
+    visibility: str = "default",
+    *,
+    vectors: bool = True,
+) -> tuple[Any, Any]:
+    """LLVM's machine of a system, and one optimised module of functions; arguments as of `emit`.
+
+    `vectors`: may loops and statements be put into vectors.
+    """
+    import llvmlite.binding as llvm
+
+    machine = _machine(system)
+    whole = linked(texts, names, machine, visibility)
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+    tuning.loop_vectorization = tuning.slp_vectorization = vectors
+    tuning.loop_unrolling = True
+    builder = llvm.create_pass_builder(machine, tuning)
+    builder.getModulePassManager().run(whole, builder)
+    return machine, whole
+
+
+def linked(texts: Mapping[str, str], names: Mapping[str, str], machine: Any, visibility: str = "default") -> Any:
+    """One module of functions for LLVM's machine; arguments as of `emit`."""
+    import llvmlite.binding as llvm
+
+    whole: Any = None
+    for name, text in texts.items():
+        module = llvm.parse_assembly(text)
+        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        entry = module.get_function(name)
+        entry.name, entry.visibility = names[name], visibility
+        if whole is None:
+            whole = module
+        else:
+            whole.link_in(module)
+    whole.verify()
+    return whole
+
+
+@functools.cache
+def _machine(system: System) -> Any:
+    """LLVM's machine of a system."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    triple = system.triple or llvm.get_process_triple()
+    return llvm.Target.from_triple(triple).create_target_machine(
+        cpu=system.name, features=system.features, opt=3, reloc="pic", codemodel="default"
+    )
 
 
 if __name__ == "__main__":

@@ -8,10 +8,11 @@ which precision, is a choice of the machine: see `Vector`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple, TypeAlias
 
-from commonrail.engine.job import FIGURE, FUEL, NEVER
+from commonrail.base.choices import Precision
+from commonrail.engine.job import FIGURE, FUEL, GIVEN, NEVER, VECTORS, Outcome, make_rows, shape_of
 from commonrail.engine.recorder import (
     Sample,
     StopRule,
@@ -26,7 +27,7 @@ from commonrail.engine.recorder import (
     set_horizons,
     take_sample,
 )
-from commonrail.physics.law import layout_of, physics
+from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE, layout_of, physics
 from commonrail.physics.model import Inputs, Setting, Waves
 from commonrail.physics.variants import Variant, connections_of, wiring
 
@@ -353,3 +354,32 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
                 next_end = next_horizon(work, rows, real(k + 1))
 
     return simulate  # type: ignore[no-any-return]
+
+
+def entries(precision: str, width: str, *words: str) -> dict[str, tuple[Callable[..., Any], Any]]:
+    """Function of a table that simulates its blocks, of so many lanes and the `Variant` of the `words`.
+
+    It returns 1 if the table was made for another kernel. For `cache.Source`.
+    """
+    from commonrail.compiler.laws import TABLE, clock_reader, exchange_rounding, of_table, row_copier, row_gatherer
+
+    variant, vector = Variant(*words), VECTORS[Precision(precision)]._replace(lanes=int(width))
+    rows, lanes, columns, size = shape_of(variant, vector)
+    clocks = partial(make_clocks, read=clock_reader(lanes))
+    machine = Machine(vector.real, row_copier(lanes), row_gatherer(lanes), clocks, keep_if_asked)
+    simulate = make_simulate(variant, make_rows(variant, lanes), machine)
+    figures = len(Outcome._fields)
+
+    def blocks(shape, job, samples, trace, out, scratch, first, stride):  # type: ignore[no-untyped-def]
+        if shape.rows != rows or shape.lanes != lanes or shape.columns != columns or shape.size != size:
+            return 1
+        if job.theta.shape[1] != columns or out.shape[1] != lanes or out.shape[2] != figures:
+            return 1
+        mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
+        memory = ClockedMemory(scratch.work, scratch.waves, job.ring, scratch.origins)
+        for block in range(first, job.points.shape[0], stride):
+            simulate(memory, job, samples, block, trace, out[block])
+        exchange_rounding(mode, KEEP_NONE)
+        return 0
+
+    return {"lanes": (of_table(blocks, tuple(GIVEN), vector.real), TABLE)}

@@ -174,16 +174,16 @@ def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:
     precision = vector.precision.value
     kind = "exact" if exact else precision
     return Source(
-        "commonrail.engine.entry:entries", (precision, str(vector.lanes), *variant.words), kind, kernel_name(variant)
+        "commonrail.engine.block:entries", (precision, str(vector.lanes), *variant.words), kind, kernel_name(variant)
     )
 
 
 def assembly(variant: Variant, vector: Vector, processor: Processor) -> str:
     """Assembly text of a loop, to be read."""
-    from commonrail.compiler import emit, lower
+    from commonrail.compiler import lower
 
     names = {"lanes": symbol_of(variant, vector.precision, processor.exact)}
-    return emit.assembly(lower.texts(source_of(variant, vector, processor.exact)), names, System.here(processor))
+    return lower.assembly(lower.texts(source_of(variant, vector, processor.exact)), names, System.here(processor))
 
 
 def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[bytes, bool]:

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
-from commonrail.compiler import emit as compiler
 from commonrail.compiler import lower
 from commonrail.compiler.cache import Source
 from commonrail.compiler.target import System
@@ -90,7 +89,7 @@ def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
     found = target if isinstance(target, Target) else target_named(target)
     texts = _portable(source_of(variant))
     names = {name: f"{prefix}_{name}" for name in texts}
-    return compiler.emit(texts, names, System(found.triple, found.processor, found.features), "hidden")
+    return lower.emit(texts, names, System(found.triple, found.processor, found.features), "hidden")
 
 
 def linked_text(variant: Variant, prefix: str = "cr") -> str:
@@ -98,7 +97,7 @@ def linked_text(variant: Variant, prefix: str = "cr") -> str:
     texts, plain = _portable(source_of(variant)), TARGETS["linux64"]
     system = System(plain.triple, plain.processor)
     names = {name: f"{prefix}_{name}" for name in texts}
-    return str(compiler.optimised(texts, names, system, "hidden", vectors=False)[1])
+    return str(lower.optimised(texts, names, system, "hidden", vectors=False)[1])
 
 
 def vectors_of(target: Target) -> tuple[str, ...]:
@@ -115,7 +114,7 @@ def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr
     names = {name: f"{prefix}_{name}_{vectors}" for name in texts}
     processor = _VECTORS[target.triple.partition("-")[0]][vectors]
     wide = "-prefer-256-bit" if vectors == "avx512" else ""
-    return compiler.emit(texts, names, System(target.triple, processor, wide), "hidden")
+    return lower.emit(texts, names, System(target.triple, processor, wide), "hidden")
 
 
 def _portable(source: Source) -> dict[str, str]:
