@@ -127,6 +127,27 @@ def test_a_courses_time_unit_is_that_of_the_data_set_only_within_its_file(study_
         load_study(path)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            OWN,
+            OWN + 'sheet = "rates"\n',
+            r"data\[1\]\.sheet: it is for workbooks \(\.xlsx\), and does nothing for .*own\.csv",
+        ),
+        (
+            RAIL,
+            'rail_pressure = { file = "own.csv", sheet = "p", column = "p" }\n',
+            r"rail_pressure\.sheet: .* does nothing",
+        ),
+        (RAIL, 'rail_pressure = { encoding = "utf-8", column = "p" }\n', r"rail_pressure: .* a file of its own"),
+    ],
+)
+def test_a_form_that_is_not_read_is_refused(curve: Callable[..., RateData], old: str, new: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        curve((old, new))
+
+
 def test_measured_drive(study_file: Edit, tmp_path: Path) -> None:
     rows = "".join(f"{10 * k},{k},{2 * k}\n" for k in range(1, 11))
     (tmp_path / "own.csv").write_text(f"time [us],rate [mm3/ms],current [A]\n{rows}", encoding="utf-8")

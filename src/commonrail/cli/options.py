@@ -214,26 +214,20 @@ ClusterAddress = Annotated[
 ]
 
 
-_READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "sheet": "workbooks (.xlsx)"}
-
-
 def read_form(encoding: str | None, decimal: str | None, sheet: str | None, files: Iterable[Path] = ()) -> FileForm:
     """Form of data files as options state it.
 
     `InputError` if there is no such encoding or decimal sign, or none of the `files` is read by what is stated.
     """
     from commonrail.readers.columns import FileForm, check_encoding
-    from commonrail.readers.tables import form_keys
+    from commonrail.readers.tables import idle_key
 
-    files = list(files)
-    read = {key for file in files for key in form_keys(file)}
-    for key, value in {"encoding": encoding, "decimal": decimal, "sheet": sheet}.items():
-        if files and value is not None and key not in read:
-            raise InputError(f"--{key} {value}: it is for {_READ_BY[key]}, and does nothing for {files[0]}; omit it.")
-
+    form, files = FileForm(encoding or "", decimal or "", sheet or ""), list(files)
+    if files and (idle := idle_key(form, files)):
+        raise InputError(f"--{idle[0]} {getattr(form, idle[0])}: {idle[1]}.")
     if decimal not in (None, ".", ","):
         raise InputError(f'--decimal {decimal}: the decimal sign of a text is "." or ",".')
-    return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal or "", sheet or "")
+    return form._replace(encoding=check_encoding(encoding, "--encoding") if encoding else "")
 
 
 def check_workers(count: int | None, address: str | None) -> None:

@@ -18,7 +18,7 @@ from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Sheet, Table
 from commonrail.readers.location import Place, Reach
-from commonrail.readers.tables import LEAST_SAMPLES, open_sheet, read_columns
+from commonrail.readers.tables import LEAST_SAMPLES, idle_key, open_sheet, read_columns
 from commonrail.readers.toml import Unit, fault
 
 LONGEST_NAME = 200
@@ -56,25 +56,26 @@ class Context(NamedTuple):
             )
         return self.meters[name]
 
-    def path(self, file: str, at: Place) -> Path:
+    def path(self, file: str, at: Place, form: FileForm) -> Path:
         """Path of a file that a table names with the key "file".
 
-        `file`: its name in the study; `InputError` if it lies where the study may not look.
+        `file`: its name in the study; `form`: that the table states of it. `InputError` if it lies where the study may
+        not look, or a key of the form does nothing for it.
         """
-        return self.reach.path(self.reach.file.parent, file, at / "file")
+        path = self.reach.path(self.reach.file.parent, file, at / "file")
+        if idle := idle_key(form, [path]):
+            raise (at / idle[0]).error(idle[1])
+        return path
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
-        """File with named columns; see `open_sheet`."""
-        return open_sheet(self.path(file, at), form)
+        """File with named columns; see `path` and `open_sheet`."""
+        return open_sheet(self.path(file, at, form), form)
 
     def columns(
         self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
     ) -> Table:
-        """Columns of a file; see `read_columns`.
-
-        `file`: its name in the study; `InputError` if it lies where the study may not look.
-        """
-        return read_columns(self.path(file, at), wanted, least, form)
+        """Columns of a file; see `path` and `read_columns`."""
+        return read_columns(self.path(file, at, form), wanted, least, form)
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:

@@ -23,6 +23,8 @@ LEAST_SAMPLES = 4
 
 _GRIDS = ("csv", "txt", "tsv", "xlsx")  # endings of files with cells, in which a table may stand anywhere
 _FORM_KEYS = {"xlsx": ("decimal", "sheet"), "lvm": ("encoding",)}  # fields of the form that a format reads
+# Files that a field of the form is for, in words.
+_READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "sheet": "workbooks (.xlsx)"}
 _UNREAD = {"nc": "NetCDF", "xls": "old Excel", "tdms": "TDMS"}
 
 
@@ -86,6 +88,15 @@ def is_grid(path: Path) -> bool:
     """True if a file holds cells, in which a table may stand anywhere: a text or a workbook, not named columns."""
     ending = _ending(path)
     return ending in _GRIDS or _format(ending) is None
+
+
+def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
+    """Stated field of a form by which none of the files is read, and a clause on it; None if there is none."""
+    read = {key for file in files for key in form_keys(file)}
+    for key, words in _READ_BY.items():
+        if getattr(form, key) and key not in read:
+            return key, f"it is for {words}, and does nothing for {files[0]}; omit it"
+    return None
 
 
 def form_keys(path: Path) -> tuple[str, ...]:

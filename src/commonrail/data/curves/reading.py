@@ -19,7 +19,7 @@ from commonrail.data.repeats import averaged, groups_of
 from commonrail.data.study_block import Context, TraceModel, drive_unit, mass_density
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
 from commonrail.engine.status import check_point
-from commonrail.readers.columns import MOST_SHOWN, Column, Sheet, Table
+from commonrail.readers.columns import MOST_SHOWN, PLAIN, Column, Sheet, Table
 from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place, located
 from commonrail.readers.operating_points import ColumnPattern, NamedPoint, find_traces
@@ -401,6 +401,8 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
         if key == "drive":
             _check_drive(model, context)
         at, is_own = context.at / key, item.file is None
+        if is_own and item.form != PLAIN:
+            raise at.error("encoding, decimal and sheet of a course are those of a file of its own; state file too")
         sheet = context.sheet(item.file or model.file, at, model.form if is_own else item.form)
         names = [item.column] * len(curves)
         if _of_each(key, model):
@@ -480,7 +482,7 @@ def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
     Raises `InputError` if it is no such table. Raises `ConfigurationError` if the window does not fit.
     """
     at = context.at
-    path = context.path(model.file, at)
+    path = context.path(model.file, at, model.form)
     grid = read_grid(path, model.form)
     stated = {
         "rail pressure": model.rail_pressure_unit or "",

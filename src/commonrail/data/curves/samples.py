@@ -122,7 +122,7 @@ def samples_of(table: Table, column: str, model: RateModel, at: Place) -> Sample
     empty = np.flatnonzero(np.isnan(rate))
     if len(empty):
         if not np.isnan(rate[empty[0] :]).all():
-            raise table.place(column, int(empty[0])).error("the cell is empty, and a number is expected")
+            raise table.place(column, int(empty[0])).error("a number is expected: others follow in this column")
         time, rate = time[: empty[0]], rate[: empty[0]]
     if len(rate) < LEAST_SAMPLES:
         raise Place(str(table.path), f'column "{column}"').error(

@@ -243,7 +243,9 @@ def _map_table(model: MapModel, context: Context, at: Place) -> Table:
     if model.layout != "rows":
         stated = (model.rail_pressure_unit, model.energising_time_unit, model.quantity_unit)
         given = GivenUnits(*(unit or "" for unit in stated))
-        return found_table(context.path(model.file, at), model.form, given, name, matrix=model.layout == "matrix")
+        return found_table(
+            context.path(model.file, at, model.form), model.form, given, name, matrix=model.layout == "matrix"
+        )
     wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
     return context.columns(model.file, at, wanted, 1, model.form)
 

@@ -158,7 +158,7 @@ class PlanData(ToleratedData):
     @classmethod
     def read_all(cls, model: PlanModel, context: Context) -> tuple[Self, ...]:
         """Read a plan; see `DataSet.read_all`."""
-        plan = load_plan(context.path(model.file, context.at), model.form)
+        plan = load_plan(context.path(model.file, context.at, model.form), model.form)
         with located(context.at):
             plan = plan.at_stroke_rate(model.stroke_rate)
             plan = plan if model.tests is None else plan.chosen(model.tests)
