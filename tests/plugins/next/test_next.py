@@ -170,7 +170,7 @@ def test_a_kind_without_data_is_refused_with_what_there_is(study: cr.Study) -> N
 
 def test_a_test_plan_is_no_measurement_to_plan_for_and_a_map_beside_it_is(study: cr.Study) -> None:
     tests = TestPlan("plan", (PlanTest("VL", 80e6, ((0.0, 500e-6),), 1e-9, 0.5e-9, 2e-9),))
-    data = PlanData.of(tests, study.injector, (5e6, 0.5e6), "plan", Role.FIT)
+    data = PlanData.of(tests, study.injector, (5e6, 0.5e6), "plan", role=Role.FIT)
     with pytest.raises(ConfigurationError, match="fits test plan alone"):
         cr.next_measurements(replace(study, data=(data,)), BEST, threads=1)
     beside = replace(study, data=(data, *study.data))

@@ -130,6 +130,38 @@ def test_a_column_that_is_not_read_is_named(tmp_path: Path) -> None:
         load_plan(plan_file(tmp_path, f"{HEAD},upper_limit [mm3],uper_limit [mm3]\nVL,160,700,90,3\n"))
 
 
+def unit_warnings(folder: Path, units: tuple[str, str, str], rows: str) -> list[str]:
+    """Warnings of a plan whose pressures, times and limits have these units."""
+    pressure, time, limit = units
+    head = f"test,rail_pressure [{pressure}],energising_time [{time}],upper_limit [{limit}],measure"
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        load_plan(plan_file(folder, f"{head}\n{rows}"))
+    return [str(one.message) for one in notes]
+
+
+def test_a_usual_plan_has_no_warning(tmp_path: Path) -> None:
+    assert unit_warnings(tmp_path, ("bar", "us", "mm3"), "leak,2500,0,20,return\nVE,10,50,2000,\n") == []
+
+
+@pytest.mark.parametrize(
+    ("units", "row", "words"),
+    [
+        (("bar", "us", "mm3"), "5,700,90", ("rail_pressure", "500 kPa", "1 MPa to 400 MPa")),
+        (("MPa", "us", "mm3"), "500,700,90", ("rail_pressure", "500 MPa", "1 MPa to 400 MPa")),
+        (("MPa", "ms", "mm3"), "160,70,90", ("energising_time", "70 ms", "50 us to 10 ms")),
+        (("MPa", "us", "mm3"), "160,0.7,90", ("energising_time", "700 ns", "50 us to 10 ms")),
+        (("MPa", "us", "cm3"), "160,700,90", ("upper_limit", "at most")),
+        (("MPa", "us", "g"), "160,700,90", ("upper_limit", "at most")),
+    ],
+)
+def test_a_number_that_a_wrong_unit_makes_is_warned_of_with_its_place(
+    units: tuple[str, str, str], row: str, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    (text,) = unit_warnings(tmp_path, units, f"VL,{row},\n")
+    assert all(word in text for word in ("plan.csv, line 2", "check the unit", *words)), text
+
+
 TESTS = (
     PlanTest("VL", 160e6, ((0.0, 700e-6),), 1e-9, 0.0, 2e-9),
     PlanTest("VE+HE", 60e6, ((0.0, 300e-6), (1.2e-3, 500e-6)), 1e-9, 0.0, 2e-9),
@@ -259,5 +291,5 @@ def test_a_study_tells_of_a_return_without_a_stroke_rate(
 ) -> None:
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")
-        Sample(keys, plan_table, 4).read(PlanData, regulated, tmp_path, np.ones(4))
+        Sample(keys, plan_table, 4).read(PlanData, regulated, tmp_path, np.full(4, 5e-8))
     assert ["test 3 (return)" in str(one.message) for one in notes] == [True] * told

@@ -131,6 +131,7 @@ class PlanData(ToleratedData):
         injector: Injector,
         pressures: tuple[Quantity, Quantity],
         name: str,
+        *,
         role: Role = Role.VALIDATION,
         weight: float = 1.0,
         source: str = "",
@@ -165,9 +166,18 @@ class PlanData(ToleratedData):
             without = [t.name for t in plan.tests if t.measure is Measure.RETURN and t.stroke_rate is None]
             if without:
                 note(f"{model.name}: {without_rate([f'{name} (return)' for name in without])} State stroke_rate.")
-            pressures = model.cylinder_pressure, model.return_pressure
-            labels = model.name, Role(model.role), model.weight, model.source, model.synthetic
-            return (cls.of(plan, context.injector, pressures, *labels, context.meter(model.meter)),)
+            data = cls.of(
+                plan,
+                context.injector,
+                (model.cylinder_pressure, model.return_pressure),
+                model.name,
+                role=Role(model.role),
+                weight=model.weight,
+                source=model.source,
+                synthetic=model.synthetic,
+                meter=context.meter(model.meter),
+            )
+            return (data,)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:

@@ -16,6 +16,7 @@ from commonrail.base.arguments import Limits, Quantity, amount, chosen, instance
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
+from commonrail.base.units import to_text
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, OperatingPoint
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
@@ -240,6 +241,18 @@ _OPTIONAL = (
     Column("bench", _BAND[1:], domain=Domain.NON_NEGATIVE, required=False),
 )
 
+# Ranges in SI units that numbers of a plan usually lie in, chosen so wide that beyond them a wrong unit is likelier.
+# Petrol is injected at some MPa, and no series injector is built for more than 300; a coil needs some 100 us to open a
+# valve, and 10 ms are over 60° of crank at 1000 1/min; injectors of ships deliver about 1 cm³.
+_ENERGISED = (50e-6, 10e-3)
+_USUAL = {
+    "rail_pressure": (1e6, 400e6),
+    "energising_time": _ENERGISED,
+    "second_energising_time": _ENERGISED,
+    "m3": (0.0, 2e-6),
+    "kg": (0.0, 2e-3),
+}
+
 
 def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     """Read a test plan.
@@ -248,7 +261,8 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     ----------
     path : str or path
         Table with the columns test, rail_pressure and energising_time; measure, second_energising_time, dwell,
-        stroke_rate, nominal, half_band, lower_limit, upper_limit and bench are optional. Units stand in the head.
+        stroke_rate, nominal, half_band, lower_limit, upper_limit and bench are optional. Units stand in the head; a
+        warning names the first number of a column that is unusually small or large in its unit.
     form : FileForm
         Encoding, decimal sign and sheet.
 
@@ -268,9 +282,24 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
         if unit != next(iter(units.values())):
             at = Place(str(path), f'column "{name}"')
             raise at.error(f'volumes and masses are mixed, "{next(iter(units))}" has the others; state one of them')
+    for name in table.columns:
+        _warn_of_unusual(table, name)
     tests = tuple(_test(table, row) for row in range(len(table.rows)))
     with located(Place(str(path))):
         return TestPlan(Path(path).name, tests, next(iter(units.values()), "m3"))
+
+
+def _warn_of_unusual(table: Table, name: str) -> None:
+    """Warn of the first number of a column outside `_USUAL`; zero, as the energising time of a return, is none."""
+    unit, values = table.units[name], table.columns[name]
+    low, high = _USUAL.get(name) or _USUAL.get(unit) or (0.0, math.inf)
+    slack = 1e-9  # rounding of a number that was converted
+    outside = np.flatnonzero((values > high * (1.0 + slack)) | ((values < low * (1.0 - slack)) & (values != 0.0)))
+    if len(outside):
+        row = int(outside[0])
+        usual = f"{to_text(low, unit)} to {to_text(high, unit)}" if low else f"at most {to_text(high, unit)}"
+        found = to_text(float(values[row]), unit)
+        note(f"{table.place(name, row)}: this is {found}, and {usual} is usual; check the unit of the column.")
 
 
 def _test(table: Table, row: int) -> PlanTest:
