@@ -1,4 +1,4 @@
-"""What POSIX alone has is not needed: the command with what Windows lacks hidden from it (`tests.other_systems`)."""
+"""The command without modules and functions that only POSIX systems have, which `tests.other_systems` hides."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def test_a_ctrl_c_in_a_terminal_does_not_reach_the_child() -> None:
 
 
 def test_on_windows_the_child_has_a_group_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a new session means nothing."""
+    """Windows has no sessions: a process group keeps Ctrl-C from the child."""
     started: dict[str, object] = {}
     monkeypatch.setattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0x200, raising=False)
     monkeypatch.setattr(subprocess, "Popen", lambda command, **settings: started.update(settings))

@@ -130,7 +130,9 @@ class Space:
         """
         given = mapping(values, "values of the parameters", f'{{"{self.names[0]}": {self.reference[0]:g}}}')
         if missing := [name for name in self.names if name not in given]:
-            raise ConfigurationError(f"The values of the parameters lack {missing[0]}; give that of each free one.")
+            raise ConfigurationError(
+                f"There is no value of {missing[0]}; give one for each free parameter: {', '.join(self.names)}."
+            )
         return np.array([number(given[p.name], p.unit, p.name) for p in self.parameters])
 
     def to_unit(self, x: ArrayLike) -> Floats:

@@ -140,7 +140,7 @@ class Noise:
 
     @property
     def measured(self) -> dict[str, Any]:
-        """What repeats of a measurement tell, beside what a study states."""
+        """Standard error, degrees of freedom and scatter from repeated shots, by the names of the attributes."""
         return {"sigma": self.sigma, "freedom": self.freedom, "scatter": self.scatter}
 
     @property

@@ -1,1 +1,1 @@
-"""What a run or an injector used, and how to cite it."""
+"""Parts of a run or an injector with their sources, and the works to cite."""

@@ -1,4 +1,4 @@
-"""What a run or an injector used, with the source of each part, and the works to be cited for it as BibTeX."""
+"""Parts of a run or an injector with the source of each, and the works to cite for them, as BibTeX."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FIELD = re.compile(r"^ *(\w+) = \{(.*)\},?$", re.MULTILINE)
 
 
 class Use(NamedTuple):
-    """Part that was used: kind of part, name, and source in words."""
+    """Part of a run: its kind, its name, and its source in words."""
 
     kind: str
     name: str
@@ -68,7 +68,7 @@ def read_bibtex(text: str) -> list[Reference]:
 
 
 def uses_of(model: str) -> list[Use]:
-    """Parts that a run folder of ``commonrail calibrate``, an injector's file or one of the catalogue uses.
+    """Parts of a run folder of ``commonrail calibrate``, of an injector file or of an injector of the catalogue.
 
     `InputError` if it is none of them, or a record of the run is broken.
     """
@@ -184,9 +184,9 @@ def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
 def _packages(
     injector: Injector, meters: Sequence[Meter], record: Mapping[str, Any], stated: Collection[object]
 ) -> Iterator[Use]:
-    """Installed packages whose parts have the names that were used, each with its `__citation__`.
+    """Installed packages that parts of a run come from, each with its `__citation__`.
 
-    `stated`: names that the injector goes by.
+    `stated`: names of the injector.
     """
     used: dict[str, Collection[object]] = {
         "injectors": stated,

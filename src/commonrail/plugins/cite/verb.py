@@ -1,4 +1,4 @@
-"""commonrail cite: what a run used, and how to cite it."""
+"""commonrail cite: parts of a run with their sources, and the works to cite."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def cite(
     out: Annotated[Path | None, Option(metavar="FILE.bib", help="File for the works to be cited, as BibTeX.")] = None,
     json: Json = False,
 ) -> None:
-    """List what a run used, and how to cite it.
+    """List the parts of a run with their sources, and the works to cite.
 
-    Software, model, injector and fuel with the sources of their values, meters, data, priors and optimiser. Installed
-    packages are cited as they ask for.
+    Parts are software, model, injector and fuel with the sources of their values, meters, data, priors and optimiser.
+    Installed packages are cited as they state it themselves.
 
     \b
     Examples:
