@@ -21,7 +21,9 @@ def main() -> None:
     show_what_can_be_shown()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # it would search all installed packages for them
     leave_out_warnings()
-    gc.set_threshold(50_000)  # a start makes 60,000 objects that stay: searches for garbage among them take 25 ms
+    gc.set_threshold(
+        300_000
+    )  # a start, imports and all, makes 150,000 objects that stay: searches among them take 90 ms
     from commonrail.base.hooks import end_at_second, tell_notes, tell_of_compiling
     from commonrail.cli.console import compiling, say, say_of_ending
     from commonrail.cli.grammar import cli
