@@ -156,10 +156,13 @@ class Law:
         One ascending polynomial per K; pressures in MPa, see `Fuel` for the unit of the result.
     origin : Origin
         Mark, source and error of the numbers.
+    logarithmic : bool
+        Eq. (2) is the natural logarithm of a viscosity, an addition: nu = exp(K1 + K2 p^K3) mm2/s.
     """
 
     coefficients: tuple[Polynomial, ...]
     origin: Origin
+    logarithmic: bool = False
 
     def at(self, temperature: ArrayLike) -> tuple[Floats, ...]:
         """Return every K at a temperature [K]."""
@@ -188,7 +191,7 @@ class Fuel:
     isentropic_law : Law or None
         K_B1...K_B4 of the isentropic modulus [MPa]; None where it equals the isothermal one.
     viscosity_law : Law
-        K_nu1...K_nu3 [mm2/s, MPa].
+        K_nu1...K_nu3 [mm2/s, MPa], of the logarithm where it is `Law.logarithmic`.
     vapour_law : Law
         One polynomial: the logarithm of the vapour pressure in Pa.
     pressure_range, temperature_range : (float, float)
@@ -198,6 +201,9 @@ class Fuel:
     adiabatic : bool
         Compressed without exchange of heat: the isentropic modulus, at the stated temperature, takes the place of the
         isothermal one in volumes and in the density that is integrated from it.
+    heat_capacity_law : Law or None
+        One polynomial: the isobaric specific heat capacity [J/(kg K)], the same at all pressures; None where it is not
+        stated. No simulation reads it: see `commonrail.physics.heating`.
     """
 
     name: str
@@ -212,6 +218,7 @@ class Fuel:
     mark: str
     source: str
     adiabatic: bool = False
+    heat_capacity_law: Law | None = None
 
     def __post_init__(self) -> None:
         if self.adiabatic and (self.bulk_modulus_law is None or self.isentropic_law is None):
@@ -236,6 +243,7 @@ class Fuel:
         stated = {"density": self.density_law, "bulk_modulus": self.bulk_modulus_law}
         stated |= {"isentropic_bulk_modulus": self.isentropic_law}
         stated |= {"kinematic_viscosity": self.viscosity_law, "vapour_pressure": self.vapour_law}
+        stated |= {"heat_capacity": self.heat_capacity_law}
         return {name: law.origin.error for name, law in stated.items() if law is not None}
 
     def density(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
@@ -275,9 +283,10 @@ class Fuel:
         return np.asarray(np.sqrt(modulus / self.density(p, temperature)))
 
     def kinematic_viscosity(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
-        """Return the kinematic viscosity [m2/s], Eq. (2)."""
+        """Return the kinematic viscosity [m2/s], Eq. (2), or its exponential where the law is logarithmic."""
         held, _, at = self._read(p, temperature)
-        return np.asarray(_MM2_PER_S * power_law(held, *self.viscosity_law.at(at)))
+        value = power_law(held, *self.viscosity_law.at(at))
+        return np.asarray(_MM2_PER_S * (exp(value) if self.viscosity_law.logarithmic else value))
 
     def vapour_pressure(self, temperature: ArrayLike) -> Floats:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""

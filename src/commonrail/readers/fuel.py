@@ -97,11 +97,13 @@ _Range = Annotated[tuple[float, float], PlainValidator(_range)]
 class _Polynomials:
     """Type of a law: its coefficients K are the polynomials of these names in (T - 353.15 K)/(40 K), in a unit.
 
-    The schema is made here: a model of each law takes long to make.
+    `logarithm`: unit of the other form that the law may have, whose polynomials give the natural logarithm. The schema
+    is made here: a model of each law takes long to make.
     """
 
     unit: str
     names: Sequence[str] = ("k1", "k2", "k3", "k4")
+    logarithm: str = ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         keys = {
@@ -115,12 +117,13 @@ class _Polynomials:
         return core_schema.no_info_after_validator_function(self._law, table)
 
     def _unit(self, item: Any) -> str:
-        if item != self.unit:
-            raise fault(f'unit is "{item}", convert the coefficients to "{self.unit}"')
-        return self.unit
+        if item == self.unit or (self.logarithm and item == self.logarithm):
+            return str(item)
+        raise fault(f'unit is "{item}", convert the coefficients to "{self.unit}"')
 
     def _law(self, table: Mapping[str, Any]) -> Law:
-        return Law(tuple(table[name] for name in self.names), Origin(table["mark"], table["source"], table["error"]))
+        origin = Origin(table["mark"], table["source"], table["error"])
+        return Law(tuple(table[name] for name in self.names), origin, table["unit"] == self.logarithm)
 
 
 _DENSITIES = {
@@ -147,8 +150,9 @@ class FuelModel(FileModel):
     density: Annotated[Law, OneOf("kind", _DENSITIES)]
     bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
     isentropic_bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
-    kinematic_viscosity: Annotated[Law, _Polynomials("mm2/s", ("k1", "k2", "k3"))]
+    kinematic_viscosity: Annotated[Law, _Polynomials("mm2/s", ("k1", "k2", "k3"), "ln(mm2/s)")]
     vapour_pressure: Annotated[Law, _Polynomials("ln(Pa)", ("ln_pressure",))]
+    heat_capacity: Annotated[Law, _Polynomials("J/(kg K)", ("isobaric",))] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -167,7 +171,7 @@ class FuelModel(FileModel):
     def fuel(self, name: str) -> Fuel:
         """The fuel under a name."""
         laws = (self.density, self.bulk_modulus, self.isentropic_bulk_modulus, self.kinematic_viscosity)
-        marks = [law.origin.mark for law in (*laws, self.vapour_pressure) if law is not None]
+        marks = [law.origin.mark for law in (*laws, self.vapour_pressure) if law is not None]  # what is simulated
         low, high = self.range.pressure_MPa
         return Fuel(
             name=name,
@@ -181,4 +185,5 @@ class FuelModel(FileModel):
             temperature_range=self.range.temperature_K,
             mark=max(marks, key=MARKS.index),
             source=self.source,
+            heat_capacity_law=self.heat_capacity,
         )

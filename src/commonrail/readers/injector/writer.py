@@ -129,17 +129,20 @@ def _fuel_document(fuel: Fuel) -> dict[str, Any]:
     eq2 = ("k1", "k2", "k3", "k4")
     density = eq2 if fuel.density_kind == "eq2" else ("at_zero_pressure",)
     low, high = (pressure / 1e6 for pressure in fuel.pressure_range)
+    viscosity = "ln(mm2/s)" if fuel.viscosity_law.logarithmic else "mm2/s"
     document = {
         "name": fuel.name,
         "title": fuel.title,
         "source": fuel.source,
         "range": {"pressure_MPa": [low, high], "temperature_K": list(fuel.temperature_range)},
         "density": {"kind": fuel.density_kind} | _law(fuel.density_law, "kg/m3", density),
-        "kinematic_viscosity": _law(fuel.viscosity_law, "mm2/s", eq2[:3]),
+        "kinematic_viscosity": _law(fuel.viscosity_law, viscosity, eq2[:3]),
         "vapour_pressure": _law(fuel.vapour_law, "ln(Pa)", ("ln_pressure",)),
     }
     optional = {"bulk_modulus": fuel.bulk_modulus_law, "isentropic_bulk_modulus": fuel.isentropic_law}
-    return document | {key: _law(law, "MPa", eq2) for key, law in optional.items() if law is not None}
+    document |= {key: _law(law, "MPa", eq2) for key, law in optional.items() if law is not None}
+    heat = fuel.heat_capacity_law
+    return document if heat is None else document | {"heat_capacity": _law(heat, "J/(kg K)", ("isobaric",))}
 
 
 def _law(law: Law, unit: str, names: tuple[str, ...]) -> dict[str, Any]:
