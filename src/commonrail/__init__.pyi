@@ -100,6 +100,8 @@ from .plugins.foreign_fmu.run import resume_fmu as resume_fmu
 from .plugins.foreign_fmu.study import FmuStudy as FmuStudy
 from .plugins.foreign_fmu.study import fmu_study as fmu_study
 from .plugins.foreign_fmu.study import load_fmu_study as load_fmu_study
+from .plugins.heating.run import Heating as Heating
+from .plugins.heating.run import heating as heating
 from .plugins.maps.axes import MapAxes as MapAxes
 from .plugins.maps.choices import Beyond as Beyond
 from .plugins.maps.choices import CellState as CellState

@@ -68,8 +68,8 @@ class Entry(NamedTuple):
         "comparison.json"; of "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it
         as "NAME.toml"; of "study_keys" the key of a study file that names a file of the part; of "pages" the file in a
         run folder that `report --page` writes; of "simulations" "page" and "figure", what a single simulation is shown
-        with, and ".dat" for a file of `simulate --out` that ends so; of "after_fit" and "live" any, and they are called
-        in alphabetical order of it after those that ship.
+        with, "heating", what is estimated beside it, and ".dat" for a file of `simulate --out` that ends so; of
+        "after_fit" and "live" any, and they are called in alphabetical order of it after those that ship.
     target : str
         ``module:object``.
     distribution : str

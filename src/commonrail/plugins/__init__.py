@@ -52,6 +52,7 @@ SHIPPED: dict[str, dict[str, str]] = {
     "simulations": {
         "page": "commonrail.plugins.features.anatomy:anatomy_html",
         "figure": "commonrail.plugins.features.anatomy:anatomy_figure",
+        "heating": "commonrail.plugins.heating.run:beside",
         ".foam": "commonrail.plugins.cfd.file:write_foam",
         ".dat": "commonrail.plugins.cfd.file:write_dat",
         "section": "commonrail.plugins.features.anatomy:still_section",

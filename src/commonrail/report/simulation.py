@@ -61,7 +61,7 @@ def simulation_figure(
     point : OperatingPoint, optional
         That of a single solution: its energisings are drawn, and delays counted from them.
     synthetic : str
-        What of it is made up, in words.
+        What of it is made up or estimated, in words.
 
     Returns
     -------

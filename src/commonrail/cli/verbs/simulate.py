@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from commonrail.base import registry
@@ -139,6 +141,9 @@ def simulate(
         from commonrail.engine.solution import metered
 
         run = run._replace(shown=metered(solution, seen, chosen, point))
+    fast = engine is Engine.LANES and precision is Precision.F64  # whose code is there: a second simulation is cheap
+    heat = registry.shipped("simulations")["heating"].load()
+    run = run._replace(heating=heat(chosen, point, solution, step if fast else None))
     files = _write(run, out, report, None if set_ or variant else named.run)
     if json:
         print_json(record(run) | {"files": files})
@@ -201,7 +206,8 @@ def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None)
 
         with writing(report, "--report"):
             shown = {} if run.shown is None else {run.shown.meter.name: run.shown.rate}
-            page = simulation_figure(run.solution, heading(run), shown, run.point, run.injector.synthetic)
+            sentences = (run.injector.synthetic, *(f"{name}: {text}." for name, text in run.heating.figures))
+            page = simulation_figure(run.solution, heading(run), shown, run.point, " ".join(filter(None, sentences)))
             write_text(report, page)
         files.append(report)
     return list(map(str, files))
@@ -212,8 +218,15 @@ def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None)
 _UNITS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N"}  # of a solution's channels, by the end of a name
 
 
+class Beside(NamedTuple):
+    """What a plug-in estimates beside a simulation: figures with their texts, and its part of the record."""
+
+    figures: tuple[tuple[str, str], ...] = ()
+    record: Mapping[str, Any] = MappingProxyType({})
+
+
 class Run(NamedTuple):
-    """Injector, operating point, solution, time step [s], wall time [s], precision, and what a meter shows of it."""
+    """Injector, operating point, solution, time step and wall time [s], precision, meter's view, heating."""
 
     injector: Injector
     point: OperatingPoint
@@ -222,6 +235,7 @@ class Run(NamedTuple):
     seconds: float
     precision: Precision = Precision.F64
     shown: Metered | None = None
+    heating: Beside = Beside()
 
 
 def with_body(injector: Injector, body: Body | None) -> Injector:
@@ -276,6 +290,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
         *_shown(run.shown),
         ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} µm"),
         ("reference density", f"{s.reference_density:.1f} kg/m³"),
+        *run.heating.figures,
         ("status", f"{s.status.name}: {s.sentence}"),
         ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
@@ -324,6 +339,7 @@ def record(run: Run) -> dict[str, Any]:
         **_shown_record(run.shown),
         "greatest_lift": number(s.channels["needle_lift"].max()),
         "balance": number(s.balance),
+        **run.heating.record,
         "seconds": run.seconds,
     }
 

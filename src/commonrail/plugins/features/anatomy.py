@@ -303,7 +303,7 @@ def anatomy_html(
     shown: Mapping[str, Floats] = MappingProxyType({}),
     synthetic: str = "",
 ) -> str:
-    """Page of one injection; `synthetic` says what of it is made up."""
+    """Page of one injection; `synthetic` says what of it is made up or estimated."""
     figure = anatomy_figure(solution, point, shown)
     drawing = Markup('<div class="drawing" id="course">{}{}</div>').format(
         svg(figure, 700, 640, "wide"), svg(figure, 420, 620, "narrow")

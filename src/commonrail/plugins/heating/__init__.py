@@ -1,0 +1,1 @@
+"""Heating of the fuel on its way through an injector, estimated beside a simulation."""

@@ -1,0 +1,284 @@
+"""Temperatures of the fuel along its way, and their effect on the quantities: an estimate beside a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import Quantity, flag, instance
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.choices import Actuation
+from commonrail.base.text import number, percent, pressure, signed
+from commonrail.cli.verbs.simulate import Beside
+from commonrail.engine.operating_point import OperatingPoint, values_at
+from commonrail.engine.plan import coefficients_at
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.solution import Solution
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.physics.flow import widened
+from commonrail.physics.fuel import Fuel
+from commonrail.physics.heating import compressed, heat_capacity, throttled
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+
+_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to some 0.01 K
+_LENGTHS = ("plunger_needle.plunger_guide_length", "plunger_needle.needle_guide_length")
+
+
+class Effect(NamedTuple):
+    """Relative changes [1] of injected and returned mass by the heat: a second and a third simulation.
+
+    Attributes
+    ----------
+    injected, returned : float
+        With all fuel as hot as that in the control chamber while the valve is open, and the guides' leak as its own
+        heat makes it. The fuel in front of the needle is colder than that.
+    returned_by_leak : float
+        With the leak's own heat alone.
+    """
+
+    injected: float
+    returned: float
+    returned_by_leak: float
+
+
+@dataclass(frozen=True)
+class Heating:
+    """Temperatures [K] along the way, without heat to the walls; NaN where there is no flow.
+
+    Attributes
+    ----------
+    rail : float
+        In the rail: that of the simulation, with adiabatic compression that behind the pump.
+    control_chamber : float
+        Behind the Z-hole, mean of what leaves through the valve.
+    returned : float
+        Behind valve and guides, at the return pressure.
+    sac : float
+        Behind the needle's seat, mean of the injected mass.
+    jet : float
+        At the end of the nozzle's holes, where (c_d)² of the pressure drop is motion: a jet without contraction.
+    injected : float
+        Once its motion has become heat.
+    leak_factor : float
+        Leak of the guides with the viscosity at the temperature that it has on its way, over that at `rail` [1].
+    beyond : bool
+        A temperature is above the fuel's range: properties are then those at its end.
+    limits : tuple of str
+        Where the fuel would boil, and which holes cavitate, in words.
+    effect : Effect or None
+        None where it is not asked for, nothing is returned, or the control chamber is above the fuel's range.
+    """
+
+    rail: float
+    control_chamber: float
+    returned: float
+    sac: float
+    jet: float
+    injected: float
+    leak_factor: float
+    beyond: bool
+    limits: tuple[str, ...]
+    effect: Effect | None = None
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, SI units; null where there is no flow."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        numbers = {key: number(value) for key, value in values.items() if type(value) is float}
+        effect = None if self.effect is None else {key: number(v) for key, v in self.effect._asdict().items()}
+        return numbers | {"beyond": self.beyond, "limits": list(self.limits), "effect": effect}
+
+
+def heating(
+    injector: Injector,
+    point: OperatingPoint,
+    solution: Solution,
+    *,
+    effect: bool = True,
+    time_step: Quantity = DEFAULT_STEP,
+) -> Heating:
+    """Estimate how hot throttling makes the fuel of a simulation.
+
+    Parameters
+    ----------
+    injector, point, solution
+        What was simulated, and what came out of it.
+    effect : bool
+        Simulate again, with the heat (`Effect`).
+    time_step : float or str
+        [s], or text, of these simulations.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or the fuel states no heat capacity.
+    """
+    instance(injector, Injector, "injector")
+    instance(point, OperatingPoint, "point")
+    instance(solution, Solution, "solution")
+    step = check_step(time_step)
+    way = _way(injector, point)
+    c = coefficients_at(injector, point, step)
+    sac, jet, injected, limits = _nozzle(injector.fuel, c, point, solution, way)
+    control = returned = factor = np.nan
+    if injector.variant.actuation is not Actuation.DIRECT:
+        low = point.at_start(point.return_pressure)
+        control, cavitation = _drain(c, solution, way)
+        returned = way.at(low)
+        factor = _leak_factor(injector.fuel, c.plunger_needle.guides, way, low)
+        limits += cavitation + _boiling(injector.fuel, "returned fuel", returned, low, "return")
+    hottest = np.nanmax([way.rail, injected, returned])
+    beyond = bool(hottest > injector.fuel.temperature_range[1])
+    found = Heating(way.rail, control, returned, sac, jet, injected, factor, beyond, limits)
+    reach = control if np.isfinite(control) else way.rail
+    if not flag(effect, "effect") or np.isnan(returned) or reach > injector.fuel.temperature_range[1]:
+        return found
+    return replace(found, effect=_effect(injector, point, found, step))
+
+
+class _Way(NamedTuple):
+    """Temperatures (n,) [K] of throttled fuel at pressures (n,) [Pa] that fall from the rail's to zero."""
+
+    pressures: Floats
+    temperatures: Floats
+
+    @property
+    def rail(self) -> float:
+        return float(self.temperatures[0])
+
+    def at(self, p: float) -> float:
+        """Temperature at a pressure [Pa]; above the rail's, in a wave, that of the rail; NaN for NaN."""
+        return float(np.interp(p, self.pressures[::-1], self.temperatures[::-1])) if np.isfinite(p) else np.nan
+
+
+def _way(injector: Injector, point: OperatingPoint) -> _Way:
+    """Way of a simulation's fuel; `ConfigurationError` if it states no heat capacity."""
+    fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
+    rail, _, low = point.initial_pressures()
+    if fuel.adiabatic:  # the stated temperature is that before the pump
+        start = float(compressed(fuel, start, np.linspace(low, rail, _INTERVALS + 1))[-1])
+    pressures = np.linspace(rail, 0.0, _INTERVALS + 1)
+    return _Way(pressures, throttled(fuel, start, pressures))
+
+
+def _nozzle(
+    fuel: Fuel, c: Any, point: OperatingPoint, solution: Solution, way: _Way
+) -> tuple[float, float, float, tuple[str, ...]]:
+    """Temperatures behind seat, holes, and motion, means of the injected mass, and the limits that it meets."""
+    weight, channels = np.maximum(solution.mass_rate, 0.0), solution.channels
+    sac, discharge = _middles(channels["sac_pressure"]), _middles(channels["discharge_coefficient"])
+    cylinder = _middles(values_at(point.cylinder_pressure, solution.time))
+    behind = _mean(cylinder, weight)
+    if np.isnan(behind):
+        return np.nan, np.nan, np.nan, ()
+    at_rest = way.at(behind)
+    density = float(fuel.density(behind, min(at_rest, fuel.temperature_range[1])))
+    motion = _mean(discharge**2 * (sac - cylinder), weight) / density  # v²/2 [J/kg]
+    jet = at_rest - motion / heat_capacity(fuel, at_rest)
+    free = c.nozzle.area_squared * discharge**2 * (sac - cylinder)
+    limits = _cavitation("the nozzle", free, c.nozzle.cda2_choked * (sac - c.fuel.vapour_pressure), weight > 0.0)
+    return way.at(_mean(sac, weight)), jet, at_rest, limits + _boiling(fuel, "injected fuel", jet, behind, "cylinder")
+
+
+def _drain(c: Any, solution: Solution, way: _Way) -> tuple[float, tuple[str, ...]]:
+    """Temperature in the control chamber, mean of what the valve lets out, and the holes that cavitate."""
+    channels, hole, vapour = solution.channels, c.control_chamber, c.fuel.vapour_pressure
+    feed, chamber = channels["accumulation_pressure"], channels["control_pressure"]
+    gap = np.square(c.valve.gap_slope * np.maximum(channels["valve_lift"], 0.0))  # (c_d A)², as `valve.gap_cda2`
+    free = gap * hole.a_cda2 / (gap + hole.a_cda2) * np.maximum(chamber - channels["return_pressure"], 0.0)
+    most = hole.a_cda2_choked * (chamber - vapour)
+    limits = _cavitation("the A-hole", free, most, gap > 0.0)
+    limits += _cavitation("the Z-hole", hole.z_cda2 * (feed - chamber), hole.z_cda2_choked * (feed - vapour), gap > 0.0)
+    return way.at(_mean(chamber, np.sqrt(np.maximum(np.minimum(free, most), 0.0)))), limits
+
+
+def _leak_factor(fuel: Fuel, guides: Any, way: _Way, low: float) -> float:
+    """Leak of both guides with its own heat over that without, by Reynolds' equation, q l = π d/12 ∫ g³/ν dp [1]."""
+    inside = way.pressures > low
+    p = np.append(way.pressures[inside], low)
+    warm = np.minimum(np.append(way.temperatures[inside], way.at(low)), fuel.temperature_range[1])
+    leaks = np.zeros(2)
+    for guide in (guides.plunger_gap, guides.needle_gap):
+        widths = guide.conductance * np.asarray(widened(guide.growth, p))  # type: ignore[arg-type]
+        for i, t in enumerate((np.full_like(warm, min(way.rail, fuel.temperature_range[1])), warm)):
+            leaks[i] -= np.trapezoid(widths / fuel.kinematic_viscosity(p, t), p)
+    return float(leaks[1] / leaks[0]) if leaks[0] > 0.0 else np.nan
+
+
+def _middles(values: Floats) -> Floats:
+    return np.asarray(0.5 * (values[1:] + values[:-1]))
+
+
+def _mean(values: Floats, weight: Floats) -> float:
+    return float(np.average(values, weights=weight)) if weight.any() else np.nan
+
+
+def _cavitation(hole: str, free: Floats, most: Floats, flows: Bools) -> tuple[str, ...]:
+    """Sentence on a hole whose (c_d A)² Δp is above what cavitation lets through, of the samples in which it flows."""
+    share = float(np.mean(free[flows] > most[flows])) if flows.any() else 0.0
+    return (f"{hole} cavitates in {percent(share, 0)} % of the time in which it flows",) if share > 0.0 else ()
+
+
+def _boiling(fuel: Fuel, what: str, temperature: float, behind: float, place: str) -> tuple[str, ...]:
+    """Sentence on fuel whose vapour pressure is above the pressure that it comes to [Pa]."""
+    vapour = float(fuel.vapour_pressure(np.clip(temperature, *fuel.temperature_range)))
+    if vapour <= behind:
+        return ()
+    return (
+        f"the {what} would boil: its vapour pressure is {pressure(vapour)}, that of the {place} {pressure(behind)}",
+    )
+
+
+def _effect(injector: Injector, point: OperatingPoint, found: Heating, step: float) -> Effect:
+    """Changes by the heat, of three candidates of one batch."""
+    fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
+    rail, _, low = point.initial_pressures()
+    rise = found.control_chamber - found.rail
+    hot = start + (rise if np.isfinite(rise) else 0.0)
+    leak = found.leak_factor if np.isfinite(found.leak_factor) else 1.0
+    cold_film, hot_film = fuel.kinematic_viscosity(0.5 * (rail + low), np.array([start, hot])).tolist()
+    lengths = np.array([injector.values[name] for name in _LENGTHS])
+    rows = [[start, *lengths], [hot, *lengths * cold_film / hot_film / leak], [start, *lengths / leak]]
+    names = (FUEL_TEMPERATURE, *_LENGTHS)
+    batch = simulate_batch(injector, [point], names, rows, time_step=step, threads=1, stop_when_closed=False)
+    with np.errstate(all="ignore"):
+        injected = batch.injected_mass[1:, 0] / batch.injected_mass[0, 0] - 1.0
+        returned = batch.returned_mass[1:, 0] / batch.returned_mass[0, 0] - 1.0
+    return Effect(float(injected[0]), float(returned[0]), float(returned[1]))
+
+
+def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
+    """Figures and record beside a simulation; the figure says so where the fuel states no heat capacity.
+
+    `step`: time step [s] of the simulations that give the effect; None for none.
+    """
+    if injector.fuel.heat_capacity_law is None:
+        text = f"not estimated: {injector.fuel.name} states no heat capacity (table [heat_capacity] of its file)"
+        return Beside((("fuel temperatures", text),), {"heating": None})
+    found = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
+    return Beside(tuple(_figures(found)), {"heating": found.record()})
+
+
+def _figures(found: Heating) -> Iterator[tuple[str, str]]:
+    """Names and texts of the estimate."""
+    parts = {"in the rail": found.rail, "in the control chamber": found.control_chamber, "returned": found.returned}
+    texts = [f"{_celsius(value)} {name}" for name, value in parts.items() if np.isfinite(value)]
+    if np.isfinite(found.jet):
+        texts.append(f"{_celsius(found.jet)} in the jet, {_celsius(found.injected)} once its motion is heat")
+    held = "; above the fuel's range, whose properties are held" if found.beyond else ""
+    yield "fuel temperatures", ", ".join(texts) + held
+    if found.effect is not None:
+        injected, returned = (signed(100.0 * value, 1) for value in found.effect[:2])
+        leak = f" and the guides leaked {found.leak_factor:.2g} times as much" if np.isfinite(found.leak_factor) else ""
+        yield (
+            "their effect, estimated",
+            f"injected {injected} %, returned {returned} %, if all were as hot as in the control chamber{leak}",
+        )
+    for limit in found.limits:
+        yield "limit", limit
+
+
+def _celsius(temperature: float) -> str:
+    return f"{temperature - 273.15:.0f} °C"
