@@ -18,7 +18,7 @@ from commonrail.readers.tables import open_sheet, take_columns
 
 FEWEST = 3  # pressures at each temperature: a modulus that grows with pressure needs as many densities
 _WEIGHTS = (2e-4, 5e-3)  # deviations of density and modulus that count alike, as good measurements have them
-_OPTIONAL = {"bulk_modulus": "Pa", "sound_speed": "m/s"}
+_OPTIONAL = {"bulk_modulus": "Pa", "sound_speed": "m/s", "heat_capacity": "J/(kg K)"}
 _MODULUS, _SOUND = (1000.0, 15.0, 0.92), (1200.0, 17.0, 0.91)  # start values K1 [MPa], K3, K4: those of n-dodecane
 
 
@@ -44,7 +44,8 @@ def fit_fuel(path: Path) -> FittedFuel:
     """Fit the laws of Eq. (2) to the columns of a table.
 
     `path` has columns pressure, temperature, density and viscosity (kinematic or dynamic), and perhaps bulk_modulus
-    (isothermal) and sound_speed. Without bulk_modulus the modulus is that with which density grows with pressure.
+    (isothermal), sound_speed and heat_capacity (isobaric). Without bulk_modulus the modulus is that with which density
+    grows with pressure.
     InputError if a column is missing, temperatures or pressures are too few, or no positive modulus fits.
     """
     sheet = open_sheet(path)
@@ -75,27 +76,50 @@ def fit_fuel(path: Path) -> FittedFuel:
             )
     most = len(levels) - 1  # degree of a polynomial in temperature
     laws = _density_and_modulus(path, c, levels, most)
-    line = np.polynomial.polynomial.Polynomial.fit
     if "sound_speed" in c:
         modulus = density * c["sound_speed"] ** 2 * 1e-6
-        degrees = (min(3, most), min(2, most), 0)
-        found = _least_squares(
-            lambda a, *k: saturating_law(p, a, 0.0 * a, *k) / modulus - 1.0,
-            temperature,
-            degrees,
-            _starts(_SOUND),
-        )
-        laws.append(_law("isentropic_bulk_modulus", "MPa", found, k2=True))
+        laws.append(modulus_law("isentropic_bulk_modulus", p, temperature, modulus, (min(3, most), min(2, most), 0)))
     viscosity = 1e6 * (c["viscosity"] / density if table.units["viscosity"] == "Pa s" else c["viscosity"])
-    degrees = (min(4, most), min(3, most), min(1, most))
-    lowest = np.concatenate([rows[p[rows] == p[rows].min()] for rows in levels])
-    start = line(scaled_temperature(temperature[lowest]), viscosity[lowest], degrees[0]).convert().coef.tolist()
-    found = _least_squares(
-        lambda *k: power_law(p, *k) / viscosity - 1.0, temperature, degrees, [start, *_starts((0.01, 1.1))]
-    )
-    laws.append(_law("kinematic_viscosity", "mm2/s", found))
+    laws.append(viscosity_law(p, temperature, viscosity, (min(4, most), min(3, most), min(1, most))))
+    if "heat_capacity" in c:
+        laws.append(heat_capacity_law(temperature, c["heat_capacity"], min(2, most)))
     low, high = ((float(end(c["pressure"])), float(end(temperature))) for end in (np.min, np.max))
     return FittedFuel(tuple(laws), (low[0], high[0]), (low[1], high[1]), len(p))
+
+
+def modulus_law(table: str, p: Floats, temperature: Floats, modulus: Floats, degrees: Sequence[int]) -> FittedLaw:
+    """Eq. (2) with K2 = 0 for moduli (n,) [MPa] at pressures [MPa] and temperatures [K]; `degrees`: of K1, K3, K4."""
+
+    def deviation(*k: Floats) -> Floats:
+        return saturating_law(p, k[0], 0.0 * k[0], *k[1:]) / modulus - 1.0
+
+    return _law(table, "MPa", _least_squares(deviation, temperature, degrees, _starts(_SOUND)), k2=True)
+
+
+def viscosity_law(p: Floats, temperature: Floats, viscosity: Floats, degrees: Sequence[int]) -> FittedLaw:
+    """Eq. (2) for viscosities (n,) [mm2/s], or for their logarithm, whichever leaves the smaller largest deviation."""
+    levels = [np.flatnonzero(temperature == level) for level in np.unique(temperature)]
+    lowest = np.concatenate([rows[p[rows] == p[rows].min()] for rows in levels])
+    line = np.polynomial.polynomial.Polynomial.fit
+
+    def fitted(unit: str, values: Floats, deviation: Callable[[Floats], Floats], start: Sequence[float]) -> FittedLaw:
+        first = line(scaled_temperature(temperature[lowest]), values[lowest], degrees[0]).convert().coef.tolist()
+        starts = [first, *_starts(start)]
+        found = _least_squares(lambda *k: deviation(power_law(p, *k)), temperature, degrees, starts)
+        return _law("kinematic_viscosity", unit, found)
+
+    logarithm = np.log(viscosity)
+    plain = fitted("mm2/s", viscosity, lambda law: law / viscosity - 1.0, (0.01, 1.1))
+    other = fitted("ln(mm2/s)", logarithm, lambda law: np.expm1(law - logarithm), (0.02, 0.8))
+    return min(plain, other, key=lambda law: law.error)
+
+
+def heat_capacity_law(temperature: Floats, heat_capacity: Floats, degree: int) -> FittedLaw:
+    """Polynomial in temperature for isobaric heat capacities (n,) [J/(kg K)]."""
+    line = np.polynomial.polynomial.Polynomial.fit(scaled_temperature(temperature), heat_capacity, degree).convert()
+    part = [float(f"{value:.9g}") for value in line.coef]
+    error = rounded_up(np.abs(coefficient(part, temperature) / heat_capacity - 1.0))
+    return FittedLaw("heat_capacity", "J/(kg K)", {"isobaric": part}, error)
 
 
 def _check_repeated(table: Table, names: Sequence[str]) -> None:
@@ -136,8 +160,8 @@ def _density_and_modulus(path: Path, c: dict[str, Floats], levels: Sequence[Inde
         ends = [(rows[np.argmin(p[rows])], rows[np.argmax(p[rows])]) for rows in levels]
         law = density * (1.0 + of_density)
         error = np.abs([(law[b] - law[a]) / (density[b] - density[a]) - 1.0 for a, b in ends])
-    density_law = FittedLaw("density", "kg/m3", {"at_zero_pressure": parts[0]}, _rounded_up(np.abs(of_density)))
-    return [density_law, _law("bulk_modulus", "MPa", (parts[1:], _rounded_up(error)), k2=True)]
+    density_law = FittedLaw("density", "kg/m3", {"at_zero_pressure": parts[0]}, rounded_up(np.abs(of_density)))
+    return [density_law, _law("bulk_modulus", "MPa", (parts[1:], rounded_up(error)), k2=True)]
 
 
 def _law(table: str, unit: str, found: tuple[list[list[float]], float], k2: bool = False) -> FittedLaw:
@@ -169,14 +193,15 @@ def _least_squares(
     start = np.concatenate([[*part, *[0.0] * (d + 1 - len(part))] for part, d in zip(starts, degrees, strict=True)])
     scale = np.maximum(np.abs(start), 1e-2)
     try:
-        found = least_squares(residual, start, x_scale=scale, ftol=1e-13, xtol=1e-13, max_nfev=4000)
+        with np.errstate(all="ignore"):
+            found = least_squares(residual, start, x_scale=scale, ftol=1e-13, xtol=1e-13, max_nfev=4000)
     except ValueError as error:  # values of other orders of magnitude: the slopes overflow
         raise InputError("No law of a fuel comes near these values; check the units of the columns.") from error
     x = np.array([float(f"{value:.9g}") for value in found.x.tolist()])
-    return polynomials(x), _rounded_up(np.abs(residual(x)))
+    return polynomials(x), rounded_up(np.abs(residual(x)))
 
 
-def _rounded_up(deviations: Floats) -> float:
+def rounded_up(deviations: Floats) -> float:
     """Largest of deviations, with two digits."""
     worst = float(np.max(deviations))
     unit = 10.0 ** (np.floor(np.log10(worst)) - 1.0) if worst > 0.0 else 1.0
