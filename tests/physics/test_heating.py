@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.physics.heating import compressed, expansivity, heat_capacity, throttled
+from commonrail.physics.heating import compressed, density_and_expansivity, heat_capacity, throttled
 from commonrail.readers.fuel import load_fuel
 
 # CoolProp 8.0.0: p [MPa], T [K], rho [kg/m3], alpha [1/K], c_p [J/(kg K)].
@@ -27,7 +27,7 @@ def test_rise_by_hand(p: float, temperature: float, rho: float, alpha: float, ca
     rise = np.ptp(throttled(fuel, temperature, ends))
     by_hand = 1e6 * (1.0 - alpha * temperature) / (rho * capacity)
     assert by_hand == pytest.approx(rise, rel=0.015)  # the error of c_p is 1.2 %, 1 - alpha T hardly adds to it
-    assert expansivity(fuel, p * 1e6, temperature) == pytest.approx(alpha, rel=0.01)
+    assert density_and_expansivity(fuel, p * 1e6, temperature)[1] == pytest.approx(alpha, rel=0.01)
     assert heat_capacity(fuel, temperature) == pytest.approx(capacity, rel=0.012)
 
 
@@ -58,8 +58,8 @@ def test_the_rise_needs_no_finer_steps() -> None:
 def test_above_the_range_properties_are_held_and_compression_does_not_decide_over_temperatures() -> None:
     fuel, way = load_fuel("n-dodecane"), np.linspace(160e6, 0.5e6, 17)
     assert throttled(fuel, 390.0, way)[-1] > fuel.temperature_range[1] + 40.0
-    hot = expansivity(fuel, 1e6, 450.0), heat_capacity(fuel, 450.0)
-    assert hot == (expansivity(fuel, 1e6, 393.15), heat_capacity(fuel, 393.15))
+    assert density_and_expansivity(fuel, 1e6, 450.0) == density_and_expansivity(fuel, 1e6, 393.15)
+    assert heat_capacity(fuel, 450.0) == heat_capacity(fuel, 393.15)
     np.testing.assert_array_equal(throttled(replace(fuel, adiabatic=True), 313.15, way), throttled(fuel, 313.15, way))
 
 

@@ -20,29 +20,19 @@ from commonrail.readers.fuel import parse_fuel
 LIMITS = {"density": 1e-3, "sound_speed": 5e-3, "kinematic_viscosity": 3e-2}
 """Largest deviations of a fuel from CoolProp [1], beyond which it is refused."""
 
+_FOUND = ("density", "bulk_modulus", "isentropic_bulk_modulus", "sound_speed", "kinematic_viscosity", "heat_capacity")
+
 _PRESSURES, _TEMPERATURES = 21, 9  # of the fit
 _CHECKS = 32, 12  # of the check: between those of the fit, but for the ends
 _DEGREES = (3, 2, 1)  # of K1, K3, K4 of the moduli; higher ones did not better n-dodecane or methanol by a tenth
 _VISCOSITY = (4, 3, 2)
 
 
-class Properties(NamedTuple):
-    """Properties (temperatures, pressures) of a liquid, SI units."""
-
-    density: Floats
-    bulk_modulus: Floats
-    isentropic_bulk_modulus: Floats
-    sound_speed: Floats
-    kinematic_viscosity: Floats
-    heat_capacity: Floats
-
-
 class Deviation(NamedTuple):
-    """Largest relative deviation of a property from CoolProp's, the pressure [Pa] and temperature [K] that it is at."""
+    """Largest relative deviation of a property from CoolProp's, and the state that it is at, in words."""
 
     largest: float
-    p: float
-    temperature: float
+    state: str
 
 
 class Fluid:
@@ -68,32 +58,25 @@ class Fluid:
         self._check(pressure, temperature)
 
     def _check(self, pressure: tuple[float, float], temperature: tuple[float, float]) -> None:
-        state = self._state
-        coldest, hottest = state.Tmin(), min(state.Tmax(), state.T_critical())
-        if not (coldest <= temperature[0] and temperature[1] < hottest):
-            raise InputError(
-                f"--temperature: CoolProp has liquid {self.name} from {_celsius(coldest)} to {_celsius(hottest)} only; "
-                "narrow the range."
-            )
+        state, hottest = self._state, min(self._state.Tmax(), self._state.T_critical())
+        if not (state.Tmin() <= temperature[0] and temperature[1] < hottest):
+            liquid = f"has liquid {self.name} from {_celsius(state.Tmin())} to {_celsius(hottest)} only"
+            raise InputError(f"--temperature: CoolProp {liquid}; narrow the range.")
         if pressure[1] > state.pmax():
-            raise InputError(
-                f"--pressure: CoolProp's equation of state of {self.name} holds up to {quantity(state.pmax(), 'Pa')}, "
-                f"not to {quantity(pressure[1], 'Pa')}; narrow the range."
-            )
+            end = f"equation of state of {self.name} holds up to {quantity(state.pmax(), 'Pa')}"
+            raise InputError(f"--pressure: CoolProp's {end}; narrow the range.")
         boils = self.vapour_pressure(temperature[1])
         if pressure[0] <= boils:
-            raise InputError(
-                f"--pressure: at {_celsius(temperature[1])} {self.name} boils below {quantity(boils, 'Pa')}; begin "
-                "the range above that, or end --temperature earlier."
-            )
+            at = f"at {_celsius(temperature[1])} {self.name} boils below {quantity(boils, 'Pa')}"
+            raise InputError(f"--pressure: {at}; begin the range above that, or end --temperature earlier.")
 
     def vapour_pressure(self, temperature: float) -> float:
         """Pressure at which the liquid boils [Pa]."""
         self._state.update(self._of.QT_INPUTS, 0.0, temperature)
         return float(self._state.p())
 
-    def properties(self, pressures: Floats, temperatures: Floats) -> Properties:
-        """Properties at all pairs of pressures [Pa] and temperatures [K]."""
+    def properties(self, pressures: Floats, temperatures: Floats) -> dict[str, Floats]:
+        """Properties by name, SI units, (temperatures, pressures), at pressures [Pa] and temperatures [K]."""
         state, rows = self._state, []
         try:
             for temperature, p in product(temperatures.tolist(), pressures.tolist()):
@@ -103,7 +86,9 @@ class Fluid:
                 rows.append((rho, modulus, rho * sound**2, sound, state.viscosity() / rho, state.cpmass()))
         except ValueError as error:
             raise InputError(f"--coolprop: CoolProp cannot compute {self.name}: {error}") from error
-        return Properties(*np.array(rows).T.reshape(-1, len(temperatures), len(pressures)))
+        columns = np.array(rows).T.reshape(len(_FOUND), len(temperatures), len(pressures))
+        vapour = np.array([[self.vapour_pressure(level)] for level in temperatures.tolist()])
+        return dict(zip(_FOUND, columns, strict=True)) | {"vapour_pressure": vapour}
 
 
 def fit_pure_fuel(
@@ -124,32 +109,34 @@ def fit_pure_fuel(
         f"{quantity_range(*temperature, 'K')}"
     )
     fuel = parse_fuel(tomllib.loads(document(found, name, source)), name, name)
-    grid = [np.linspace(*ends, n) for ends, n in zip((pressure, temperature), _CHECKS, strict=True)]
+    p, t = (np.linspace(*ends, n) for ends, n in zip((pressure, temperature), _CHECKS, strict=True))
+    true = fluid.properties(p, t)
     with np.errstate(all="ignore"):  # laws that are no numbers are refused
-        off = _deviations(fuel, fluid, *grid)
-    _refuse_inaccurate(name, "the law misses", off)
-    simulated = _simulated(fuel, fluid, *grid)
-    _refuse_inaccurate(name, "the polynomial of a simulation misses", simulated)
+        off = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _laws(fuel, p, t).items()}
+    _refuse_inaccurate(f"{name}: over this range the law misses", off)
+    simulated = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _simulated(fuel, p, t).items()}
+    _refuse_inaccurate(f"{name}: over this range the polynomial of a simulation misses", simulated)
     laws = tuple(law._replace(error=rounded_up(np.array([law.error, off[law.table].largest]))) for law in found.laws)
-    return found._replace(laws=laws), {prop: simulated[prop].largest for prop in LIMITS}, source
+    return found._replace(laws=laws), {prop: one.largest for prop, one in simulated.items()}, source
 
 
 def _fitted(fluid: Fluid, pressure: tuple[float, float], temperature: tuple[float, float]) -> FittedFuel:
     """Laws fitted to a fluid, at pressures that are dense at both ends."""
     spread = pressure[0] + (pressure[1] - pressure[0]) * (0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _PRESSURES)))
     levels = np.linspace(*temperature, _TEMPERATURES)
-    at = Properties(*(values.ravel() for values in fluid.properties(spread, levels)))
+    at = {name: values.ravel() for name, values in fluid.properties(spread, levels).items()}
     p, t = np.tile(spread, len(levels)) * 1e-6, np.repeat(levels, len(spread))
-    modulus = modulus_law("bulk_modulus", p, t, at.bulk_modulus * 1e-6, _DEGREES)
+    modulus = modulus_law("bulk_modulus", p, t, at["bulk_modulus"] * 1e-6, _DEGREES)
     k = [coefficient(part, t) for part in modulus.polynomials.values()]
-    vapour = np.log([fluid.vapour_pressure(level) for level in levels.tolist()])
+    at_zero = _line(t, at["density"] / np.exp(log_compression(p, *k)))
+    vapour = _line(levels, np.log(at["vapour_pressure"]))
     laws = (
-        FittedLaw("density", "kg/m3", {"at_zero_pressure": _line(t, at.density / np.exp(log_compression(p, *k)))}, 0.0),
+        FittedLaw("density", "kg/m3", {"at_zero_pressure": at_zero}, 0.0),
         modulus,
-        modulus_law("isentropic_bulk_modulus", p, t, at.isentropic_bulk_modulus * 1e-6, _DEGREES),
-        viscosity_law(p, t, at.kinematic_viscosity * 1e6, _VISCOSITY),
-        FittedLaw("vapour_pressure", "ln(Pa)", {"ln_pressure": _line(levels, vapour)}, 0.0),
-        heat_capacity_law(t, at.heat_capacity, 2),
+        modulus_law("isentropic_bulk_modulus", p, t, at["isentropic_bulk_modulus"] * 1e-6, _DEGREES),
+        viscosity_law(p, t, at["kinematic_viscosity"] * 1e6, _VISCOSITY),
+        FittedLaw("vapour_pressure", "ln(Pa)", {"ln_pressure": vapour}, 0.0),
+        heat_capacity_law(t, at["heat_capacity"], 2),
     )
     # from zero: a modulus held below the lowest pressure would have a kink that no polynomial follows
     return FittedFuel(laws, (0.0, pressure[1]), temperature, len(p))
@@ -160,50 +147,42 @@ def _line(temperature: Floats, values: Floats) -> list[float]:
     return [float(f"{value:.9g}") for value in line.coef]
 
 
-def _deviations(fuel: Fuel, fluid: Fluid, pressures: Floats, temperatures: Floats) -> dict[str, Deviation]:
-    """Largest deviations of a fuel's laws from a fluid, by property."""
-    true, column = fluid.properties(pressures, temperatures)._asdict(), temperatures[:, None]
-    found: dict[str, Floats] = {
-        name: getattr(fuel, name)(pressures, column) for name in true if name != "heat_capacity"
-    }
+def _laws(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
+    """Properties by a fuel's laws (temperatures, pressures), by name."""
+    column = temperature[:, None]
+    found = {name: getattr(fuel, name)(p, column) for name in _FOUND[:-1]}
     assert fuel.heat_capacity_law is not None
-    found["heat_capacity"] = fuel.heat_capacity_law.at(column)[0]
-    true["vapour_pressure"] = np.array([[fluid.vapour_pressure(level)] for level in temperatures.tolist()])
-    found["vapour_pressure"] = fuel.vapour_pressure(column)
-    return {name: _largest(found[name] / true[name] - 1.0, pressures, temperatures) for name in true}
+    return found | {
+        "heat_capacity": fuel.heat_capacity_law.at(column)[0],
+        "vapour_pressure": fuel.vapour_pressure(column),
+    }
 
 
-def _largest(off: Floats, pressures: Floats, temperatures: Floats) -> Deviation:
+def _simulated(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
+    """Properties by the polynomials of the hot loop (temperatures, pressures), those with `LIMITS`."""
+    found = np.empty((len(LIMITS), len(temperature), len(p)))
+    for i, f in enumerate(fuel_kernel.fuel_coefficients(fuel, level) for level in temperature.tolist()):
+        for j, at in enumerate(p.tolist()):
+            rho = fuel_kernel.density(f, at)
+            found[:, i, j] = rho, fuel_kernel.sound_speed(f, rho), fuel_kernel.kinematic_viscosity(f, at)
+    return dict(zip(LIMITS, found, strict=True))
+
+
+def _largest(off: Floats, p: Floats, temperature: Floats) -> Deviation:
     size = np.where(np.isnan(off), np.inf, np.abs(off))
     i, j = np.unravel_index(int(np.argmax(size)), size.shape)
-    return Deviation(float(size[i, j]), float(pressures[j]), float(temperatures[i]))
+    return Deviation(float(size[i, j]), f"at {quantity(p[j], 'Pa')} and {_celsius(temperature[i])}")
 
 
-def _simulated(fuel: Fuel, fluid: Fluid, pressures: Floats, temperatures: Floats) -> dict[str, Deviation]:
-    """Largest deviations from a fluid of the polynomials of the hot loop, by property."""
-    found = np.empty((len(LIMITS), len(temperatures), len(pressures)))
-    for i, temperature in enumerate(temperatures.tolist()):
-        f = fuel_kernel.fuel_coefficients(fuel, temperature)
-        for j, p in enumerate(pressures.tolist()):
-            rho = fuel_kernel.density(f, p)
-            found[:, i, j] = rho, fuel_kernel.sound_speed(f, rho), fuel_kernel.kinematic_viscosity(f, p)
-    true = fluid.properties(pressures, temperatures)
-    return {
-        name: _largest(values / getattr(true, name) - 1.0, pressures, temperatures)
-        for name, values in zip(LIMITS, found, strict=True)
-    }
-
-
-def _refuse_inaccurate(name: str, what: str, found: dict[str, Deviation]) -> None:
-    """Raise InputError if a deviation of laws or polynomials is beyond its limit; `what`: these, in words."""
+def _refuse_inaccurate(what: str, found: dict[str, Deviation]) -> None:
+    """Raise InputError if a deviation is beyond its limit; `what`: fluid and what deviates, in words."""
     for prop, limit in LIMITS.items():
-        off, words = found[prop], prop.replace("_", " ")
+        off = found[prop]
         if not off.largest <= limit:
             most = f"by {significant(off.largest, 3, 100.0)} %" if off.largest < 1.0 else "altogether"
             raise InputError(
-                f"--coolprop {name}: over this range {what} the {words} {most}, at {quantity(off.p, 'Pa')} and "
-                f"{_celsius(off.temperature)}, and at most {percent(limit)} % is accepted; narrow --temperature "
-                "or --pressure there."
+                f"--coolprop {what} the {prop.replace('_', ' ')} {most}, {off.state}, and at most {percent(limit)} % "
+                "is accepted; narrow --temperature or --pressure there."
             )
 
 

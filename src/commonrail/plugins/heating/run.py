@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,9 +85,8 @@ class Heating:
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI units; null where there is no flow."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        numbers = {key: number(value) for key, value in values.items() if type(value) is float}
-        effect = None if self.effect is None else {key: number(v) for key, v in self.effect._asdict().items()}
+        numbers = {key: number(value) for key, value in vars(self).items() if type(value) is float}
+        effect = self.effect and {key: number(value) for key, value in self.effect._asdict().items()}
         return numbers | {"beyond": self.beyond, "limits": list(self.limits), "effect": effect}
 
 
@@ -129,11 +128,10 @@ def heating(
         returned = way.at(low)
         factor = _leak_factor(injector.fuel, c.plunger_needle.guides, way, low)
         limits += cavitation + _boiling(injector.fuel, "returned fuel", returned, low, "return")
-    hottest = np.nanmax([way.rail, injected, returned])
-    beyond = bool(hottest > injector.fuel.temperature_range[1])
-    found = Heating(way.rail, control, returned, sac, jet, injected, factor, beyond, limits)
-    reach = control if np.isfinite(control) else way.rail
-    if not flag(effect, "effect") or np.isnan(returned) or reach > injector.fuel.temperature_range[1]:
+    rail, highest = float(way.temperatures[0]), injector.fuel.temperature_range[1]
+    beyond = bool(np.nanmax([rail, injected, returned]) > highest)
+    found = Heating(rail, control, returned, sac, jet, injected, factor, beyond, limits)
+    if not flag(effect, "effect") or np.isnan(returned) or np.fmax(control, rail) > highest:
         return found
     return replace(found, effect=_effect(injector, point, found, step))
 
@@ -143,10 +141,6 @@ class _Way(NamedTuple):
 
     pressures: Floats
     temperatures: Floats
-
-    @property
-    def rail(self) -> float:
-        return float(self.temperatures[0])
 
     def at(self, p: float) -> float:
         """Temperature at a pressure [Pa]; above the rail's, in a wave, that of the rail; NaN for NaN."""
@@ -202,7 +196,7 @@ def _leak_factor(fuel: Fuel, guides: Any, way: _Way, low: float) -> float:
     leaks = np.zeros(2)
     for guide in (guides.plunger_gap, guides.needle_gap):
         widths = guide.conductance * np.asarray(widened(guide.growth, p))  # type: ignore[arg-type]
-        for i, t in enumerate((np.full_like(warm, min(way.rail, fuel.temperature_range[1])), warm)):
+        for i, t in enumerate((np.full_like(warm, warm[0]), warm)):
             leaks[i] -= np.trapezoid(widths / fuel.kinematic_viscosity(p, t), p)
     return float(leaks[1] / leaks[0]) if leaks[0] > 0.0 else np.nan
 
@@ -235,18 +229,16 @@ def _effect(injector: Injector, point: OperatingPoint, found: Heating, step: flo
     """Changes by the heat, of three candidates of one batch."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
-    rise = found.control_chamber - found.rail
-    hot = start + (rise if np.isfinite(rise) else 0.0)
-    leak = found.leak_factor if np.isfinite(found.leak_factor) else 1.0
+    hot = start + float(np.nan_to_num(found.control_chamber - found.rail))
+    leak = float(np.nan_to_num(found.leak_factor, nan=1.0))
     cold_film, hot_film = fuel.kinematic_viscosity(0.5 * (rail + low), np.array([start, hot])).tolist()
     lengths = np.array([injector.values[name] for name in _LENGTHS])
     rows = [[start, *lengths], [hot, *lengths * cold_film / hot_film / leak], [start, *lengths / leak]]
     names = (FUEL_TEMPERATURE, *_LENGTHS)
     batch = simulate_batch(injector, [point], names, rows, time_step=step, threads=1, stop_when_closed=False)
-    with np.errstate(all="ignore"):
-        injected = batch.injected_mass[1:, 0] / batch.injected_mass[0, 0] - 1.0
-        returned = batch.returned_mass[1:, 0] / batch.returned_mass[0, 0] - 1.0
-    return Effect(float(injected[0]), float(returned[0]), float(returned[1]))
+    with np.errstate(all="ignore"):  # without an injection there is no relative change
+        injected, returned = (mass[1:, 0] / mass[0, 0] - 1.0 for mass in (batch.injected_mass, batch.returned_mass))
+    return Effect(float(injected[0]), *map(float, returned))
 
 
 def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
