@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -66,6 +67,13 @@ def test_what_cannot_be_had_is_refused(
     assert done.status == 2
     assert re.search(word, done.sentence)
     assert not (tmp_path / "f.toml").exists()
+
+
+def test_without_coolprop_the_extra_is_named(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "CoolProp", None)
+    done = make(command, "Methanol", "1:50MPa", "20:40degC", tmp_path / "f.toml")
+    assert done.status == 2
+    assert "commonrail[fuel]" in done.sentence
 
 
 def test_a_logarithmic_viscosity_and_the_heat_capacity_are_written_and_read(command: Command, tmp_path: Path) -> None:
