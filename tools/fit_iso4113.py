@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from commonrail.base.arrays import Floats
 from commonrail.physics import fuel
-from commonrail.physics.fuel import Array
 from commonrail.readers.fuel import load_fuel
 
 TEMPERATURES = np.linspace(293.15, 393.15, 41)
@@ -22,7 +22,7 @@ VISCOSITY_40 = 2.6  # mm2/s
 TREND_PRESSURE = 160e6  # Pa, where the trends with pressure are compared: the usual rail pressure
 
 
-def anchored(values: Array, degree: int, first: float, also: tuple[float, float] | None) -> Array:
+def anchored(values: Floats, degree: int, first: float, also: tuple[float, float] | None) -> Floats:
     """Fit a polynomial that equals `first` at 80 °C and, if given, also (temperature, value)."""
     tau = fuel.scaled_temperature(TEMPERATURES)
     powers = tau[:, None] ** np.arange(1, degree + 1)
@@ -38,7 +38,7 @@ def anchored(values: Array, degree: int, first: float, also: tuple[float, float]
     return np.concatenate(([first, slope - rest @ at ** np.arange(1, degree)], rest))
 
 
-def walther() -> Array:
+def walther() -> Floats:
     """Return the viscosity [mm2/s] on lg lg(nu + 0.7) = A - B lg T through 40 and 80 °C."""
     known = np.log10(np.log10(np.array([VISCOSITY_40, VISCOSITY[0]]) + 0.7))
     ends = np.log10([313.15, 353.15])
@@ -47,7 +47,7 @@ def walther() -> Array:
     return np.asarray(10.0 ** (10.0**line) - 0.7)
 
 
-def show(name: str, polynomial: Array, wanted: Array) -> None:
+def show(name: str, polynomial: Floats, wanted: Floats) -> None:
     """Print a polynomial and its largest relative deviation."""
     rounded = np.array([float(f"{value:.7g}") for value in polynomial])
     deviation = np.abs(fuel.coefficient(rounded, TEMPERATURES) / wanted - 1.0).max()
@@ -76,6 +76,10 @@ def main() -> None:
     trend = thickening / np.interp(hot, TEMPERATURES, thickening)
     rise = VISCOSITY[1] * base / VISCOSITY[0] * trend
     show("viscosity k2", anchored(rise, 4, VISCOSITY[1], None), rise)
+
+    # Cragoe 1929, NBS Miscellaneous Publication 97, for petroleum products; water has 999 kg/m3 at 15 °C
+    cragoe = (1685.0 + 3.40 * (TEMPERATURES - 273.15)) / np.sqrt(round(DENSITY_15 / 999.0, 3))
+    show("heat_capacity isobaric", anchored(cragoe, 1, float(np.interp(hot, TEMPERATURES, cragoe)), None), cragoe)
 
 
 if __name__ == "__main__":

@@ -14,21 +14,21 @@ import numpy as np
 from numpy.polynomial.polynomial import polyfit
 from scipy.optimize import least_squares
 
+from commonrail.base.arrays import Floats
 from commonrail.physics import fuel
-from commonrail.physics.fuel import Array
 
 TEMPERATURES = np.linspace(293.15, 393.15, 11)
 PRESSURES = 125.05 - 124.95 * np.cos(np.pi * np.arange(41) / 40)  # MPa, 0.1 ... 250
 VISCOSITY_LIMIT = 200.0  # MPa: above it CoolProp's viscosity of cold n-dodecane runs away
 DIGITS = 7
 
-Law = Callable[[list[Array]], Array]
+Law = Callable[[list[Floats]], Floats]
 
 
-def reference() -> dict[str, Array]:
+def reference() -> dict[str, Floats]:
     """Return CoolProp's properties on the grid (temperatures x pressures): SI, pressures in MPa."""
     state = CoolProp.AbstractState("HEOS", "n-Dodecane")
-    names = ("density", "isothermal", "isentropic", "viscosity")
+    names = ("density", "isothermal", "isentropic", "viscosity", "capacity")
     table = {name: np.empty((TEMPERATURES.size, PRESSURES.size)) for name in names}
     for i, temperature in enumerate(TEMPERATURES):
         for j, pressure in enumerate(PRESSURES):
@@ -39,26 +39,27 @@ def reference() -> dict[str, Array]:
             table["isothermal"][i, j] = rho / slope / 1e6
             table["isentropic"][i, j] = rho * state.speed_sound() ** 2 / 1e6
             table["viscosity"][i, j] = state.viscosity() / rho * 1e6
+            table["capacity"][i, j] = state.cpmass()
     return table
 
 
-def vapour_pressures() -> Array:
+def vapour_pressures() -> Floats:
     """Return CoolProp's saturation pressure [Pa] at each temperature."""
     found = [CoolProp.PropsSI("P", "T", t, "Q", 0, "n-Dodecane") for t in TEMPERATURES]
     return np.array(found)
 
 
-def split(packed: Array, degrees: Sequence[int]) -> list[Array]:
+def split(packed: Floats, degrees: Sequence[int]) -> list[Floats]:
     """Return one ascending polynomial per entry of `degrees`."""
     return np.split(packed, np.cumsum([d + 1 for d in degrees])[:-1])
 
 
-def at_temperatures(polynomials: Sequence[Array]) -> list[Array]:
+def at_temperatures(polynomials: Sequence[Floats]) -> list[Floats]:
     """Return each K as a column over the temperatures."""
     return [fuel.coefficient(polynomial, TEMPERATURES)[:, None] for polynomial in polynomials]
 
 
-def fit(law: Law, wanted: Array, degrees: Sequence[int], start: Sequence[float]) -> list[Array]:
+def fit(law: Law, wanted: Floats, degrees: Sequence[int], start: Sequence[float]) -> list[Floats]:
     """Return the polynomials that minimise the relative deviation of `law` from `wanted`.
 
     Each temperature is fitted alone first; polynomials through those K start the joint fit.
@@ -74,17 +75,17 @@ def fit(law: Law, wanted: Array, degrees: Sequence[int], start: Sequence[float])
     return [_rounded(polynomial) for polynomial in split(packed, degrees)]
 
 
-def _minimise(residual: Callable[[Array], Array], start: Array) -> Array:
+def _minimise(residual: Callable[[Floats], Floats], start: Floats) -> Floats:
     scale = np.maximum(np.abs(start), 1e-3)
     found = least_squares(residual, start, x_scale=scale, ftol=1e-14, xtol=1e-14, max_nfev=5000)
     return np.asarray(found.x)
 
 
-def _rounded(polynomial: Array) -> Array:
+def _rounded(polynomial: Floats) -> Floats:
     return np.array([float(f"{value:.{DIGITS}g}") for value in polynomial])
 
 
-def modulus_law(k: list[Array]) -> Array:
+def modulus_law(k: list[Floats]) -> Floats:
     """Eq. (2) for a bulk modulus in the limit K_B2 -> 0.
 
     A free K_B2 halves the deviation but is degenerate (some 4 GPa, with K_B4 < 0).
@@ -92,17 +93,17 @@ def modulus_law(k: list[Array]) -> Array:
     return fuel.saturating_law(PRESSURES, k[0], np.zeros_like(k[0]), k[1], k[2])
 
 
-def explicit_density(k: list[Array]) -> Array:
+def explicit_density(k: list[Floats]) -> Floats:
     """Eq. (2) for density, all four coefficients free."""
     return fuel.saturating_law(PRESSURES, *k)
 
 
-def viscosity_law(k: list[Array]) -> Array:
+def viscosity_law(k: list[Floats]) -> Floats:
     """Eq. (2) for kinematic viscosity, up to the limit of the fit."""
     return fuel.power_law(PRESSURES[PRESSURES <= VISCOSITY_LIMIT], *k)
 
 
-def report(title: str, names: str, polynomials: Sequence[Array], deviation: Array) -> None:
+def report(title: str, names: str, polynomials: Sequence[Floats], deviation: Floats) -> None:
     """Print coefficients and the largest relative deviation, over all and per temperature."""
     print(f"\n{title}: largest relative deviation {np.abs(deviation).max():.5f}")
     print("  by temperature", np.abs(deviation).max(axis=1).round(5))
@@ -138,6 +139,12 @@ def main() -> None:
     line = _rounded(polyfit(fuel.scaled_temperature(TEMPERATURES), logarithm, 4))
     deviation = np.exp(fuel.coefficient(line, TEMPERATURES) - logarithm) - 1.0
     report("vapour pressure", "ln_pressure", [line], deviation[:, None])
+
+    capacity = table["capacity"]  # the middle of what pressure makes of it
+    middle = 0.5 * (capacity.max(axis=1) + capacity.min(axis=1))
+    line = _rounded(polyfit(fuel.scaled_temperature(TEMPERATURES), middle, 2))
+    deviation = fuel.coefficient(line, TEMPERATURES)[:, None] / capacity - 1.0
+    report("heat capacity", "isobaric", [line], deviation)
 
 
 if __name__ == "__main__":
