@@ -68,6 +68,11 @@ from .plugins.certainty.posterior.sample import sample_posterior as sample_poste
 from .plugins.certainty.run import certify as certify
 from .plugins.compare.run import Comparison as Comparison
 from .plugins.compare.run import compare as compare
+from .plugins.diagnose.faults import Fault as Fault
+from .plugins.diagnose.faults import FaultTable as FaultTable
+from .plugins.diagnose.faults import load_faults as load_faults
+from .plugins.diagnose.run import Diagnosis as Diagnosis
+from .plugins.diagnose.run import diagnose as diagnose
 from .plugins.family.adapt import Adapted as Adapted
 from .plugins.family.adapt import adapt as adapt
 from .plugins.family.injector_type import FixedValue as FixedValue

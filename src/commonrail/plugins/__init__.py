@@ -72,6 +72,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "predict": "commonrail.plugins.prediction.verb:predict",
         "compare": "commonrail.plugins.compare.verb:compare",
         "plan": "commonrail.plugins.plans.verb:plan",
+        "diagnose": "commonrail.plugins.diagnose.verb:diagnose",
         "fleet": "commonrail.plugins.fleet.verb:fleet",
         "type": "commonrail.plugins.family.verb:type_",
         "adapt": "commonrail.plugins.family.adapt_verb:adapt",

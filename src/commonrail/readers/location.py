@@ -26,6 +26,7 @@ _KINDS = {
     "commonrail-type": "a type of injector",
     "commonrail-family": "a family of injectors",
     "commonrail-tolerance": "a tolerance study",
+    "commonrail-faults": "a table of faults",
 }
 
 

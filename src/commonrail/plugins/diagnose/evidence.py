@@ -1,0 +1,139 @@
+"""Probabilities of faults from measured quantities: evidence of each fault over its sizes and the scatter of parts.
+
+Quantities of parts with a fault of size s are taken as normally distributed about m(s) with the covariance C(s) of the
+parts' scatter, both from simulated parts, and are measured with independent noise R. The evidence of a fault is
+
+    p(y | fault) = ∫ N(y; m(s), C(s) + R) ds,    s uniform from 0, the least, to 1, the most,
+
+and Bayes' theorem gives the probabilities from those before the measurement (Jaynes, Probability Theory, chapter 4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator, interp1d
+from scipy.special import chdtrc, logsumexp
+
+from commonrail.base.arrays import Floats
+from commonrail.base.hooks import note
+from commonrail.physics.injector import Injector
+from commonrail.plugins.diagnose.faults import Fault, Parts
+
+SIZES = np.linspace(0.0, 1.0, 7)  # sizes at which parts are simulated
+FINE = np.linspace(0.0, 1.0, 61)  # sizes over which the evidence is summed; between the others it is interpolated
+RESOLUTION = 0.01e-9  # of a bench [m³], also where nothing is injected: an estimate
+SPARE_DRAWS = 8  # parts that must be there beyond the dimensions of the fit that yields a covariance
+
+Simulate = Callable[[Parts], Floats]  # quantities (parts, tests) [m³], NaN where a simulation failed
+
+
+class Response(NamedTuple):
+    """Quantities of parts with a fault, or of sound ones, whose `fault` is None and `sizes` one.
+
+    `mean` (sizes, tests) [m³] and `scatter` (sizes, tests, tests) [m⁶].
+    """
+
+    fault: Fault | None
+    sizes: Floats
+    mean: Floats
+    scatter: Floats
+
+    @property
+    def name(self) -> str:
+        """Name of the fault, or "sound"."""
+        return "sound" if self.fault is None else self.fault.name
+
+    def scaled(self, factors: Floats) -> Response:
+        """The response with its quantities times factors (tests,)."""
+        return self._replace(mean=self.mean * factors, scatter=self.scatter * np.outer(factors, factors))
+
+
+def moments(parts: Parts, centre: Floats, quantities: Floats) -> tuple[Floats, Floats] | None:
+    """Mean (tests,) and covariance (tests, tests) of quantities (parts, tests) whose parameters scatter about a centre.
+
+    Regressed on the parameters, so that few parts suffice: the covariance is that of the linear part and of what it
+    leaves. None where too few parts could be simulated.
+    """
+    there = np.isfinite(quantities).all(axis=1)
+    z, y = (parts.values - centre)[there], quantities[there]
+    n, d = z.shape
+    if n < d + 1 + SPARE_DRAWS:
+        return None
+    design = np.column_stack([np.ones(n), z / (np.abs(centre) + (centre == 0.0))])
+    slopes = np.linalg.lstsq(design, y, rcond=None)[0]
+    rest = y - design @ slopes
+    linear = np.atleast_2d(np.cov(design[:, 1:], rowvar=False))
+    return slopes[0], slopes[1:].T @ linear @ slopes[1:] + rest.T @ rest / (n - d - 1)
+
+
+def responses(
+    injector: Injector, parts: Parts, centre: Floats, faults: Sequence[Fault], simulate: Simulate
+) -> tuple[Response, ...]:
+    """Responses of sound parts and of those with each fault.
+
+    `parts`: sound parts; `centre` (names,): the part as drawn [SI]. A fault that cannot be simulated is left out with a
+    note.
+    """
+    sound = moments(parts, centre, simulate(parts))
+    if sound is None:
+        return ()
+    found = [Response(None, np.zeros(1), sound[0][None], sound[1][None])]
+    for item in faults:
+        made = [(s, moments(parts, centre, simulate(parts.with_fault(injector, item, s)))) for s in SIZES.tolist()]
+        there = [(s, *pair) for s, pair in made if pair is not None]
+        if len(there) < 2:
+            note(f"Parts with the fault {item.name} could not be simulated; it is left out.")
+            continue
+        sizes, mean, scatter = (np.array(column) for column in zip(*there, strict=True))
+        fine = FINE[(sizes[0] <= FINE) & (sizes[-1] >= FINE)]
+        found.append(Response(item, fine, PchipInterpolator(sizes, mean)(fine), interp1d(sizes, scatter, axis=0)(fine)))
+    return tuple(found)
+
+
+class Judged(NamedTuple):
+    """Probabilities of several responses, (responses,), the distribution over the sizes of each, and how well it fits.
+
+    `weights[i]` (sizes,) sums to 1; `fit` (responses,) is the share of such parts that lie farther away than these
+    quantities, at the best size.
+    """
+
+    probabilities: Floats
+    weights: tuple[Floats, ...]
+    fit: Floats
+
+    @property
+    def order(self) -> list[int]:
+        """Responses, the most probable first."""
+        return [int(i) for i in np.argsort(-self.probabilities, kind="stable")]
+
+
+def noise_of(mean: Floats, noise: float) -> Floats:
+    """Standard deviations of measured quantities [m³]: a share of their means, and the bench's resolution."""
+    return np.hypot(noise * mean, RESOLUTION)
+
+
+def judge(found: Sequence[Response], measured: Floats, deviation: Floats | float, sound: float) -> Judged:
+    """Probabilities after a measurement.
+
+    `measured` (tests,) [m³]; `deviation`: standard deviation of the noise as a share of the quantities, or (tests,)
+    [m³]; `sound`: probability before it that the part is sound, all faults being equally likely.
+    """
+    prior = np.log(np.where([r.fault is None for r in found], sound, (1.0 - sound) / max(len(found) - 1, 1)))
+    logs, weights, fits = [], [], []
+    for r in found:
+        off = measured - r.mean
+        spread = noise_of(r.mean, deviation) if isinstance(deviation, float) else np.broadcast_to(deviation, off.shape)
+        covariance = r.scatter + spread[:, :, None] * np.eye(off.shape[1]) * spread[:, None, :]
+        scale = np.sqrt(np.einsum("sii->si", covariance))
+        matrix = covariance / (scale[:, :, None] * scale[:, None, :])
+        x = (off / scale)[:, :, None]
+        distance = np.einsum("sti,sti->s", x, np.linalg.solve(matrix, x))
+        log = -0.5 * (distance + np.linalg.slogdet(matrix)[1]) - np.log(scale).sum(axis=1)
+        logs.append(logsumexp(log) - np.log(len(log)))
+        weights.append(np.exp(log - logsumexp(log)))
+        fits.append(chdtrc(off.shape[1], distance[np.argmax(log)]))
+    joint = prior + np.array(logs)
+    return Judged(np.exp(joint - logsumexp(joint)), tuple(weights), np.array(fits))

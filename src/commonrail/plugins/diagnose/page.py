@@ -1,0 +1,200 @@
+"""Diagnoses in reports: verdict, bars of the probabilities, measured quantities beside sound parts and the fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
+from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
+from commonrail.base.text import fixed, listed, megapascal, percent, signed
+from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
+from commonrail.report.draw.figure import drawings
+from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
+
+BAND = 2.0  # standard deviations of the band of sound parts in figure and table: 95 % of a normal distribution
+SHOWN_ON_TERMINAL = 9  # rows of the table, so that the answer fits a screen
+LEAST = 0.005  # probability from which a diagnosis is named in a sentence
+FEWEST_BARS = 3
+WIDEST = 15.0  # standard deviations beyond which a marker stays at the edge; chosen
+
+
+def diagnosis_lines(record: Record) -> list[str]:
+    """Sentences: verdict, probabilities, and the next test."""
+    lines = [f"{record['plan']}: {_verdict(record)}"]
+    named = [d for d in record["diagnoses"] if d["probability"] >= LEAST]
+    rest = sum(d["probability"] for d in record["diagnoses"] if d not in named)
+    words = ", ".join(f"{d['name']} {_share(d['probability'])}" for d in named)
+    lines.append(f"Probabilities: {words}; all others together {_share(rest)}.")
+    if record["next"]:
+        lines.append(_next_sentence(record["next"][0]))
+    return lines
+
+
+def _share(value: float) -> str:
+    return f"{percent(value, 1 if value < 0.1 or 0.99 < value < 0.9995 else 0)} %"
+
+
+def _verdict(record: Record) -> str:
+    best, verdict = record["diagnoses"][0], record["verdict"]
+    if verdict == "cannot be told":
+        return f"cannot be told: {' or '.join(record['leading'])}."
+    if verdict == "unexplained":
+        return (
+            f"nothing in the table of faults explains these quantities; {best['name']} is nearest. Check plan, "
+            "pressures and noise, take the plan's nominal quantities (--nominal), or look for two faults at once."
+        )
+    if verdict == "sound":
+        return "sound."
+    return f"{best['name']}: {best['parameter']} {best['size'][0]}, within 90 % {best['size'][1]} to {best['size'][2]}."
+
+
+def _next_sentence(item: Record) -> str:
+    (first, second), (one, other) = item["names"], item["expected"]
+    what = "return" if item["measure"] == "return" else "delivery"
+    at = f"{what} at {megapascal(item['rail_pressure'])} MPa and {fixed(item['energising_time'], 0, MICROSECOND)} µs"
+    apart = f"{fixed(one, 2, MM3)} mm³ if {first}, {fixed(other, 2, MM3)} mm³ if {second}"
+    how = f"{fixed(item['separation'], 1)} standard deviations apart"
+    if item["tells"]:
+        return f"Next test: {at}; expected {apart}, {how}."
+    return f"No single test tells {first} and {second} apart; the best is {at}: {apart}, {how}."
+
+
+def _distance(row: Record, key: str) -> float:
+    return float((row[key] - row["sound"]) / row["deviation"])
+
+
+def _name(row: Record) -> str:
+    return f"{row['test']} (return)" if row["measure"] == "return" else str(row["test"])
+
+
+def _test_table(record: Record, rows: Sequence[Record], note: str = "") -> Table:
+    best = record["diagnoses"][0]["name"]
+
+    def measured(row: Record) -> tuple[str, Cell]:
+        far = _distance(row, "measured")
+        return fixed(row["measured"], 2, MM3), Cell(signed(far, 1), SMALL if abs(far) <= BAND else LARGE)
+
+    parts = [
+        Part(("test",), lambda row: (_name(row),)),
+        Part(
+            ("rail, MPa", "energising, µs"),
+            lambda row: (megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)),
+        ),
+        Part(("measured", "st. dev. off"), measured),
+        Part(
+            ("sound ± 2 st. dev.",),
+            lambda row: (f"{fixed(row['sound'], 2, MM3)} ± {fixed(BAND * row['deviation'], 2, MM3)}",),
+        ),
+    ]
+    if best != "sound":
+        parts.append(Part((f"with {best}",), lambda row: (fixed(row["leading"], 2, MM3),)))
+    return table_of("Quantities, mm³ per stroke", rows, parts, note)
+
+
+def diagnosis_tables(record: Record) -> list[Table]:
+    """Table of the tests for a terminal: those farthest from sound parts."""
+    rows = record["tests"]
+    if len(rows) <= SHOWN_ON_TERMINAL:
+        return [_test_table(record, rows)]
+    far = sorted(rows, key=lambda row: -abs(_distance(row, "measured")))[:SHOWN_ON_TERMINAL]
+    return [
+        _test_table(record, [r for r in rows if r in far], f"{len(rows) - len(far)} more are nearer to sound parts.")
+    ]
+
+
+def _fault_table(record: Record) -> Table:
+    return tabulated(
+        "Diagnoses",
+        record["diagnoses"],
+        [
+            ("diagnosis", "name"),
+            ("meaning", "meaning"),
+            ("parameter, middle", lambda d: " ".join((d["parameter"], *d["size"][:1]))),
+            ("probability, %", lambda d: percent(d["probability"], 1)),
+            ("as far away, %", lambda d: percent(d["fit"], 1)),
+        ],
+        "As far away: share of such parts that lie farther from their mean than these quantities, at the best size.",
+        3,
+    )
+
+
+def probability_figure(record: Record) -> Figure:
+    """Bars of the probabilities that are not negligible, and of the next ones up to `FEWEST_BARS`."""
+    rows = [d for i, d in enumerate(record["diagnoses"]) if i < FEWEST_BARS or d["probability"] >= LEAST]
+    ends = points(100.0 * d["probability"] for d in rows)
+    bars = Bars("probability", "best", points(0.0 for _ in rows), ends)
+    panel = Panel("", (), bars=(bars,), rows=tuple(d["name"] for d in rows), has_legend=False)
+    others = len(record["diagnoses"]) - len(rows)
+    before = f"Before the measurement sound had {_share(record['sound'])}, the faults the rest in equal parts."
+    left = f" {others} more have less than {_share(LEAST)} each." if others else ""
+    return Figure("Probabilities", before + left, "probability, %", (panel,))
+
+
+def quantity_figure(record: Record) -> Figure:
+    """Measured quantities and those of the leading fault beside the band of sound parts."""
+    rows, best = record["tests"], record["diagnoses"][0]["name"]
+    places = points(float(i) for i in range(len(rows)))
+
+    def at(key: str) -> Series:
+        x = points(max(-WIDEST, min(WIDEST, _distance(row, key))) for row in rows)
+        label, look = ("measured", MEASURED) if key == "measured" else (best, "best")
+        return Series(label, look, x, places, MARKERS)
+
+    series = (at("leading"), at("measured")) if best != "sound" else (at("measured"),)
+    band = Bars("95 % of sound parts", "level", points(-BAND for _ in rows), points(BAND for _ in rows))
+    caption = f"Distances from the mean of sound parts; a marker beyond {WIDEST:.0f} is at the edge."
+    panel = Panel("", series, bars=(band,), rows=tuple(map(_name, rows)))
+    return Figure("Measured beside sound parts", caption, "standard deviations of sound parts, with noise", (panel,))
+
+
+def diagnosis_figures(record: Record) -> list[Figure]:
+    """Probabilities, and quantities in standard deviations."""
+    return [probability_figure(record), quantity_figure(record)]
+
+
+def _tiles(record: Record) -> list[Tile]:
+    best, verdict = record["diagnoses"][0], record["verdict"]
+    level = CARE if verdict in ("cannot be told", "unexplained") else GOOD if verdict == "sound" else BAD
+    tiles = [
+        Tile("diagnosis", verdict, listed(record["leading"]) if verdict == "cannot be told" else "", level),
+        Tile("probability", _share(best["probability"]), f"of {best['name']}"),
+    ]
+    if best["size"]:
+        tiles.append(Tile("size", best["size"][0], best["parameter"]))
+    far = max(record["tests"], key=lambda row: abs(_distance(row, "measured")))
+    tiles.append(Tile("farthest test", signed(_distance(far, "measured"), 1), f"standard deviations: {_name(far)}"))
+    return tiles
+
+
+def diagnosis_html(record: Record, command: str) -> str:
+    """Page of a diagnosis, with the command that makes it again."""
+    injector = record["injector"]
+    first, second = drawings(diagnosis_figures(record))
+    return render(
+        "diagnosis.html",
+        package=__package__,
+        record=record,
+        kind="Diagnosis",
+        lines=diagnosis_lines(record),
+        tiles=_tiles(record),
+        first=first,
+        second=second,
+        tables=[_test_table(record, record["tests"]), _fault_table(record)],
+        synthetic=[injector["synthetic"]] if injector["synthetic"] else [],
+        commands=[("Diagnose again", command)],
+        facts=[
+            ("Model of a sound part", f"{injector['title'] or injector['name']} ({injector['variant']})"),
+            ("Noise of bench and model", f"{percent(record['noise'], 1)} % of a quantity"),
+            ("Sound before the measurement", _share(record["sound"])),
+            *((d["name"], f"range and source: {d['source']}") for d in record["diagnoses"] if d["source"]),
+        ],
+    )
+
+
+DIAGNOSIS = Presenter(
+    lambda found: diagnosis_lines(found.record()),
+    lambda found: diagnosis_tables(found.record()),
+    lambda found: diagnosis_figures(found.record()),
+)

@@ -1,0 +1,423 @@
+"""Diagnosis of a part: which single fault explains what a bench measured, and the next test that would tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import Quantity, instance, number, thread_count, whole
+from commonrail.base.arrays import Floats
+from commonrail.base.display import Shown
+from commonrail.base.errors import ConfigurationError, InputError, SimulationError
+from commonrail.base.hooks import note
+from commonrail.base.text import listed
+from commonrail.compiler.target import package_versions
+from commonrail.data.simulator import Simulator
+from commonrail.engine.operating_point import Energising
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.variants import RETURN, unread_inputs
+from commonrail.plugins.diagnose.evidence import RESOLUTION, Judged, Response, judge, moments, noise_of, responses
+from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
+from commonrail.plugins.plans.data import PlanData
+from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan, load_plan
+from commonrail.plugins.tolerance.file import load_tolerances
+from commonrail.plugins.tolerance.parts import Draws
+from commonrail.plugins.tolerance.study import Dimension, Normal, TolerancePoint, Tolerances
+
+DRAWS = 64  # sound parts that are simulated with each size of each fault
+NOISE, SOUND = 0.01, 0.5  # of a bench, as a share of a quantity; probability of a sound part before the measurement
+TOLD = 0.9  # probability from which a diagnosis is stated as told; chosen
+UNEXPLAINED = 1e-3  # share of parts as far away below which nothing in the table explains the quantities; chosen
+TELLS = 2.0  # standard deviations from which a next test tells two diagnoses apart; chosen
+GRID = (5, 5)  # rail pressures and energising times that are tried as the next test
+QUANTILES = (1 / 6, 1 / 2, 5 / 6)  # of a fault's size, at which the next test is simulated
+SEED = 1  # of the sound parts
+
+
+@dataclass(frozen=True)
+class PlanBench:
+    """Quantities of parts of an injector at the tests of a plan, simulated with a time step [s]."""
+
+    injector: Injector
+    data: PlanData
+    time_step: float = DEFAULT_STEP
+    threads: int | None = None
+
+    def _leak_per_area(self, i: int) -> float:
+        """Volume per stroke that a leak of the valve's seat adds to a test, over its effective area, Eq. (4) [m].
+
+        It leaks at rail pressure for the whole stroke, into the return line; that it lowers the pressure in the
+        control chamber, by the square of its area over the Z-hole's (0.3 % at most in the shipped table), is left out.
+        """
+        test, point = self.data.tests[i], self.data.points[i]
+        if test.measure is not Measure.RETURN:
+            return 0.0
+        rail, _, low = point.initial_pressures()
+        upstream, behind = self.injector.fuel.density(np.array([rail, low]), self.injector.values[FUEL_TEMPERATURE])
+        period = point.duration if test.stroke_rate is None else 1.0 / test.stroke_rate
+        return float(np.sqrt(2.0 * upstream * (rail - low)) / behind) * period
+
+    def __call__(self, parts: Parts) -> Floats:
+        """Quantities (parts, tests) [m³] of parts without noise; NaN where a simulation failed."""
+        columns = [j for j, name in enumerate(parts.names) if name != SEAT_LEAK]
+        simulator = Simulator(self.injector, [parts.names[j] for j in columns], self.time_step, self.threads)
+        found = self.data.simulated(simulator, parts.values[:, columns])
+        if SEAT_LEAK in parts.names:
+            leaks = np.array([self._leak_per_area(i) for i in range(len(self.data.tests))])
+            found = found + parts.values[:, [parts.names.index(SEAT_LEAK)]] * leaks
+        return found
+
+
+class NextTest(NamedTuple):
+    """Test that is not in the plan: expected quantity under two diagnoses [m³], and how many standard deviations apart.
+
+    `names`, `expected` and `deviation`: of the first and the second diagnosis.
+    """
+
+    test: PlanTest
+    names: tuple[str, str]
+    expected: tuple[float, float]
+    deviation: tuple[float, float]
+    separation: float
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """Diagnosis of a part.
+
+    Attributes
+    ----------
+    injector : Injector
+    data : PlanData
+        The tests that the bench measured.
+    responses : tuple of Response
+        Of sound parts and of each fault that the model can show.
+    judged : Judged
+        Probabilities in that order, and the distribution over the sizes of each fault.
+    next : tuple of NextTest
+        Tests that tell the two leading diagnoses apart best, the best first; empty where one is told already.
+    noise, sound : float
+        As they were given.
+    time_step : float
+        [s].
+    factors : (tests,)
+        Of the model's quantities: 1, or what makes sound parts have the plan's nominal quantities.
+    """
+
+    presenter = "commonrail.plugins.diagnose.page:DIAGNOSIS"
+
+    injector: Injector
+    data: PlanData
+    responses: tuple[Response, ...]
+    judged: Judged
+    next: tuple[NextTest, ...]
+    noise: float
+    sound: float
+    time_step: float
+    factors: Floats | float = 1.0
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Probability of each diagnosis, "sound" among them, the most probable first."""
+        return {self.responses[i].name: float(self.judged.probabilities[i]) for i in self.judged.order}
+
+    @property
+    def leading(self) -> tuple[str, ...]:
+        """The diagnoses that together have `TOLD`: one where it is told, else those that cannot be told apart."""
+        names, total = list(self.probabilities), np.cumsum([*self.probabilities.values()])
+        return tuple(names[: int(np.searchsorted(total, TOLD)) + 1])
+
+    @property
+    def verdict(self) -> str:
+        """ "sound", the name of a fault, "cannot be told", or "unexplained" where even the best one hardly fits."""
+        if self.judged.fit[self.judged.order[0]] < UNEXPLAINED:
+            return "unexplained"
+        return self.leading[0] if len(self.leading) == 1 else "cannot be told"
+
+    def size(self, name: str) -> tuple[float, float, float]:
+        """Median and 90 % interval of a fault's size, between 0, its least, and 1, its most."""
+        i = [r.name for r in self.responses].index(name)
+        return tuple(_quantile(self.responses[i], self.judged.weights[i], q) for q in (0.5, 0.05, 0.95))  # type: ignore[return-value]
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, SI units."""
+        judged, best = self.judged, self.judged.order[0]
+        sound, leading = self.responses[0], self.responses[best]
+        at = int(np.argmax(judged.weights[best]))
+        rows = [
+            {
+                "test": test.name,
+                "measure": test.measure.value,
+                "rail_pressure": test.rail_pressure,
+                "energising_time": test.energisings[0].duration,
+                "measured": test.bench,
+                "sound": float(sound.mean[0, j]),
+                "deviation": float(self._deviation[j]),
+                "leading": float(leading.mean[at, j]),
+            }
+            for j, test in enumerate(self.data.tests)
+        ]
+        texts = {key: getattr(self.injector, key) for key in ("name", "title", "synthetic")}
+        return {
+            "schema": 1,
+            "kind": "diagnosis",
+            "title": f"Diagnosis: {self.data.name}",
+            "software": package_versions(),
+            "injector": texts | {"variant": self.injector.variant.label},
+            "plan": self.data.name,
+            "noise": self.noise,
+            "sound": self.sound,
+            "time_step": self.time_step,
+            "verdict": self.verdict,
+            "leading": list(self.leading),
+            "diagnoses": [self._row(i) for i in judged.order],
+            "tests": rows,
+            "next": [_next_record(item) for item in self.next],
+        }
+
+    @property
+    def _deviation(self) -> Floats:
+        """Standard deviation of each quantity of measured sound parts (tests,) [m³]."""
+        sound = self.responses[0]
+        return np.hypot(np.sqrt(np.diag(sound.scatter[0])), noise_of(sound.mean[0], self.noise))
+
+    def _row(self, i: int) -> dict[str, Any]:
+        found = self.responses[i]
+        row = {"name": found.name, "probability": float(self.judged.probabilities[i]), "fit": float(self.judged.fit[i])}
+        if found.fault is None:
+            return {**row, "meaning": "within makers' tolerances", "parameter": "", "size": [], "source": ""}
+        sizes = [found.fault.size_text(self.injector, s) for s in self.size(found.name)]
+        source = f"{found.fault.source.mark}: {found.fault.source.text}"
+        return {
+            **row,
+            "meaning": found.fault.meaning,
+            "parameter": found.fault.names[0],
+            "size": sizes,
+            "source": source,
+        }
+
+
+def diagnose(
+    injector: Injector,
+    results: TestPlan | str | PathLike[str],
+    *,
+    faults: FaultTable | str | PathLike[str] | None = None,
+    tolerances: Tolerances | str | PathLike[str] | None = None,
+    noise: float | str = NOISE,
+    sound: float | str = SOUND,
+    nominal: bool = False,
+    stroke_rate: Quantity | None = None,
+    cylinder_pressure: Quantity = 5e6,
+    return_pressure: Quantity = 0.5e6,
+    time_step: Quantity = DEFAULT_STEP,
+    draws: int = DRAWS,
+    threads: int | None = None,
+) -> Diagnosis:
+    """Find the single fault that explains what a bench measured, with probabilities over faults and "sound".
+
+    Parameters
+    ----------
+    injector : Injector
+        A sound part as drawn.
+    results : TestPlan or path
+        Test plan with a column bench; tests without a result are left out.
+    faults : FaultTable or path, optional
+        Table of faults; by default the one that ships.
+    tolerances : Tolerances or path, optional
+        Tolerance study whose dimensions are the scatter of sound parts, as shares of its own injector's values; by
+        default the standard deviations of the table of faults.
+    noise : float or str
+        Standard deviation of the bench and of the model's own error, as a share of each quantity.
+    sound : float or str
+        Probability before the measurement that the part is sound; all faults are equally likely.
+    nominal : bool
+        Take the plan's nominal quantities for those of a sound part, where it states them, and the model for the
+        relative changes alone.
+    stroke_rate, cylinder_pressure, return_pressure, time_step
+        As of `run_plan`.
+    draws : int
+        Sound parts that are simulated with each size of each fault.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        If a file cannot be read, fewer than two tests have a result, or an argument is of another kind.
+    SimulationError
+        If sound parts cannot be simulated.
+    """
+    instance(injector, Injector, "injector")
+    known = faults if isinstance(faults, FaultTable) else shipped_faults() if faults is None else load_faults(faults)  # type: ignore[arg-type]
+    deviation, prior = _share(noise, "noise"), _share(sound, "sound")
+    step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
+    plan = results if isinstance(results, TestPlan) else load_plan(results)
+    data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
+    parts, centre = sound_parts(injector, data, known, tolerances, count)
+    bench = PlanBench(injector, data, step, thread_count(threads))
+    found = responses(injector, parts, centre, visible_faults(injector, data, known), bench)
+    if not found:
+        raise SimulationError(f"Hardly any sound part can be simulated at the tests of {data.name}.")
+    factors = _nominal_factors(data, found[0].mean[0]) if nominal else np.ones(len(data.tests))
+    found = tuple(r.scaled(factors) for r in found)
+    measured = np.array([test.bench for test in data.tests], float)
+    judged = judge(found, measured, deviation, prior)
+    result = Diagnosis(injector, data, found, judged, (), deviation, prior, step, factors)
+    if len(result.leading) == 1:
+        return result
+    return replace(result, next=next_tests(result, bench, parts, centre))
+
+
+def _nominal_factors(data: PlanData, sound: Floats) -> Floats:
+    """Nominal quantities over those of sound parts (tests,) [1]; 1 where the plan states none."""
+    nominal = np.array([math.nan if test.nominal is None else test.nominal for test in data.tests])
+    if not np.isfinite(nominal).any():
+        raise InputError(f"{data.name} states no nominal quantity; add the column nominal, or compare with the model.")
+    return np.where(np.isfinite(nominal) & (sound > RESOLUTION), nominal / np.maximum(sound, RESOLUTION), 1.0)
+
+
+def _share(value: float | str, what: str) -> float:
+    found = number(value, "1", what)
+    if not 0.0 < found < 1.0:
+        raise ConfigurationError(f"{what} must lie between 0 and 100 %, both excluded, not {100.0 * found:g} %.")
+    return found
+
+
+def measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity, Quantity]) -> PlanData:
+    """Tests of a plan that have a result; `InputError` if there are fewer than two."""
+    there = tuple(test for test in plan.tests if test.bench is not None)
+    if len(there) < 2:
+        raise InputError(
+            f"{plan.name}: {len(there)} of {len(plan.tests)} tests have a result, and at least two are needed; add the "
+            "column bench with what the bench measured."
+        )
+    if len(there) < len(plan.tests):
+        left = [test.name for test in plan.tests if test.bench is None]
+        note(f"{plan.name}: {listed(left)} {'has' if len(left) == 1 else 'have'} no result in the column bench.")
+    return PlanData.of(replace(plan, tests=there), injector, pressures, plan.name)
+
+
+def visible_faults(injector: Injector, data: PlanData, known: FaultTable) -> tuple[Any, ...]:
+    """Faults whose parameters the model has, and that a test can show: a leak of the seat needs a return."""
+    returns = any(test.measure is Measure.RETURN for test in data.tests)
+    return tuple(f for f in known.of_model(injector) if returns or set(f.names) != {SEAT_LEAK})
+
+
+def sound_parts(
+    injector: Injector,
+    data: PlanData,
+    known: FaultTable,
+    tolerances: Tolerances | str | PathLike[str] | None,
+    count: int,
+) -> tuple[Parts, Floats]:
+    """Sound parts, and the middle of each parameter that scatters [SI]."""
+    if tolerances is None:
+        scatter = known.scatter_of(injector)
+        dimensions = tuple(Dimension(name, Normal(injector.values[name], s)) for name, s in scatter.items())
+        if not dimensions:
+            raise InputError(f"The table of faults states the scatter of no parameter that {injector.name} reads.")
+        study = Tolerances("sound parts", injector, dimensions, (TolerancePoint("point", data.points[0]),), seed=SEED)
+    else:
+        study = tolerances if isinstance(tolerances, Tolerances) else load_tolerances(tolerances)  # type: ignore[arg-type]
+    drawn = study.injector.values
+    factor = np.array([injector.values[name] / drawn[name] if drawn[name] else 1.0 for name in study.names])
+    middle = [float(dimension.distribution.at(np.array([0.5]))[0]) for dimension in study.dimensions]
+    return Parts(study.names, Draws(study).take(count) * factor), np.array(middle) * factor
+
+
+# The next test: of a grid of points between those of the plan the one where the two leading diagnoses, each with the
+# sizes that its quantities leave, differ most in standard deviations of what is expected of them.
+
+
+def next_tests(found: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats) -> tuple[NextTest, ...]:
+    """The three best tests of a grid, the best first."""
+    data, point = _candidates(found.data, found.injector), found.data.points[0]
+    pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
+    first, second = found.judged.order[:2]
+    n, both = len(found.data.tests), replace(data, tests=(*found.data.tests, *data.tests))
+    tried = replace(bench, data=PlanData.of(both, found.injector, pressures, both.name))
+    expected = [_expected(found, i, tried, parts, centre, n) for i in (first, second)]
+    there = [pair for pair in expected if pair is not None]
+    if len(there) < 2:
+        return ()
+    (mean, deviation), (other, spread) = there
+    separation = np.abs(mean - other) / np.hypot(deviation, spread)
+    names = found.responses[first].name, found.responses[second].name
+    ranked = np.argsort(-separation, kind="stable")[:3].tolist()
+    return tuple(
+        NextTest(
+            data.tests[k],
+            names,
+            (float(mean[k]), float(other[k])),
+            (float(deviation[k]), float(spread[k])),
+            float(separation[k]),
+        )
+        for k in ranked
+    )
+
+
+def _candidates(data: PlanData, injector: Injector) -> TestPlan:
+    """Tests of a grid between the least and the greatest rail pressure and energising time of the plan."""
+    times = [t.energisings[0].duration for t in data.tests if t.measure is Measure.DELIVERY] or [0.3e-3, 1e-3]
+    pressures = [test.rail_pressure for test in data.tests]
+    rates = [test.stroke_rate for test in data.tests if test.stroke_rate is not None]
+    pairs = [
+        (round(p / 1e6) * 1e6, round(t / 10e-6) * 10e-6)
+        for p in np.linspace(min(pressures), max(pressures), GRID[0]).tolist()
+        for t in np.linspace(min(times), max(times), GRID[1]).tolist()
+    ]
+    measures = [Measure.DELIVERY] if RETURN in unread_inputs(injector.variant) else list(Measure)
+    tests = [
+        PlanTest(f"{i}", p, (Energising(0.0, t),), None, None, 1.0, measure, rates[0] if rates else None)
+        for i, (p, t) in enumerate(dict.fromkeys(pairs))
+        for measure in measures
+    ]
+    return TestPlan("candidates", tuple(tests))
+
+
+def _quantile(response: Response, weights: Floats, share: float) -> float:
+    return float(response.sizes[min(int(np.searchsorted(np.cumsum(weights), share)), len(weights) - 1)])
+
+
+def _expected(
+    found: Diagnosis, i: int, bench: PlanBench, parts: Parts, centre: Floats, n: int
+) -> tuple[Floats, Floats] | None:
+    """Mean and standard deviation of the tests behind the first n, given the results of these (tests,) [m³]."""
+    response, weights = found.responses[i], found.judged.weights[i]
+    measured = np.array([test.bench for test in found.data.tests], float) / found.factors
+    means, variances = [], []
+    sizes = [0.0] if response.fault is None else [_quantile(response, weights, q) for q in QUANTILES]
+    for size in sizes:
+        made = parts if response.fault is None else parts.with_fault(found.injector, response.fault, size)
+        pair = moments(parts, centre, bench(made))
+        if pair is None:
+            continue
+        mean, scatter = pair
+        covariance = scatter + np.diag(noise_of(mean, found.noise) ** 2)
+        gain = np.linalg.solve(covariance[:n, :n], covariance[:n, n:]).T
+        means.append(mean[n:] + gain @ (measured - mean[:n]))
+        variances.append(np.diag(covariance)[n:] - np.einsum("ij,ji->i", gain, covariance[:n, n:]))
+    if not means:
+        return None
+    middle = np.mean(means, axis=0)
+    return middle, np.sqrt(np.maximum(np.mean(variances, axis=0) + np.var(means, axis=0), 0.0))
+
+
+def _next_record(item: NextTest) -> dict[str, Any]:
+    test = item.test
+    return {
+        "rail_pressure": test.rail_pressure,
+        "energising_time": test.energisings[0].duration,
+        "measure": test.measure.value,
+        "stroke_rate": test.stroke_rate,
+        "names": list(item.names),
+        "expected": list(item.expected),
+        "deviation": list(item.deviation),
+        "separation": item.separation,
+        "tells": item.separation >= TELLS,
+    }

@@ -1,0 +1,104 @@
+"""commonrail diagnose: which single fault explains what a bench measured of a part."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+from commonrail.base.output import write_text
+from commonrail.base.units import parse, to_text
+from commonrail.cli.console import SIMULATING, print_result, print_text, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import (
+    CylinderPressure,
+    DecimalSign,
+    Json,
+    ReturnPressure,
+    Settings,
+    Threads,
+    check_file,
+    read_form,
+    read_pressures,
+    refuse_return_pressure,
+    with_overrides,
+)
+
+
+@verb
+def diagnose(
+    model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
+    file: Annotated[
+        Path, Argument(metavar="RESULTS.csv", help="Test plan with a column bench: what the bench measured.")
+    ],
+    *,
+    noise: Annotated[str, Option(help="Standard deviation of bench and model, as a share of a quantity.")] = "1%",
+    sound: Annotated[str, Option(help="Probability before the measurement that the part is sound.")] = "50%",
+    nominal: Annotated[
+        bool, Option(help="Take the plan's nominal quantities for a sound part's, and the model for changes alone.")
+    ] = False,
+    faults: Annotated[
+        Path | None, Option(metavar="FAULTS.toml", help="Table of faults. [default: the one that ships]")
+    ] = None,
+    tolerances: Annotated[
+        Path | None,
+        Option(metavar="TOLERANCES.toml", help="Scatter of sound parts. [default: that of the table of faults]"),
+    ] = None,
+    stroke_rate: Annotated[
+        str | None, Option(help="Stroke rate where the plan states none, e.g. 1000/min. [default: none]")
+    ] = None,
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
+    decimal: DecimalSign = None,
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
+    set_: Settings = (),
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with probabilities and bands.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Find the fault that explains what a bench measured.
+
+    Sound parts within makers' tolerances, and parts with each fault at each size, are simulated at the tests of the
+    plan. Probabilities over the faults and "sound" follow by Bayes' theorem. Where the results cannot tell, the next
+    test that would is named.
+
+    \b
+    Examples:
+      commonrail diagnose cri2-16 examples/test-plan/plan.csv --stroke-rate 1000/min
+      commonrail diagnose runs/first results.csv --noise 2% --report diagnosis.html
+    """
+    from commonrail.cli.model_name import read_model_name
+    from commonrail.plugins.diagnose.page import diagnosis_html, diagnosis_lines, diagnosis_tables
+    from commonrail.plugins.diagnose.run import diagnose as run
+    from commonrail.plugins.plans.study import load_plan
+
+    check_file(report, "--report")
+    tests = load_plan(file, read_form(None, decimal, None, [file]))
+    named = read_model_name(model)
+    injector = with_overrides(named.injector, set_)
+    refuse_return_pressure(injector)
+    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    say(SIMULATING)
+    record = run(
+        injector,
+        tests,
+        faults=faults,
+        tolerances=tolerances,
+        noise=parse(noise, "1", "--noise"),
+        sound=parse(sound, "1", "--sound"),
+        nominal=nominal,
+        stroke_rate=None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate"),
+        cylinder_pressure=cylinder,
+        return_pressure=back,
+        time_step=parse(time_step, "s", "--time-step"),
+        threads=threads,
+    ).record()
+    if report is not None:
+        stated = {"noise": noise, "sound": sound, "faults": faults, "tolerances": tolerances}
+        stated |= {"stroke-rate": stroke_rate, "decimal": decimal}
+        stated |= {"cylinder-pressure": to_text(cylinder, "Pa"), "return-pressure": to_text(back, "Pa")}
+        again = ["commonrail", "diagnose", model, str(file), *(part for text in set_ for part in ("--set", text))]
+        again += ["--nominal"] if nominal else []
+        again += [f"--{name}={value}" for name, value in stated.items() if value is not None]
+        write_text(report, diagnosis_html(record, shlex.join([*again, f"--report={report}"])))
+    print_result(json, lambda: record, lambda: print_text(diagnosis_lines(record), diagnosis_tables(record)), [report])

@@ -1,0 +1,172 @@
+"""Diagnose virtual parts with known faults, and count what is found. All of its data are SYNTHETIC.
+
+    python -m tools.diagnose_trial                 # a thousand parts of a CRI2-16; half a minute
+    python -m tools.diagnose_trial --parts 200 --seed 7
+    python -m tools.diagnose_trial --svg docs/images/diagnose.svg
+
+Every other part is sound; the others have one fault of the shipped table, all equally likely, of a size drawn evenly
+from the lower, middle or upper third of its range. All parameters with a tolerance are drawn at once from normal
+distributions, the parts are simulated at half the time step of the diagnosis, and each quantity is measured with 1 %
+of noise. The diagnosis knows the table, the tolerances and the noise, not the parts: its responses are those of other
+parts on a grid of sizes, made once. Exit status 1 if a promise is not kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import commonrail as cr
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import BOTH, LINES, Figure, Panel, Series, points
+from commonrail.engine.operating_point import Energising
+from commonrail.plugins.diagnose.evidence import Judged, judge, noise_of, responses
+from commonrail.plugins.diagnose.faults import Fault, FaultTable, Parts, shipped_faults
+from commonrail.plugins.diagnose.run import DRAWS, NOISE, SOUND, TOLD, PlanBench, sound_parts, visible_faults
+from commonrail.plugins.plans.data import PlanData
+from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
+from commonrail.report.draw.figure import figure_svg
+
+INJECTOR, PRESSURES, RATE = "cri2-16", (0.5e6, 0.1e6), 1000.0 / 60.0
+# Name, rail pressure [MPa], energising time [us], measure: of the kinds of tests that workshops run.
+TESTS = (
+    ("VL", 160, 1000, Measure.DELIVERY),
+    ("EM", 80, 700, Measure.DELIVERY),
+    ("LL", 30, 650, Measure.DELIVERY),
+    ("VE", 80, 240, Measure.DELIVERY),
+    ("VE high", 135, 200, Measure.DELIVERY),
+    ("VL", 160, 1000, Measure.RETURN),
+    ("EM", 80, 700, Measure.RETURN),
+    ("leak", 160, 0, Measure.RETURN),
+)
+SIZES = ("small", "middle", "large")  # thirds of the range of a fault
+FIRST_RIGHT, FALSE_ALARMS, EXCEEDS = 0.85, 0.05, 2.0
+EDGES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0])  # of stated probabilities, for their calibration
+
+
+def plan() -> TestPlan:
+    """The tests, with bands that nothing here asks for."""
+    tests = [
+        PlanTest(name, p * 1e6, (Energising(0.0, t * 1e-6),), None, None, 1.0, measure, RATE)
+        for name, p, t, measure in TESTS
+    ]
+    return TestPlan("trial", tuple(tests))
+
+
+def drawn(injector: cr.Injector, known: FaultTable, faults: Sequence[Fault], count: int, seed: int) -> list[Any]:
+    """Parts (fault or None, size, values by name)."""
+    random, scatter = np.random.default_rng([seed, 77]), known.scatter_of(injector)
+    made = []
+    for i in range(count):
+        values = {n: injector.values[n] + s * random.standard_normal() for n, s in scatter.items()}
+        which, third, within = int(random.integers(len(faults))), int(random.integers(len(SIZES))), random.random()
+        made.append((faults[which] if i % 2 else None, (third + within) / len(SIZES), values))
+    return made
+
+
+def measured(bench: PlanBench, made: list[Any], seed: int) -> tuple[Floats, Floats]:
+    """Measured quantities (parts, tests) [m³], and how far the fault moved each without noise."""
+    random = np.random.default_rng([seed, 78])
+    shape = len(made), len(TESTS)
+    found, moved = np.full(shape, np.nan), np.zeros(shape)
+    for item in {id(f): f for f, *_ in made}.values():
+        rows = [i for i, (f, *_) in enumerate(made) if f is item]
+        parts = Parts(tuple(made[0][2]), np.array([[*made[i][2].values()] for i in rows]))
+        sizes = np.array([made[i][1] for i in rows])
+        found[rows] = bench(parts if item is None else parts.with_fault(bench.injector, item, sizes))
+        if item is not None:
+            moved[rows] = found[rows] - bench(parts)
+    return found * (1.0 + NOISE * random.standard_normal(shape)), moved
+
+
+def main() -> None:
+    """Print what is found."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parts", type=int, default=1000, help="number of parts, half of them sound")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="seed of the parts; the diagnosis was chosen on seeds from 100"
+    )
+    parser.add_argument("--svg", type=Path, help="file for the picture of the calibration")
+    args = parser.parse_args()
+    injector, known = cr.load_injector(INJECTOR), shipped_faults()
+    data = PlanData.of(plan(), injector, PRESSURES, "trial")
+    faults = visible_faults(injector, data, known)
+    parts, centre = sound_parts(injector, data, known, None, DRAWS)
+    found = responses(injector, parts, centre, faults, PlanBench(injector, data, 1e-6, 1))
+    made = drawn(injector, known, faults, args.parts, args.seed)
+    quantities, moved = measured(PlanBench(injector, data, 0.5e-6, 1), made, args.seed)
+    there = [bool(np.isfinite(row).all()) for row in quantities]
+    print(f"{there.count(False)} of {len(made)} parts could not be simulated")
+    judged = [judge(found, row, NOISE, SOUND) if ok else None for row, ok in zip(quantities, there, strict=True)]
+    names = [r.name for r in found]
+    deviation = np.hypot(np.sqrt(np.diag(found[0].scatter[0])), noise_of(found[0].mean[0], NOISE))
+    effect = np.abs(moved / deviation).max(axis=1)
+    sys.exit(not report(made, judged, names, effect, args.svg))
+
+
+def report(made: list[Any], judged: list[Judged | None], names: list[str], effect: Floats, svg: Path | None) -> bool:
+    """Print the counts; True if all promises are kept."""
+    rows = [
+        ("sound" if f is None else f.name, int(min(size, 0.999) * len(SIZES)), j, e)
+        for (f, size, _), j, e in zip(made, judged, effect, strict=True)
+        if j is not None
+    ]
+    sound = [j for name, _, j, _ in rows if name == "sound"]
+    alarms = [names[j.order[0]] for j in sound if j.order[0] != 0]
+    stated = sum(j.order[0] != 0 and j.probabilities[j.order[0]] >= TOLD for j in sound)
+    print(f"sound parts: {len(sound)}; a fault is first in {len(alarms)}, stated as told in {stated}: {sorted(alarms)}")
+    print(f"{'fault':22}{'parts':>6}{'exceed':>8}{'first':>7}{'told':>6}{'wrongly told':>14}   first instead")
+    kept = total = 0
+    for name in names[1:]:
+        for third in range(len(SIZES)):
+            of = [(j, e) for n, t, j, e in rows if (n, t) == (name, third)]
+            large = [j for j, e in of if e > EXCEEDS]
+            right = sum(names[j.order[0]] == name for j in large)
+            told = [names[j.order[0]] for j, _ in of if j.probabilities[j.order[0]] >= TOLD]
+            wrong = [names[j.order[0]] for j in large if names[j.order[0]] != name]
+            kept, total = kept + right, total + len(large)
+            text = ", ".join(sorted(f"{w} {wrong.count(w)}" for w in set(wrong)))
+            print(
+                f"{name + ' ' + SIZES[third]:22}{len(of):6}{len(large):8}{right:7}"
+                f"{told.count(name):6}{len(told) - told.count(name):14}   {text}"
+            )
+    share = kept / max(total, 1)
+    print(f"right fault first where its effect exceeds sound scatter twice: {kept} of {total} ({share:.1%})")
+    calibrated = calibration(rows, names, svg)
+    return kept >= FIRST_RIGHT * total and len(alarms) <= FALSE_ALARMS * len(sound) and calibrated
+
+
+def calibration(rows: list[Any], names: list[str], svg: Path | None) -> bool:
+    """Print how often stated probabilities came true; True if the whole departs by less than chance would."""
+    p = np.concatenate([j.probabilities for *_, j, _ in rows])
+    hit = np.concatenate([np.array(names) == name for name, *_ in rows])
+    bins = np.clip(np.digitize(p, EDGES) - 1, 0, len(EDGES) - 2)
+    print(f"{'stated':>14}{'cases':>8}{'mean':>8}{'came true':>11}{'st. error':>11}")
+    x, y = [], []
+    for k in range(len(EDGES) - 1):
+        of = bins == k
+        if not of.any():
+            continue
+        mean, share = p[of].mean(), hit[of].mean()
+        error = np.sqrt(np.sum(p[of] * (1.0 - p[of]))) / of.sum()
+        x.append(100.0 * mean)
+        y.append(100.0 * share)
+        print(f"{EDGES[k]:6.2f} to {EDGES[k + 1]:4.2f}{of.sum():8}{mean:8.3f}{share:11.3f}{error:11.3f}")
+    first = np.array([j.probabilities.max() for *_, j, _ in rows])
+    right = np.array([names[j.order[0]] == name for name, _, j, _ in rows])
+    spread = float(np.sqrt(np.mean(first * (1.0 - first)) / len(first)))
+    print(f"first diagnosis: stated {first.mean():.3f}, came true {right.mean():.3f}, st. error {spread:.3f}")
+    if svg is not None:
+        ideal = Series("as stated", "level", (0.0, 100.0), (0.0, 100.0), LINES)
+        panel = Panel("came true, %", (ideal, Series("diagnoses of the trial", "best", points(x), points(y), BOTH)))
+        svg.write_text(figure_svg(Figure("", "", "stated probability, %", (panel,)), 560, 360), encoding="utf-8")
+    return bool(abs(first.mean() - right.mean()) <= 3.0 * spread)
+
+
+if __name__ == "__main__":
+    main()
