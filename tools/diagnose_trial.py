@@ -8,7 +8,8 @@ Every other part is sound; the others have one fault of the shipped table, all e
 from the lower, middle or upper third of its range. All parameters with a tolerance are drawn at once from normal
 distributions, the parts are simulated at half the time step of the diagnosis, and each quantity is measured with 1 %
 of noise. The diagnosis knows the table, the tolerances and the noise, not the parts: its responses are those of other
-parts on a grid of sizes, made once. Exit status 1 if a promise is not kept.
+parts on a grid of sizes, made once. Tests and constants were chosen on the seeds 1 and 100 to 104, on which there is
+nothing to prove. Exit status 1 if a promise is not kept.
 """
 
 from __future__ import annotations
@@ -38,10 +39,10 @@ TESTS = (
     ("VL", 160, 1000, Measure.DELIVERY),
     ("EM", 80, 700, Measure.DELIVERY),
     ("LL", 30, 650, Measure.DELIVERY),
-    ("VE", 80, 240, Measure.DELIVERY),
-    ("VE high", 135, 200, Measure.DELIVERY),
+    ("VE", 80, 300, Measure.DELIVERY),
+    ("EM high", 160, 400, Measure.DELIVERY),
     ("VL", 160, 1000, Measure.RETURN),
-    ("EM", 80, 700, Measure.RETURN),
+    ("leak low", 40, 0, Measure.RETURN),
     ("leak", 160, 0, Measure.RETURN),
 )
 SIZES = ("small", "middle", "large")  # thirds of the range of a fault
@@ -88,9 +89,7 @@ def main() -> None:
     """Print what is found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", type=int, default=1000, help="number of parts, half of them sound")
-    parser.add_argument(
-        "--seed", type=int, default=1, help="seed of the parts; the diagnosis was chosen on seeds from 100"
-    )
+    parser.add_argument("--seed", type=int, default=2, help="seed of the parts")
     parser.add_argument("--svg", type=Path, help="file for the picture of the calibration")
     args = parser.parse_args()
     injector, known = cr.load_injector(INJECTOR), shipped_faults()

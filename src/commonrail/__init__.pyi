@@ -73,6 +73,8 @@ from .plugins.diagnose.faults import FaultTable as FaultTable
 from .plugins.diagnose.faults import load_faults as load_faults
 from .plugins.diagnose.run import Diagnosis as Diagnosis
 from .plugins.diagnose.run import diagnose as diagnose
+from .plugins.diagnose.trim import PartTrim as PartTrim
+from .plugins.diagnose.trim import trim as trim
 from .plugins.family.adapt import Adapted as Adapted
 from .plugins.family.adapt import adapt as adapt
 from .plugins.family.injector_type import FixedValue as FixedValue

@@ -24,7 +24,18 @@ HEADINGS = {
     "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "certainty", "next", "report"),
     "Use a model": ("simulate", "map", "sweep", "features", "predict", "page", "export"),
     "Many parts": ("fleet", "type", "adapt", "tolerance"),
-    "Judge and look up": ("compare", "plan", "diagnose", "sensitivity", "catalogue", "cite", "fuel", "doctor", "lab"),
+    "Judge and look up": (
+        "compare",
+        "plan",
+        "diagnose",
+        "trim",
+        "sensitivity",
+        "catalogue",
+        "cite",
+        "fuel",
+        "doctor",
+        "lab",
+    ),
 }
 
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import norm
+from scipy.stats import t
 
 from commonrail.base.choices import Drive
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
-from commonrail.plugins.diagnose.evidence import RESOLUTION, Response, judge, moments
+from commonrail.plugins.diagnose.evidence import FREEDOM, RESOLUTION, Response, judge, moments
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.diagnose.run import Diagnosis, PlanBench, diagnose
 from commonrail.plugins.plans.data import PlanData
@@ -94,8 +94,12 @@ def test_probabilities_are_those_of_an_integral_over_the_size() -> None:
     sound = Response(None, np.zeros(1), np.array([[10e-9]]), np.array([[[0.3e-9**2]]]))
     weak = Response(fault(SPRING), sizes, (11e-9 + 4e-9 * sizes)[:, None], np.full((201, 1, 1), 0.5e-9**2))
     judged = judge([sound, weak], np.array([11.5e-9]), 0.02, 0.8)
-    one = norm.pdf(11.5, 10.0, math.hypot(0.3, 0.2, 1e9 * RESOLUTION))
-    many = quad(lambda s: norm.pdf(11.5, 11 + 4 * s, math.hypot(0.5, 0.02 * (11 + 4 * s), 1e9 * RESOLUTION)), 0, 1)[0]
+
+    def density(middle: float, scatter: float) -> float:
+        deviation = math.hypot(scatter, 0.02 * middle, 1e9 * RESOLUTION)
+        return float(t.pdf(11.5, FREEDOM, middle, deviation * math.sqrt(1.0 - 2.0 / FREEDOM)))
+
+    one, many = density(10.0, 0.3), quad(lambda s: density(11.0 + 4.0 * s, 0.5), 0.0, 1.0)[0]
     # the sum over 201 sizes stands for the integral
     assert judged.probabilities[1] == pytest.approx(0.2 * many / (0.2 * many + 0.8 * one), rel=0.01)
     assert judged.probabilities.sum() == pytest.approx(1.0)

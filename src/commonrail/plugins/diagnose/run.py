@@ -35,6 +35,7 @@ TOLD = 0.9  # probability from which a diagnosis is stated as told; chosen
 UNEXPLAINED = 1e-3  # share of parts as far away below which nothing in the table explains the quantities; chosen
 TELLS = 2.0  # standard deviations from which a next test tells two diagnoses apart; chosen
 GRID = (5, 5)  # rail pressures and energising times that are tried as the next test
+EDGE = 0.25  # scatter of a delivery, as a share, from which its distribution is not normal; chosen
 QUANTILES = (1 / 6, 1 / 2, 5 / 6)  # of a fault's size, at which the next test is simulated
 SEED = 1  # of the sound parts
 
@@ -254,7 +255,7 @@ def diagnose(
     """
     instance(injector, Injector, "injector")
     known = faults if isinstance(faults, FaultTable) else shipped_faults() if faults is None else load_faults(faults)  # type: ignore[arg-type]
-    deviation, prior = _share(noise, "noise"), _share(sound, "sound")
+    deviation, prior = share_of(noise, "noise"), share_of(sound, "sound")
     step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
@@ -263,7 +264,8 @@ def diagnose(
     found = responses(injector, parts, centre, visible_faults(injector, data, known), bench)
     if not found:
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {data.name}.")
-    factors = _nominal_factors(data, found[0].mean[0]) if nominal else np.ones(len(data.tests))
+    _note_edges(data, found[0])
+    factors = nominal_factors(data, found[0].mean[0]) if nominal else np.ones(len(data.tests))
     found = tuple(r.scaled(factors) for r in found)
     measured = np.array([test.bench for test in data.tests], float)
     judged = judge(found, measured, deviation, prior)
@@ -273,7 +275,18 @@ def diagnose(
     return replace(result, next=next_tests(result, bench, parts, centre))
 
 
-def _nominal_factors(data: PlanData, sound: Floats) -> Floats:
+def _note_edges(data: PlanData, sound: Response) -> None:
+    """Note deliveries that scatter too much among sound parts: not all of them inject there."""
+    wide = np.sqrt(np.diag(sound.scatter[0])) > EDGE * sound.mean[0]
+    names = [t.name for t, far in zip(data.tests, wide, strict=True) if far and t.measure is Measure.DELIVERY]
+    if names:
+        note(
+            f"{data.name}: sound parts scatter by more than {100.0 * EDGE:.0f} % at {listed(names)}, at the edge of "
+            "injection; the probabilities are surer than they should be: take longer energising times there."
+        )
+
+
+def nominal_factors(data: PlanData, sound: Floats) -> Floats:
     """Nominal quantities over those of sound parts (tests,) [1]; 1 where the plan states none."""
     nominal = np.array([math.nan if test.nominal is None else test.nominal for test in data.tests])
     if not np.isfinite(nominal).any():
@@ -281,7 +294,8 @@ def _nominal_factors(data: PlanData, sound: Floats) -> Floats:
     return np.where(np.isfinite(nominal) & (sound > RESOLUTION), nominal / np.maximum(sound, RESOLUTION), 1.0)
 
 
-def _share(value: float | str, what: str) -> float:
+def share_of(value: float | str, what: str) -> float:
+    """Share of 1, or of a text with %; `ConfigurationError` unless it lies between 0 and 100 %."""
     found = number(value, "1", what)
     if not 0.0 < found < 1.0:
         raise ConfigurationError(f"{what} must lie between 0 and 100 %, both excluded, not {100.0 * found:g} %.")

@@ -1,0 +1,236 @@
+"""Trim of a part: corrections of its energising time from a few tests, coded in classes, over the whole map.
+
+At a test the correction is (nominal − measured quantity) over the nominal slope dQ/dt, rounded to whole steps: these
+numbers are the part's code. Elsewhere it is what the code makes most likely for sound parts, by linear regression on
+drawn ones (best linear prediction, as in kriging): z = C_zx (C_xx + R)⁻¹ x with the covariances C of the corrections
+that such parts need, and the noise R of bench and steps. The matrix belongs to the type, the code to the part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import Limits, Quantity, amount, array, instance, thread_count
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import InputError, SimulationError
+from commonrail.engine.operating_point import Energising
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.physics.injector import Injector
+from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, noise_of
+from commonrail.plugins.diagnose.faults import Parts, shipped_faults
+from commonrail.plugins.diagnose.run import NOISE, PlanBench, measured_tests, nominal_factors, share_of, sound_parts
+from commonrail.plugins.plans.data import PlanData
+from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan, load_plan
+from commonrail.plugins.tolerance.study import Tolerances
+
+STEP = 2e-6  # of a class [s]; chosen
+STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
+ASIDE = 20e-6  # of the energising time to either side for the nominal slope [s], above ripples; chosen
+LEAST_SLOPE = 1e-6  # of the quantity over the energising time [m³/s] where a part is trimmed: 1 mm³/ms; chosen
+DRAWS = 256  # sound parts behind the regression
+GRID = 5  # rail pressures, and energising times, of the map where none are stated
+
+
+class Trimming(NamedTuple):
+    """Regression of corrections over the map on those at the tests; it belongs to the type.
+
+    `gain` (points, tests) [1]; `slopes` of tests and points (tests + points,) [m³/s]; `spread` and `left` (points,):
+    standard deviations of the quantities of sound parts before and after the trim [m³], as far as all is linear.
+    """
+
+    gain: Floats
+    slopes: Floats
+    spread: Floats
+    left: Floats
+
+
+@dataclass(frozen=True)
+class PartTrim:
+    """Trim of a part.
+
+    Attributes
+    ----------
+    data : PlanData
+        Tests that it is coded from.
+    nominal : (tests,)
+        Quantities of a sound part as drawn [m³].
+    classes : (tests,)
+        Code of the part: corrections at the tests in steps.
+    step : float
+        Of the energising time [s].
+    points : tuple of PlanTest
+        Points of the map that a sound part injects at and that can be trimmed.
+    corrections : (points,)
+        To be added to the energising time there [s].
+    trimming : Trimming
+    """
+
+    data: PlanData
+    nominal: Floats
+    classes: Floats
+    step: float
+    points: tuple[PlanTest, ...]
+    corrections: Floats
+    trimming: Trimming
+
+    @property
+    def code(self) -> str:
+        """Classes in the order of the tests: VL −3, EM +1."""
+        return ", ".join(f"{t.name} {int(c):+d}" for t, c in zip(self.data.tests, self.classes, strict=True))
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, SI units."""
+        tests = [
+            {
+                "test": test.name,
+                "rail_pressure": test.rail_pressure,
+                "energising_time": test.energisings[0].duration,
+                "measured": test.bench,
+                "nominal": float(self.nominal[i]),
+                "class": int(self.classes[i]),
+                "correction": float(self.classes[i] * self.step),
+            }
+            for i, test in enumerate(self.data.tests)
+        ]
+        points = [
+            {
+                "rail_pressure": test.rail_pressure,
+                "energising_time": test.energisings[0].duration,
+                "correction": float(self.corrections[i]),
+                "spread": float(self.trimming.spread[i]),
+                "left": float(self.trimming.left[i]),
+            }
+            for i, test in enumerate(self.points)
+        ]
+        facts = {"schema": 1, "kind": "trim", "title": f"Trim: {self.data.name}", "plan": self.data.name}
+        return facts | {"step": self.step, "code": self.code, "tests": tests, "points": points}
+
+
+def trim(
+    injector: Injector,
+    results: TestPlan | str | PathLike[str],
+    *,
+    step: Quantity = STEP,
+    rail_pressures: Sequence[float] | None = None,
+    energising_times: Sequence[float] | None = None,
+    tolerances: Tolerances | str | PathLike[str] | None = None,
+    noise: float | str = NOISE,
+    nominal: bool = False,
+    cylinder_pressure: Quantity = 5e6,
+    return_pressure: Quantity = 0.5e6,
+    time_step: Quantity = DEFAULT_STEP,
+    threads: int | None = None,
+) -> PartTrim:
+    """Code a part from its deliveries at a few tests, and correct its energising time over the map.
+
+    Parameters
+    ----------
+    injector : Injector
+        A sound part as drawn.
+    results : TestPlan or path
+        Test plan with a column bench; deliveries of one energising are used.
+    step : float or str
+        Step of a class [s].
+    rail_pressures, energising_times : sequence of float, optional
+        Axes of the map [Pa], [s]; by default five values each between those of the tests.
+    tolerances, noise, nominal, cylinder_pressure, return_pressure, time_step, threads
+        As of `diagnose`.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        If a file cannot be read, fewer than two deliveries have a result, a test cannot be trimmed, or an argument is
+        of another kind.
+    SimulationError
+        If sound parts cannot be simulated.
+    """
+    instance(injector, Injector, "injector")
+    size, deviation = amount(step, "s", "step of a class", STEPS), share_of(noise, "noise")
+    plan = results if isinstance(results, TestPlan) else load_plan(results)
+    used = tuple(t for t in plan.tests if t.measure is Measure.DELIVERY and len(t.energisings) == 1)
+    data = measured_tests(replace(plan, tests=used), injector, (cylinder_pressure, return_pressure))
+    grid = _grid(data, rail_pressures, energising_times)
+    bench = PlanBench(injector, data, check_step(time_step), thread_count(threads))
+    kept, drawn, trimming = regression(bench, grid, tolerances, deviation, size)
+    sound = drawn * nominal_factors(data, drawn) if nominal else drawn
+    measured = np.array([test.bench for test in data.tests], float)
+    classes = np.round((sound - measured) / (sound / drawn * trimming.slopes[: len(sound)]) / size)
+    corrections = trimming.gain @ (classes * size)
+    return PartTrim(data, sound, classes, size, tuple(grid[k] for k in kept), corrections, trimming)
+
+
+def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[float] | None) -> tuple[PlanTest, ...]:
+    """Points of the map as tests, those of the plan's range by default."""
+
+    def axis(given: Sequence[float] | None, own: list[float], unit: str, what: str) -> list[float]:
+        values = np.linspace(min(own), max(own), GRID) if given is None else array(given, unit, what, 1)
+        return list(dict.fromkeys(np.asarray(values, float).tolist()))
+
+    p = axis(pressures, [t.rail_pressure for t in data.tests], "Pa", "rail_pressures")
+    t = axis(times, [t.energisings[0].duration for t in data.tests], "s", "energising_times")
+    pairs = [(a, b) for a in p for b in t]
+    return tuple(PlanTest(f"{i}", a, (Energising(0.0, b),), upper=1.0) for i, (a, b) in enumerate(pairs))
+
+
+def regression(
+    bench: PlanBench,
+    grid: Sequence[PlanTest],
+    tolerances: Tolerances | str | PathLike[str] | None,
+    noise: float,
+    step: float,
+) -> tuple[list[int], Floats, Trimming]:
+    """Points of the grid that can be trimmed, quantities of the drawn part at the tests (tests,) [m³], and the gain.
+
+    `InputError` if a test cannot be trimmed: the nominal quantity there is none, or does not rise with the time.
+    """
+    injector, n = bench.injector, len(bench.data.tests)
+    tests = (*bench.data.tests, *grid)
+    slopes, middle = _slopes(bench, tests)
+    good = (slopes > LEAST_SLOPE) & (middle > RESOLUTION)
+    for i in np.flatnonzero(~good[:n]).tolist():
+        raise InputError(
+            f"{bench.data.name}: the nominal quantity of the test {tests[i].name} hardly rises with the energising "
+            "time, so that no part can be trimmed there; leave it out of the table."
+        )
+    kept = [i for i in range(len(grid)) if good[n + i]]
+    if not kept:
+        raise InputError("A sound part injects at no point of the map; take longer energising times.")
+    use = [*range(n), *(n + i for i in kept)]
+    parts, centre = sound_parts(injector, bench.data, shipped_faults(), tolerances, DRAWS)
+    made = moments(parts, centre, _at(bench, [tests[i] for i in use])(parts))
+    if made is None:
+        raise SimulationError(f"Hardly any sound part can be simulated at the tests of {bench.data.name}.")
+    mean, scatter = made
+    slopes = slopes[use]
+    needed = scatter / np.outer(slopes, slopes)
+    error = np.diag((noise_of(mean[:n], noise) / slopes[:n]) ** 2 + step**2 / 12.0)
+    gain = np.asarray(np.linalg.solve(needed[:n, :n] + error, needed[:n, n:]).T, float)
+    left = np.maximum(np.diag(needed)[n:] - np.einsum("ij,ji->i", gain, needed[:n, n:]), 0.0)
+    spread = np.asarray(np.sqrt(np.diag(scatter)[n:]), float)
+    return kept, middle[:n], Trimming(gain, slopes, spread, np.asarray(np.sqrt(left) * slopes[n:]))
+
+
+def _slopes(bench: PlanBench, tests: Sequence[PlanTest]) -> tuple[Floats, Floats]:
+    """Nominal slopes dQ/dt [m³/s] and quantities [m³] of the drawn part at tests."""
+    drawn, n = Parts((), np.empty((1, 0))), len(tests)
+    times = [test.energisings[0].duration for test in tests]
+    shifted = [
+        replace(test, name=f"{test.name} {aside:g}", energisings=(Energising(0.0, max(time + aside, 0.1 * time)),))
+        for aside in (-ASIDE, 0.0, ASIDE)
+        for test, time in zip(tests, times, strict=True)
+    ]
+    low, middle, high = _at(bench, shifted)(drawn)[0].reshape(3, n)
+    return (high - low) / (2.0 * ASIDE), middle
+
+
+def _at(bench: PlanBench, tests: Sequence[PlanTest]) -> PlanBench:
+    """The bench at other tests."""
+    point = bench.data.points[0]
+    pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
+    named = tuple(replace(test, name=f"{i} {test.name}") for i, test in enumerate(tests))
+    return replace(bench, data=PlanData.of(TestPlan("map", named), bench.injector, pressures, "map"))
