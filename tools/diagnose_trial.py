@@ -24,7 +24,7 @@ import numpy as np
 
 import commonrail as cr
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import BOTH, LINES, Figure, Panel, Series, points
+from commonrail.base.chart import BOTH, LINES, Band, Figure, Panel, Series, points
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.diagnose.evidence import Judged, judge, noise_of, responses
 from commonrail.plugins.diagnose.faults import Fault, FaultTable, Parts, shipped_faults
@@ -95,7 +95,7 @@ def main() -> None:
     injector, known = cr.load_injector(INJECTOR), shipped_faults()
     data = PlanData.of(plan(), injector, PRESSURES, "trial")
     faults = visible_faults(injector, data, known)
-    parts, centre = sound_parts(injector, data, known, None, DRAWS)
+    parts, centre = sound_parts(injector, known, DRAWS)
     found = responses(injector, parts, centre, faults, PlanBench(injector, data, 1e-6, 1))
     made = drawn(injector, known, faults, args.parts, args.seed)
     quantities, moved = measured(PlanBench(injector, data, 0.5e-6, 1), made, args.seed)
@@ -146,7 +146,7 @@ def calibration(rows: list[Any], names: list[str], svg: Path | None) -> bool:
     hit = np.concatenate([np.array(names) == name for name, *_ in rows])
     bins = np.clip(np.digitize(p, EDGES) - 1, 0, len(EDGES) - 2)
     print(f"{'stated':>14}{'cases':>8}{'mean':>8}{'came true':>11}{'st. error':>11}")
-    x, y = [], []
+    x, y, chance = [], [], []
     for k in range(len(EDGES) - 1):
         of = bins == k
         if not of.any():
@@ -155,14 +155,17 @@ def calibration(rows: list[Any], names: list[str], svg: Path | None) -> bool:
         error = np.sqrt(np.sum(p[of] * (1.0 - p[of]))) / of.sum()
         x.append(100.0 * mean)
         y.append(100.0 * share)
+        chance.append(200.0 * error)
         print(f"{EDGES[k]:6.2f} to {EDGES[k + 1]:4.2f}{of.sum():8}{mean:8.3f}{share:11.3f}{error:11.3f}")
     first = np.array([j.probabilities.max() for *_, j, _ in rows])
     right = np.array([names[j.order[0]] == name for name, _, j, _ in rows])
     spread = float(np.sqrt(np.mean(first * (1.0 - first)) / len(first)))
     print(f"first diagnosis: stated {first.mean():.3f}, came true {right.mean():.3f}, st. error {spread:.3f}")
     if svg is not None:
-        ideal = Series("as stated", "level", (0.0, 100.0), (0.0, 100.0), LINES)
-        panel = Panel("came true, %", (ideal, Series("diagnoses of the trial", "best", points(x), points(y), BOTH)))
+        ideal = Series("as stated, with two standard errors", "level", (0.0, 100.0), (0.0, 100.0), LINES)
+        low, high = (points(max(0.0, min(100.0, a + s * c)) for a, c in zip(x, chance, strict=True)) for s in (-1, 1))
+        found = Series("diagnoses of the trial", "best", points(x), points(y), BOTH)
+        panel = Panel("came true, %", (ideal, found), bands=(Band("level", points(x), low, high),))
         svg.write_text(figure_svg(Figure("", "", "stated probability, %", (panel,)), 560, 360), encoding="utf-8")
     return bool(abs(first.mean() - right.mean()) <= 3.0 * spread)
 

@@ -59,7 +59,7 @@ def main() -> None:
     data = PlanData.of(TestPlan("trial", tests_of(TESTS)), injector, PRESSURES, "trial")
     bench = PlanBench(injector, data, threads=1)
     grid = tests_of(tuple((f"{p} MPa {t} us", p, t) for p, t in MAP))
-    kept, nominal, trimming = regression(bench, grid, None, NOISE, STEP)
+    kept, nominal, trimming = regression(bench, grid, known, NOISE, STEP)
     random, scatter = np.random.default_rng([args.seed, 79]), known.scatter_of(injector)
     middle = np.array([injector.values[name] for name in scatter])
     values = middle + random.standard_normal((args.parts, len(middle))) * np.array([*scatter.values()])

@@ -73,7 +73,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "compare": "commonrail.plugins.compare.verb:compare",
         "plan": "commonrail.plugins.plans.verb:plan",
         "diagnose": "commonrail.plugins.diagnose.verb:diagnose",
-        "trim": "commonrail.plugins.diagnose.trim_verb:trim",
+        "trim": "commonrail.plugins.diagnose.verb:trim",
         "fleet": "commonrail.plugins.fleet.verb:fleet",
         "type": "commonrail.plugins.family.verb:type_",
         "adapt": "commonrail.plugins.family.adapt_verb:adapt",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,9 +26,6 @@ from commonrail.plugins.diagnose.evidence import RESOLUTION, Judged, Response, j
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan, load_plan
-from commonrail.plugins.tolerance.file import load_tolerances
-from commonrail.plugins.tolerance.parts import Draws
-from commonrail.plugins.tolerance.study import Dimension, Normal, TolerancePoint, Tolerances
 
 DRAWS = 64  # sound parts that are simulated with each size of each fault
 NOISE, SOUND = 0.01, 0.5  # of a bench, as a share of a quantity; probability of a sound part before the measurement
@@ -208,7 +206,6 @@ def diagnose(
     results: TestPlan | str | PathLike[str],
     *,
     faults: FaultTable | str | PathLike[str] | None = None,
-    tolerances: Tolerances | str | PathLike[str] | None = None,
     noise: float | str = NOISE,
     sound: float | str = SOUND,
     nominal: bool = False,
@@ -228,10 +225,7 @@ def diagnose(
     results : TestPlan or path
         Test plan with a column bench; tests without a result are left out.
     faults : FaultTable or path, optional
-        Table of faults; by default the one that ships.
-    tolerances : Tolerances or path, optional
-        Tolerance study whose dimensions are the scatter of sound parts, as shares of its own injector's values; by
-        default the standard deviations of the table of faults.
+        Table of faults and of the scatter of sound parts; by default the one that ships.
     noise : float or str
         Standard deviation of the bench and of the model's own error, as a share of each quantity.
     sound : float or str
@@ -254,12 +248,12 @@ def diagnose(
         If sound parts cannot be simulated.
     """
     instance(injector, Injector, "injector")
-    known = faults if isinstance(faults, FaultTable) else shipped_faults() if faults is None else load_faults(faults)  # type: ignore[arg-type]
+    known = read_table(faults)
     deviation, prior = share_of(noise, "noise"), share_of(sound, "sound")
     step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
-    parts, centre = sound_parts(injector, data, known, tolerances, count)
+    parts, centre = sound_parts(injector, known, count)
     bench = PlanBench(injector, data, step, thread_count(threads))
     found = responses(injector, parts, centre, visible_faults(injector, data, known), bench)
     if not found:
@@ -284,6 +278,13 @@ def _note_edges(data: PlanData, sound: Response) -> None:
             f"{data.name}: sound parts scatter by more than {100.0 * EDGE:.0f} % at {listed(names)}, at the edge of "
             "injection; the probabilities are surer than they should be: take longer energising times there."
         )
+
+
+def read_table(faults: FaultTable | str | PathLike[str] | None) -> FaultTable:
+    """Table that is given or lies in a file; the one that ships for None."""
+    if faults is None:
+        return shipped_faults()
+    return faults if isinstance(faults, FaultTable) else load_faults(Path(faults))
 
 
 def nominal_factors(data: PlanData, sound: Floats) -> Floats:
@@ -322,26 +323,21 @@ def visible_faults(injector: Injector, data: PlanData, known: FaultTable) -> tup
     return tuple(f for f in known.of_model(injector) if returns or set(f.names) != {SEAT_LEAK})
 
 
-def sound_parts(
-    injector: Injector,
-    data: PlanData,
-    known: FaultTable,
-    tolerances: Tolerances | str | PathLike[str] | None,
-    count: int,
-) -> tuple[Parts, Floats]:
-    """Sound parts, and the middle of each parameter that scatters [SI]."""
-    if tolerances is None:
-        scatter = known.scatter_of(injector)
-        dimensions = tuple(Dimension(name, Normal(injector.values[name], s)) for name, s in scatter.items())
-        if not dimensions:
-            raise InputError(f"The table of faults states the scatter of no parameter that {injector.name} reads.")
-        study = Tolerances("sound parts", injector, dimensions, (TolerancePoint("point", data.points[0]),), seed=SEED)
-    else:
-        study = tolerances if isinstance(tolerances, Tolerances) else load_tolerances(tolerances)  # type: ignore[arg-type]
-    drawn = study.injector.values
-    factor = np.array([injector.values[name] / drawn[name] if drawn[name] else 1.0 for name in study.names])
-    middle = [float(dimension.distribution.at(np.array([0.5]))[0]) for dimension in study.dimensions]
-    return Parts(study.names, Draws(study).take(count) * factor), np.array(middle) * factor
+def sound_parts(injector: Injector, known: FaultTable, count: int) -> tuple[Parts, Floats]:
+    """Sound parts, evenly drawn (a Sobol' sequence), and the part as drawn in the parameters that scatter [SI].
+
+    `InputError` if the table states the scatter of no parameter that the model reads.
+    """
+    from scipy.special import ndtri  # slow to import
+    from scipy.stats import qmc
+
+    scatter = known.scatter_of(injector)
+    if not scatter:
+        raise InputError(f"The table of faults states the scatter of no parameter that {injector.name} reads.")
+    middle = np.array([injector.values[name] for name in scatter])
+    sequence = qmc.Sobol(len(scatter), rng=np.random.default_rng(SEED))
+    shares = np.clip(sequence.random(1 << (count - 1).bit_length())[:count], 1e-12, 1.0 - 1e-12)
+    return Parts(tuple(scatter), middle + ndtri(shares) * np.array([*scatter.values()])), middle
 
 
 # The next test: of a grid of points between those of the plan the one where the two leading diagnoses, each with the

@@ -22,11 +22,18 @@ from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, noise_of
-from commonrail.plugins.diagnose.faults import Parts, shipped_faults
-from commonrail.plugins.diagnose.run import NOISE, PlanBench, measured_tests, nominal_factors, share_of, sound_parts
+from commonrail.plugins.diagnose.faults import FaultTable, Parts
+from commonrail.plugins.diagnose.run import (
+    NOISE,
+    PlanBench,
+    measured_tests,
+    nominal_factors,
+    read_table,
+    share_of,
+    sound_parts,
+)
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan, load_plan
-from commonrail.plugins.tolerance.study import Tolerances
 
 STEP = 2e-6  # of a class [s]; chosen
 STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
@@ -118,7 +125,7 @@ def trim(
     step: Quantity = STEP,
     rail_pressures: Sequence[float] | None = None,
     energising_times: Sequence[float] | None = None,
-    tolerances: Tolerances | str | PathLike[str] | None = None,
+    faults: FaultTable | str | PathLike[str] | None = None,
     noise: float | str = NOISE,
     nominal: bool = False,
     cylinder_pressure: Quantity = 5e6,
@@ -138,7 +145,7 @@ def trim(
         Step of a class [s].
     rail_pressures, energising_times : sequence of float, optional
         Axes of the map [Pa], [s]; by default five values each between those of the tests.
-    tolerances, noise, nominal, cylinder_pressure, return_pressure, time_step, threads
+    faults, noise, nominal, cylinder_pressure, return_pressure, time_step, threads
         As of `diagnose`.
 
     Raises
@@ -156,7 +163,7 @@ def trim(
     data = measured_tests(replace(plan, tests=used), injector, (cylinder_pressure, return_pressure))
     grid = _grid(data, rail_pressures, energising_times)
     bench = PlanBench(injector, data, check_step(time_step), thread_count(threads))
-    kept, drawn, trimming = regression(bench, grid, tolerances, deviation, size)
+    kept, drawn, trimming = regression(bench, grid, read_table(faults), deviation, size)
     sound = drawn * nominal_factors(data, drawn) if nominal else drawn
     measured = np.array([test.bench for test in data.tests], float)
     classes = np.round((sound - measured) / (sound / drawn * trimming.slopes[: len(sound)]) / size)
@@ -180,7 +187,7 @@ def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[flo
 def regression(
     bench: PlanBench,
     grid: Sequence[PlanTest],
-    tolerances: Tolerances | str | PathLike[str] | None,
+    known: FaultTable,
     noise: float,
     step: float,
 ) -> tuple[list[int], Floats, Trimming]:
@@ -201,7 +208,7 @@ def regression(
     if not kept:
         raise InputError("A sound part injects at no point of the map; take longer energising times.")
     use = [*range(n), *(n + i for i in kept)]
-    parts, centre = sound_parts(injector, bench.data, shipped_faults(), tolerances, DRAWS)
+    parts, centre = sound_parts(injector, known, DRAWS)
     made = moments(parts, centre, _at(bench, [tests[i] for i in use])(parts))
     if made is None:
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {bench.data.name}.")

@@ -1,12 +1,14 @@
-"""commonrail diagnose: which single fault explains what a bench measured of a part."""
+"""commonrail diagnose and trim: which fault explains what a bench measured, and what corrects a sound part."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from commonrail.base.output import write_text
+from commonrail.base.table import Table, tabulated
+from commonrail.base.text import fixed, megapascal, signed
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -18,32 +20,35 @@ from commonrail.cli.options import (
     Settings,
     Threads,
     check_file,
+    read_axis,
     read_form,
     read_pressures,
     refuse_return_pressure,
     with_overrides,
 )
+from commonrail.data.records import MICROSECOND, MM3
+
+Model = Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")]
+Results = Annotated[Path, Argument(metavar="RESULTS.csv", help="Test plan with a column bench, as measured on a part.")]
+Noise = Annotated[str, Option(help="Standard deviation of bench and model, as a share of a quantity.")]
+Nominal = Annotated[
+    bool, Option(help="Take the plan's nominal quantities for a sound part's, and the model for changes alone.")
+]
+Faults = Annotated[
+    Path | None,
+    Option(metavar="FAULTS.toml", help="Table of faults and of the scatter of sound parts. [default: that shipped]"),
+]
 
 
 @verb
 def diagnose(
-    model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
-    file: Annotated[
-        Path, Argument(metavar="RESULTS.csv", help="Test plan with a column bench: what the bench measured.")
-    ],
+    model: Model,
+    file: Results,
     *,
-    noise: Annotated[str, Option(help="Standard deviation of bench and model, as a share of a quantity.")] = "1%",
+    noise: Noise = "1%",
     sound: Annotated[str, Option(help="Probability before the measurement that the part is sound.")] = "50%",
-    nominal: Annotated[
-        bool, Option(help="Take the plan's nominal quantities for a sound part's, and the model for changes alone.")
-    ] = False,
-    faults: Annotated[
-        Path | None, Option(metavar="FAULTS.toml", help="Table of faults. [default: the one that ships]")
-    ] = None,
-    tolerances: Annotated[
-        Path | None,
-        Option(metavar="TOLERANCES.toml", help="Scatter of sound parts. [default: that of the table of faults]"),
-    ] = None,
+    nominal: Nominal = False,
+    faults: Faults = None,
     stroke_rate: Annotated[
         str | None, Option(help="Stroke rate where the plan states none, e.g. 1000/min. [default: none]")
     ] = None,
@@ -83,7 +88,6 @@ def diagnose(
         injector,
         tests,
         faults=faults,
-        tolerances=tolerances,
         noise=parse(noise, "1", "--noise"),
         sound=parse(sound, "1", "--sound"),
         nominal=nominal,
@@ -94,7 +98,7 @@ def diagnose(
         threads=threads,
     ).record()
     if report is not None:
-        stated = {"noise": noise, "sound": sound, "faults": faults, "tolerances": tolerances}
+        stated = {"noise": noise, "sound": sound, "faults": faults}
         stated |= {"stroke-rate": stroke_rate, "decimal": decimal}
         stated |= {"cylinder-pressure": to_text(cylinder, "Pa"), "return-pressure": to_text(back, "Pa")}
         again = ["commonrail", "diagnose", model, str(file), *(part for text in set_ for part in ("--set", text))]
@@ -102,3 +106,109 @@ def diagnose(
         again += [f"--{name}={value}" for name, value in stated.items() if value is not None]
         write_text(report, diagnosis_html(record, shlex.join([*again, f"--report={report}"])))
     print_result(json, lambda: record, lambda: print_text(diagnosis_lines(record), diagnosis_tables(record)), [report])
+
+
+@verb
+def trim(
+    model: Model,
+    file: Results,
+    *,
+    step: Annotated[str, Option(help="Step of a class, e.g. 2us.")] = "2us",
+    rail_pressure: Annotated[
+        str | None, Option(help="Rail pressures of the map, e.g. 40:160:40MPa. [default: five between the tests']")
+    ] = None,
+    energising_time: Annotated[
+        str | None, Option(help="Energising times of the map, e.g. 200,500,900us. [default: five between the tests']")
+    ] = None,
+    noise: Noise = "1%",
+    nominal: Nominal = False,
+    faults: Faults = None,
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
+    decimal: DecimalSign = None,
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
+    set_: Settings = (),
+    out: Annotated[Path | None, Option(metavar="FILE.csv", help="Corrections over the map.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Correct a part's energising time from a few tests.
+
+    The corrections at the tests, in whole steps, are the part's code. Over the map follows what the code makes most
+    likely for parts within makers' tolerances; the spread of such parts is stated before and after.
+
+    \b
+    Examples:
+      commonrail trim cri2-16 examples/test-plan/results.csv --out corrections.csv
+      commonrail trim runs/first results.csv --step 1us --rail-pressure 40:160:40MPa --energising-time 300,600,900us
+    """
+    from commonrail.cli.model_name import read_model_name
+    from commonrail.plugins.diagnose.trim import trim as run
+    from commonrail.plugins.plans.study import load_plan
+
+    check_file(out, "--out")
+    tests = load_plan(file, read_form(None, decimal, None, [file]))
+    named = read_model_name(model)
+    injector = with_overrides(named.injector, set_)
+    refuse_return_pressure(injector)
+    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    axes = {
+        key: None if text is None else read_axis(text, unit, f"--{key.replace('_', '-')}").tolist()
+        for key, text, unit in (("rail_pressure", rail_pressure, "Pa"), ("energising_time", energising_time, "s"))
+    }
+    say(SIMULATING)
+    found = run(
+        injector,
+        tests,
+        step=parse(step, "s", "--step"),
+        rail_pressures=axes["rail_pressure"],
+        energising_times=axes["energising_time"],
+        faults=faults,
+        noise=parse(noise, "1", "--noise"),
+        nominal=nominal,
+        cylinder_pressure=cylinder,
+        return_pressure=back,
+        time_step=parse(time_step, "s", "--time-step"),
+        threads=threads,
+    )
+    record = found.record()
+    if out is not None:
+        write_text(out, corrections_text(record))
+    print_result(json, lambda: record, lambda: print_text(_lines(record), [_table(record)]), [out])
+
+
+def corrections_text(record: dict[str, Any]) -> str:
+    """Table of the corrections over the map, as CSV."""
+    rows = [
+        f"{point['rail_pressure'] / 1e6:.10g},{point['energising_time'] * 1e6:.10g},{point['correction'] * 1e6:.3f}"
+        for point in record["points"]
+    ]
+    return "\n".join(["rail_pressure [MPa],energising_time [us],correction [us]", *rows, ""])
+
+
+def _lines(record: dict[str, Any]) -> list[str]:
+    points = record["points"]
+    before, after = (sum(p[key] ** 2 for p in points) ** 0.5 for key in ("spread", "left"))
+    ends = [f(p["correction"] for p in points) for f in (min, max)]
+    low, high = (signed(1e6 * value, 1) for value in ends)
+    return [
+        f"{record['plan']}: {record['code']}, in steps of {fixed(record['step'], 2, MICROSECOND)} µs.",
+        f"Corrections at {len(points)} points of the map: {low} to {high} µs. Parts within makers' tolerances scatter "
+        f"there by {fixed(after / before, 2)} of what they do without a trim, as far as all is linear.",
+    ]
+
+
+def _table(record: dict[str, Any]) -> Table:
+    return tabulated(
+        "Tests",
+        record["tests"],
+        [
+            ("test", "test"),
+            ("rail, MPa", lambda t: megapascal(t["rail_pressure"])),
+            ("energising, µs", lambda t: fixed(t["energising_time"], 0, MICROSECOND)),
+            ("nominal, mm³", lambda t: fixed(t["nominal"], 2, MM3)),
+            ("measured, mm³", lambda t: fixed(t["measured"], 2, MM3)),
+            ("class", lambda t: signed(t["class"], 0)),
+            ("correction, µs", lambda t: signed(1e6 * t["correction"], 1)),
+        ],
+    )
