@@ -17,6 +17,7 @@ BAND = 2.0  # standard deviations of the band of sound parts in figure and table
 SHOWN_ON_TERMINAL = 9  # rows of the table, so that the answer fits a screen
 LEAST = 0.005  # probability from which a diagnosis is named in a sentence
 FEWEST_BARS = 3
+HEIGHT = 230  # of a figure [px]: verdict, probabilities and quantities share a screen
 WIDEST = 15.0  # standard deviations beyond which a marker stays at the edge; chosen
 
 
@@ -47,7 +48,7 @@ def _verdict(record: Record) -> str:
         )
     if verdict == "sound":
         return "sound."
-    return f"{best['name']}: {best['parameter']} {best['size'][0]}, within 90 % {best['size'][1]} to {best['size'][2]}."
+    return f"{best['name']}: {best['parameter']} {best['size'][0]}; 90 %: {best['size'][1]} to {best['size'][2]}."
 
 
 def _next_sentence(item: Record) -> str:
@@ -171,7 +172,7 @@ def _tiles(record: Record) -> list[Tile]:
 def diagnosis_html(record: Record, command: str) -> str:
     """Page of a diagnosis, with the command that makes it again."""
     injector = record["injector"]
-    first, second = drawings(diagnosis_figures(record))
+    first, second = drawings(diagnosis_figures(record), HEIGHT)
     return render(
         "diagnosis.html",
         package=__package__,
