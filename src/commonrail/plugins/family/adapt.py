@@ -144,7 +144,7 @@ def adapt(
     if study.space.parameters[0].is_at_bound(found.best[FLOW]):
         raise InputError(
             f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
-            f"check nozzle, units and pressures{_or_change(one_change(known, part, points, threads))}."
+            f"check nozzle, units and pressures{_or_change(one_change(known, part, points, threads, share))}."
         )
     _check_met(points, np.asarray(found.scores["best"][0].values))
     doubts = doubts_of(known, part, points, found, threads, share)

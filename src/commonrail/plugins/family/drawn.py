@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,8 +12,8 @@ from scipy.special import chdtrc
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
+from commonrail.base.hooks import quiet
 from commonrail.base.text import listed
-from commonrail.base.units import to_text
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space, sample_priors
@@ -22,6 +23,8 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_quantities
+from commonrail.plugins.diagnose.evidence import Response, judge, responses
+from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, shipped_faults
 from commonrail.plugins.family.injector_type import InjectorType
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
@@ -96,8 +99,10 @@ def drawn_quantities(
 RARE = 0.01  # probability
 FAR = 2.58  # standard deviations beyond which a normal variable lies with that probability
 BAND = (0.05, 0.95)
-CHANGES = np.linspace(0.5, 1.5, 41)  # times a value of the type, tried as the one change that explains a part
-SPARE = 4.0  # of chi-squared by which another change must fit worse: two standard errors
+LEAST = 0.03  # share by which a value of the type is changed at least to explain a part
+HALF, DOUBLE = -0.5, 1.0  # and at most
+PARTS = 24  # beyond the parameters, drawn for each size of each change
+TOLD = 0.9  # probability of the changes that are named together
 
 
 class Doubts(NamedTuple):
@@ -150,7 +155,7 @@ def doubts_of(
         far = [f"{name} by {pull:+.1f}" for name, pull in pulls.items() if abs(pull) > FAR]
         if far:
             sentences.append(f"standard deviations away from the type: {listed(far)}")
-    change = one_change(known, part, points, threads) if sentences else ""
+    change = one_change(known, part, points, threads, flow_spread) if sentences else ""
     return Doubts(low, high, chi2, freedom, pulls, tuple(sentences), change)
 
 
@@ -163,28 +168,52 @@ def _share_as_far(drawn: Floats, measured: Floats) -> float:
     return float(np.mean(distance >= distance[-1]))
 
 
-def one_change(known: InjectorType, part: Injector, points: QuantityData, threads: int | None = None) -> str:
-    """The change of one value of the type, or of the flow, that explains reference quantities best, in words.
+def one_change(
+    known: InjectorType,
+    part: Injector,
+    points: QuantityData,
+    threads: int | None = None,
+    flow_spread: float = FLOW_SPREAD,
+) -> str:
+    """The fault of a part, or the change of one value of the type, that explains reference quantities best, in words.
 
-    Empty where none does within the tolerance of the data. Changes that do so nearly as well are named with it.
+    Each is tried with all its sizes on parts drawn from the type (`plugins/diagnose/evidence.py`). Empty where none
+    explains them within the scatter of the type and the tolerance of the data, or a sound part is likelier. Those that
+    together have a probability of `TOLD` are named.
     """
-    units = parameter_quantities()
-    names = [FLOW, *(p.name for p in held_parameters(known, part)), *(v.name for v in known.fixed if v.name != FLOW)]
-    explained = []
-    for name in names:
-        own, unit = part.values[name], units[name].unit
-        factors = CHANGES ** (0.5 if name == FLOW else 1.0)
-        values = np.array([own * factor for factor in factors if units[name].domain.admits(own * factor)])
-        if not own or len(values) < 2:
-            continue
-        space = Space([Parameter(name, own, float(values.min()), float(values.max()), unit, mark="E", source="tried")])
-        step = step_for_all(part, space)
-        batch = simulate_batch(part, points.points, [name], values[:, None], time_step=step, threads=threads)
-        errors = (batch.injected_volume - points.quantity) / points.discrepancy(points.quantity)
-        chi2 = np.where((batch.status == OK).all(axis=1), np.nansum(errors**2, axis=1), np.inf)
-        best = float(values[np.argmin(chi2)])
-        words = f"a flow factor of {(best / own) ** 2:.3g}" if name == FLOW else f"{name} {to_text(best, unit, 3)}"
-        explained.append((float(chi2.min()), words))
-    explained.sort()
-    least, many = explained[0][0], int(np.count_nonzero(points.judged))
-    return listed([text for chi2, text in explained if chi2 < least + SPARE]) if chdtrc(many, least) > RARE else ""
+    space = Space([flow_about_drawing(part, flow_spread), *scattering(known, part)])
+    parts = Parts(tuple(space.names), sample_priors(space, space.dimension + PARTS, np.random.default_rng(3)))
+    names = dict.fromkeys([FLOW, *(p.name for p in held_parameters(known, part)), *(v.name for v in known.fixed)])
+    faults = [f for f in shipped_faults().of_model(part) if SEAT_LEAK not in f.names]
+    there = {(f.names, f.changes[0].most > 0.0) for f in faults}
+    faults += [
+        Fault(name, "", (Change(name, math.copysign(LEAST, most), most, True),))
+        for name in names
+        for most in (HALF, DOUBLE)
+        if part.values[name] and ((name,), most > 0.0) not in there
+    ]
+    step, at = step_for_all(part, space), [p for p, judged in zip(points.points, points.judged, strict=True) if judged]
+
+    def simulate(made: Parts) -> Floats:
+        batch = simulate_batch(part, at, made.names, made.values, time_step=step, threads=threads)
+        return np.where(batch.status == OK, batch.injected_volume, np.nan)
+
+    with quiet():  # a change that no simulation survives is no explanation
+        found = responses(part, parts, parts.values.mean(axis=0), faults, simulate)
+    if len(found) < 2:
+        return ""
+    measured, tolerance = points.quantity[points.judged], points.discrepancy(points.quantity)[points.judged]
+    judged = judge(found, measured, tolerance, 0.5)
+    first, *_ = order = judged.order
+    if found[first].fault is None or judged.fit[first] < RARE:
+        return ""
+    last = int(np.searchsorted(np.cumsum(judged.probabilities[order]), TOLD))
+    return listed([_change_words(part, found[i], judged.weights[i]) for i in order[: last + 1] if found[i].fault])
+
+
+def _change_words(part: Injector, response: Response, weights: Floats) -> str:
+    """Fault or parameter with its likeliest size: weak valve spring (valve.spring_preload 57.4 N (−30 %))."""
+    assert response.fault is not None
+    size = response.fault.size_text(part, float(response.sizes[np.argmax(weights)]))
+    name = response.fault.names[0]
+    return f"{name} {size}" if response.name == name else f"{response.name} ({name} {size})"
