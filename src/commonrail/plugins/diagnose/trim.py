@@ -181,7 +181,7 @@ def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[flo
     p = axis(pressures, [t.rail_pressure for t in data.tests], "Pa", "rail_pressures")
     t = axis(times, [t.energisings[0].duration for t in data.tests], "s", "energising_times")
     pairs = [(a, b) for a in p for b in t]
-    return tuple(PlanTest(f"{i}", a, (Energising(0.0, b),), upper=1.0) for i, (a, b) in enumerate(pairs))
+    return tuple(PlanTest(f"{a / 1e6:g} MPa, {b * 1e6:g} us", a, (Energising(0.0, b),), upper=1.0) for a, b in pairs)
 
 
 def regression(
@@ -227,7 +227,7 @@ def _slopes(bench: PlanBench, tests: Sequence[PlanTest]) -> tuple[Floats, Floats
     drawn, n = Parts((), np.empty((1, 0))), len(tests)
     times = [test.energisings[0].duration for test in tests]
     shifted = [
-        replace(test, name=f"{test.name} {aside:g}", energisings=(Energising(0.0, max(time + aside, 0.1 * time)),))
+        replace(test, energisings=(Energising(0.0, max(time + aside, 0.1 * time)),))
         for aside in (-ASIDE, 0.0, ASIDE)
         for test, time in zip(tests, times, strict=True)
     ]
@@ -239,5 +239,5 @@ def _at(bench: PlanBench, tests: Sequence[PlanTest]) -> PlanBench:
     """The bench at other tests."""
     point = bench.data.points[0]
     pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
-    named = tuple(replace(test, name=f"{i} {test.name}") for i, test in enumerate(tests))
+    named = tuple(replace(test, name=f"{test.name} ({i})") for i, test in enumerate(tests))
     return replace(bench, data=PlanData.of(TestPlan("map", named), bench.injector, pressures, "map"))
