@@ -1,4 +1,4 @@
-"""Diagnoses in reports: verdict, bars of the probabilities, measured quantities beside sound parts and the fault."""
+"""Diagnoses in reports: verdict, probabilities, quantities beside sound parts; and trims on the terminal."""
 
 from __future__ import annotations
 
@@ -199,3 +199,45 @@ DIAGNOSIS = Presenter(
     lambda found: diagnosis_tables(found.record()),
     lambda found: diagnosis_figures(found.record()),
 )
+
+
+# A trim on the terminal and as a file.
+
+
+def corrections_text(record: Record) -> str:
+    """Table of the corrections over the map, as CSV."""
+    rows = [
+        f"{point['rail_pressure'] / 1e6:.10g},{point['energising_time'] * 1e6:.10g},{point['correction'] * 1e6:.3f}"
+        for point in record["points"]
+    ]
+    return "\n".join(["rail_pressure [MPa],energising_time [us],correction [us]", *rows, ""])
+
+
+def trim_lines(record: Record) -> list[str]:
+    """Sentences on a trim: the code, and what it leaves of the scatter."""
+    points = record["points"]
+    before, after = (sum(p[key] ** 2 for p in points) ** 0.5 for key in ("spread", "left"))
+    ends = [f(p["correction"] for p in points) for f in (min, max)]
+    low, high = (signed(1e6 * value, 1) for value in ends)
+    return [
+        f"{record['plan']}: {record['code']}, in steps of {fixed(record['step'], 2, MICROSECOND)} µs.",
+        f"Corrections at {len(points)} points of the map: {low} to {high} µs. Parts within makers' tolerances scatter "
+        f"there by {fixed(after / before, 2)} of what they do without a trim, as far as all is linear.",
+    ]
+
+
+def trim_table(record: Record) -> Table:
+    """Tests with the classes of the part."""
+    return tabulated(
+        "Tests",
+        record["tests"],
+        [
+            ("test", "test"),
+            ("rail, MPa", lambda t: megapascal(t["rail_pressure"])),
+            ("energising, µs", lambda t: fixed(t["energising_time"], 0, MICROSECOND)),
+            ("nominal, mm³", lambda t: fixed(t["nominal"], 2, MM3)),
+            ("measured, mm³", lambda t: fixed(t["measured"], 2, MM3)),
+            ("class", lambda t: signed(t["class"], 0)),
+            ("correction, µs", lambda t: signed(1e6 * t["correction"], 1)),
+        ],
+    )

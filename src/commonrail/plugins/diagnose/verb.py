@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from commonrail.base.output import write_text
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import fixed, megapascal, signed
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -26,7 +24,6 @@ from commonrail.cli.options import (
     refuse_return_pressure,
     with_overrides,
 )
-from commonrail.data.records import MICROSECOND, MM3
 
 Model = Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")]
 Results = Annotated[Path, Argument(metavar="RESULTS.csv", help="Test plan with a column bench, as measured on a part.")]
@@ -143,6 +140,7 @@ def trim(
       commonrail trim runs/first results.csv --step 1us --rail-pressure 40:160:40MPa --energising-time 300,600,900us
     """
     from commonrail.cli.model_name import read_model_name
+    from commonrail.plugins.diagnose.page import corrections_text, trim_lines, trim_table
     from commonrail.plugins.diagnose.trim import trim as run
     from commonrail.plugins.plans.study import load_plan
 
@@ -174,41 +172,4 @@ def trim(
     record = found.record()
     if out is not None:
         write_text(out, corrections_text(record))
-    print_result(json, lambda: record, lambda: print_text(_lines(record), [_table(record)]), [out])
-
-
-def corrections_text(record: dict[str, Any]) -> str:
-    """Table of the corrections over the map, as CSV."""
-    rows = [
-        f"{point['rail_pressure'] / 1e6:.10g},{point['energising_time'] * 1e6:.10g},{point['correction'] * 1e6:.3f}"
-        for point in record["points"]
-    ]
-    return "\n".join(["rail_pressure [MPa],energising_time [us],correction [us]", *rows, ""])
-
-
-def _lines(record: dict[str, Any]) -> list[str]:
-    points = record["points"]
-    before, after = (sum(p[key] ** 2 for p in points) ** 0.5 for key in ("spread", "left"))
-    ends = [f(p["correction"] for p in points) for f in (min, max)]
-    low, high = (signed(1e6 * value, 1) for value in ends)
-    return [
-        f"{record['plan']}: {record['code']}, in steps of {fixed(record['step'], 2, MICROSECOND)} µs.",
-        f"Corrections at {len(points)} points of the map: {low} to {high} µs. Parts within makers' tolerances scatter "
-        f"there by {fixed(after / before, 2)} of what they do without a trim, as far as all is linear.",
-    ]
-
-
-def _table(record: dict[str, Any]) -> Table:
-    return tabulated(
-        "Tests",
-        record["tests"],
-        [
-            ("test", "test"),
-            ("rail, MPa", lambda t: megapascal(t["rail_pressure"])),
-            ("energising, µs", lambda t: fixed(t["energising_time"], 0, MICROSECOND)),
-            ("nominal, mm³", lambda t: fixed(t["nominal"], 2, MM3)),
-            ("measured, mm³", lambda t: fixed(t["measured"], 2, MM3)),
-            ("class", lambda t: signed(t["class"], 0)),
-            ("correction, µs", lambda t: signed(1e6 * t["correction"], 1)),
-        ],
-    )
+    print_result(json, lambda: record, lambda: print_text(trim_lines(record), [trim_table(record)]), [out])
