@@ -187,6 +187,15 @@ def command(words: list[str]) -> None:
         raise SystemExit(done.stderr)
 
 
+def fit_bench(bench: Path) -> None:
+    """Calibrate, and search from more starts where the report then asks for it, as its first step does."""
+    run = bench / "run"
+    command(["calibrate", str(bench / "fit" / "study.toml"), "--no-live", "--threads", "1", "--out", str(run)])
+    record = json.loads((run / "result.json").read_text(encoding="utf-8"))
+    if not record["certainty"]["settled"]:
+        command(["certainty", str(run), "--adopt", "--threads", "1"])
+
+
 def fits(folder: Path) -> Iterator[tuple[dict[str, float], dict[str, Any]]]:
     """Truths and results of the benches of a folder."""
     for path in sorted(folder.glob("*/run/result.json")):
@@ -195,13 +204,16 @@ def fits(folder: Path) -> Iterator[tuple[dict[str, float], dict[str, Any]]]:
 
 
 def print_table(folder: Path) -> None:
-    """Print the share of truths inside the stated intervals, and of the verdicts."""
+    """Print the share of truths inside the stated intervals, of the verdicts, and why parameters are not pinned."""
     from commonrail.report.fit.verdict import verdict
 
     titles: dict[str, int] = {}
+    reasons: dict[str, int] = {}
     inside = pinned = wrongly = known = benches = 0
     for truth, record in fits(folder):
         benches += 1
+        reason = record["certainty"]["withdrawn"].split(":")[0] or "nothing withdrawn"
+        reasons[reason] = reasons.get(reason, 0) + 1
         title = verdict(record, "run").title
         titles[title] = titles.get(title, 0) + 1
         for one in record["certainty"]["parameters"]:
@@ -215,7 +227,7 @@ def print_table(folder: Path) -> None:
             wrongly += one["verdict"] == "pinned" and not holds
     print(f"{benches} benches; truths inside their intervals: {inside} of {known}")
     print(f"pinned: {pinned}; of these the interval misses the truth: {wrongly}")
-    for title, count in sorted(titles.items()):
+    for title, count in [*sorted(titles.items()), *sorted(reasons.items())]:
         print(f"{count:4d}  {title}")
 
 
@@ -236,7 +248,7 @@ def main() -> None:
             if not bench.exists():
                 write_bench(bench, seed, given.wrong)
             if not (bench / "run" / "result.json").exists():
-                command(["calibrate", str(bench / "fit" / "study.toml"), "--no-live", "--out", str(bench / "run")])
+                fit_bench(bench)
     if given.what != "files":
         print_table(given.folder)
 
