@@ -291,10 +291,10 @@ def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
     """Search for such data.
 
     On benches of a map and 120 shots the staged one ended at two thirds of the J of the evolution, in the same time
-    (`tools/walk_bench.py`): a map has cliffs, where quantities become zero. Its ensembles are there after a dozen steps.
+    (`tools/walk_bench.py`): a map has cliffs, where quantities become zero.
     """
     if any(block["kind"] == "quantities" for block in blocks):
-        head = "[optimiser] # `members` are screened, ensembles contract, least squares follow, and `polish` refinements"
+        head = "[optimiser] # `members` are screened, ensembles contract, least squares follow, `polish` refines"
         search = [
             'method = "staged least squares"',
             "members = 400",
