@@ -232,11 +232,16 @@ SHOWN = 4  # parameters that a sentence names
 WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 
 
+# Turns of the steps: a bound that is hit falsifies the search, which the values to adopt come from, which a map shows.
+BOUNDS, SEARCH, ADOPT, OTHER, USE = range(5)
+
+
 class Step(NamedTuple):
-    """One thing to do, and the command line for it if there is one."""
+    """One thing to do, the command line for it if there is one, and its turn among the steps."""
 
     text: str
     command: str = ""
+    turn: int = OTHER
 
 
 class ReportVerdict(NamedTuple):
@@ -281,14 +286,14 @@ def verdict(record: Record, run: str) -> ReportVerdict:
     found = [point for points in subjects.values() for point in points]
     level = _worst(found)
     found.sort(key=lambda point: point.level != BAD)
-    steps = list(dict.fromkeys(point.step for point in found))
-    if level != BAD:
-        steps = sorted([*steps, Step(*map_line(record, run))], key=lambda step: not step.command)
+    after = [Step(*map_line(record, run), USE)] if level != BAD else []
+    urgent = {point.step for point in found if point.level == BAD}
+    steps = dict.fromkeys([*(point.step for point in found), *after])
     return ReportVerdict(
         level,
         _TITLES[level],
         [point.reason for point in found] or _praise(record),
-        steps,
+        sorted(steps, key=lambda step: (step not in urgent, not step.command, step.turn)),
         {subject: _worst(points) for subject, points in subjects.items()},
     )
 
@@ -365,7 +370,7 @@ def _better(record: Record, folder: str) -> Iterator[_Point]:
     found = difference(record)
     if found is None or not found.matters:
         return
-    step = Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt")
+    step = Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt", ADOPT)
     yield _Point(CARE, found.sentence, step if record["certainty"]["starts"] > 1 else _full(folder, record))
 
 
@@ -390,9 +395,9 @@ def _full(folder: str, record: Record) -> Step:
     starts = (record.get("certainty") or {}).get("starts", 1)
     if starts > 1:
         text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
-        return Step(text, f"commonrail certainty {folder} --starts {4 * starts}")
+        return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", SEARCH)
     text = "Compute full intervals of the parameters, and search for their most likely values from several starts."
-    return Step(text, f"commonrail certainty {folder}")
+    return Step(text, f"commonrail certainty {folder}", SEARCH)
 
 
 def _ending(record: Record, folder: str) -> Iterator[_Point]:
@@ -403,11 +408,11 @@ def _ending(record: Record, folder: str) -> Iterator[_Point]:
         yield _Point(BAD, "No candidate could be simulated.", step)
         return
     if record["status"] == "interrupted":
-        step = Step("Run the search to its end.", f"commonrail resume {folder}")
+        step = Step("Run the search to its end.", f"commonrail resume {folder}", SEARCH)
         yield _Point(BAD, "The search was stopped before its end.", step)
     elif record.get("convergence", {}).get("converged") is False and not _confirmed(record):
         found = record["convergence"]
-        step = Step("Continue the search.", f"commonrail resume {folder} --generations 50")
+        step = Step("Continue the search.", f"commonrail resume {folder} --generations 50", SEARCH)
         if not found.get("cut_short", True):
             step = _full(folder, record)
         yield _Point(CARE, f"The search has not converged: {search_words(found)}.", step)
@@ -468,7 +473,11 @@ def _beaten(records: Iterable[Record]) -> list[str]:
 def _parameters(record: Record, folder: str) -> Iterator[_Point]:
     parameters = record["parameters"]
     if bounded := [p["name"] for p in parameters if p.get("at_bound")]:
-        step = Step("Widen the bounds of these parameters in study.toml if the parts allow it, and calibrate again.")
+        step = Step(
+            f"Widen the bounds of {_some(bounded)} in study.toml if the parts allow it, and calibrate again.",
+            f"commonrail calibrate {folder}/study.toml",
+            BOUNDS,
+        )
         yield _Point(CARE, f"At a bound: {_some(bounded)}.", step)
     loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
     if loose:
