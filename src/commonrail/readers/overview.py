@@ -46,6 +46,7 @@ RATES = ("m3/s", "kg/s")
 _PLACEHOLDERS = {"rail_pressure": "{p}", "energising_time": "{et}"}
 _TRIGGER = re.compile(r"trig|ttl|sync", re.I)
 _SET = re.compile(r"set|soll|cmd|nominal", re.I)
+_SYNTHETIC = re.compile(r"\W*synth[eé]t", re.I)  # begin of a text by which a file says that nobody measured it
 
 
 class Channel(NamedTuple):
@@ -191,6 +192,7 @@ class Survey:
     block: dict[str, Any] = field(default_factory=dict)
     found: FoundMap | None = None  # quantity map of the file
     channels: tuple[Channel, ...] = ()
+    synthetic: str = ""  # what the file itself says of this, empty if nothing
 
     def reason(self) -> str:
         """Why the file is no data of a study, in one sentence."""
@@ -215,13 +217,19 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     reasons = []
     for way in (_map, _traces, _columns):
         try:
-            return way(grid, form, given)
+            return replace(way(grid, form, given), synthetic=_synthetic(grid))
         except TooManyCells:  # of no way to read it are its numbers those that were meant
             raise
         except InputError as error:
             reasons.append(str(error).removeprefix(f"{path}: "))
     facts = {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
     return Survey(path, "a table, no quantity map and no trace", facts, "; ".join(grid.said))
+
+
+def _synthetic(grid: Grid) -> str:
+    """First comment or cell that opens with the word synthetic, in one of several languages."""
+    cells = (cell for row in grid.rows for cell in row if isinstance(cell, str))
+    return next((text.strip() for text in (*grid.comments, *cells) if _SYNTHETIC.match(text)), "")
 
 
 def _detected(path: Path, form: FileForm) -> FileForm:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,61 @@ def test_the_offset_of_a_trigger_is_to_be_stated(bench: Path, tmp_path: Path) ->
     assert "# STATE IT: offset, from the trigger" in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
     with pytest.raises(cr.InputError, match=r'data\[1\]\.shots\.offset: "\?" does not start with a number'):
         cr.load_study(tmp_path / "s" / "study.toml")
+
+
+def write_shots_with_current(path: Path, lags: Sequence[float], currents: Sequence[str] = ("I_inj",)) -> None:
+    """Record whose current is there `lags` [s] after each of as many trigger edges, for 500 us."""
+    from asammdf import MDF, Signal
+
+    time, slow = 5e-6 * np.arange(16_000), 1e-5 * np.arange(8_000)
+    edges = 0.01 * np.arange(1, len(lags) + 1)
+    trigger = sum(np.where((time >= t) & (time < t + 1e-3), 5.0, 0.0) for t in edges)
+    rises = zip(edges, lags, strict=True)
+    current = sum(np.where(np.abs(slow - t - lag - 2.5e-4) < 2.55e-4, 1.0, 0.0) for t, lag in rises)
+    record = MDF()
+    record.append([Signal(np.sin(time), time, "mm³/ms", "ROI"), Signal(trigger, time, "V", "TRIG")])
+    record.append([Signal(12.0 * current, slow, "A", name) for name in currents])
+    for name, unit, value in (("p_set", "bar", 900.0), ("ti_set", "us", 500.0)):
+        record.append([Signal(np.full(len(edges), value), edges - 1e-3, unit, name)])
+    record.save(path, overwrite=True)
+    record.close()
+
+
+@pytest.mark.parametrize(
+    ("lags", "currents", "offset"),
+    [
+        ([1.7e-3] * 6, ("I_inj",), "1.7 ms"),
+        ([0.0] * 6, ("I_inj",), "0 s"),
+        ([1.7e-3] * 6, ("I_inj", "I_pump"), "?"),  # which of them opens the injector?
+        ([1.5e-3, 1.9e-3] * 3, ("I_inj",), "?"),  # no fixed offset
+        ([7e-3] * 6, ("I_inj",), "?"),  # nearer to the next trigger
+    ],
+)
+def test_the_only_current_proposes_the_offset_of_the_trigger(
+    lags: list[float], currents: tuple[str, ...], offset: str, tmp_path: Path
+) -> None:
+    write_shots_with_current(tmp_path / "shots.mf4", lags, currents)
+    words = ("--injector", "virtual-lino-2016", "--from", tmp_path / "shots.mf4", "--free", "valve.lift")
+    done = run_command("new", tmp_path / "s", *words)
+    assert done.status == 0, done.err
+    text = (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
+    assert f'offset = "{offset}"' in text
+    assert ("# CHECK IT: the only current" in text) is (offset != "?")
+    (line,) = [line for line in done.out.splitlines() if "data[1].shots.offset" in line]
+    assert line.startswith("state in" if offset == "?" else "assumed, check")
+
+
+def test_what_a_file_says_is_synthetic_is_no_measured_data_of_the_study(bench: Path, tmp_path: Path) -> None:
+    names = ("map_january.csv", "rates.csv", "shots.mf4", "map_march.xlsx")  # the third has no text to say so
+    words = [word for name in names for word in ("--from", bench / "raw" / name)]
+    words += ["--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa", "--free", "valve.lift"]
+    done = run_command("new", tmp_path / "s", "--injector", "virtual-lino-2016", *words)
+    assert done.status == 0, done.err
+    text = (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
+    (tmp_path / "s" / "study.toml").write_text(text.replace('offset = "?"', 'offset = "35 us"'), encoding="utf-8")
+    data = cr.load_study(tmp_path / "s" / "study.toml").data
+    marks = {next(name for name in names if d.name.startswith(Path(name).stem)): d.synthetic for d in data}
+    assert [marks[name].lower()[:8] for name in names] == ["syntheti", "syntheti", "", "syntheti"]
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,7 @@ def inspect(
         _write(out, found.found, file)
     facts = {"file": str(file), "taken for": found.taken_for, **found.facts}
     facts |= {"read as": found.said} if found.said else {}
+    facts |= {"marked as": found.synthetic} if found.synthetic else {}
     _show(facts | ({"files": [str(out)]} if out is not None else {}), json)
     if out is not None and not json:
         say(f"wrote {out}")

@@ -27,13 +27,14 @@ from commonrail.data.study_block import Context, drive_unit
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.law import Domain
 from commonrail.physics.variants import unread_parameters
-from commonrail.readers.columns import PLAIN, FileForm
+from commonrail.readers.columns import PLAIN, TIME, Column, FileForm, Sheet
 from commonrail.readers.injector.file import load_injector
 from commonrail.readers.injector.writer import dump_injector
 from commonrail.readers.location import Place, Reach
 from commonrail.readers.operating_points import pattern_of
 from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
+from commonrail.readers.tables import open_sheet
 from commonrail.readers.toml import read_model, read_toml
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
@@ -91,6 +92,7 @@ _CHECKED = {
     "rate_unit": "unit by the names of the columns",
     "rail_pressure": "by the name of the file",
     "energising_time": "by the name of the file",
+    "shots": "the only current begins to rise by offset after the trigger's edge, to a sample of it",
 }
 # What stands for an open key in the screening, whose result hardly depends on it.
 _SUBSTITUTES = {"cylinder_pressure": "5 MPa", "return_pressure": "0.5 MPa", "time_zero": ZERO, "offset": ZERO}
@@ -163,7 +165,12 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         ]
         write_text(study, "\n".join(lines))
     missing = [*_open(bench), *(f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in _open(block))]
-    assumed = [f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in block if _checked(key, block, stated)]
+    assumed = [
+        f"data[{i}].{'shots.offset' if key == 'shots' else key}"
+        for i, block in enumerate(blocks, 1)
+        for key in block
+        if _checked(key, block, stated)
+    ]
     screened = () if named else tuple(parameter.name for parameter in free)
     return Started(study, (study, *copies), surveys, tuple(missing), tuple(assumed), screened)
 
@@ -185,7 +192,9 @@ def _block(found: Survey, surveys: Sequence[Survey], model: Injector, stated: St
     block |= {key: text for key, text in stated.points.items() if text and key in block and block["kind"] == "rate"}
     if (unit := drive_unit(model)) and block["kind"] == "rate" and "shots" not in block and "layout" not in block:
         block["drive"] = _drive(found, unit)
-    return block | {"source": f"{found.path.name}, as it came", "synthetic": ""}
+    if "shots" in block:
+        block["shots"] |= {"offset": _offset(found, block["shots"]["trigger"])}
+    return block | {"source": f"{found.path.name}, as it came", "synthetic": found.synthetic}
 
 
 def _drive(found: Survey, unit: str) -> dict[str, Any]:
@@ -200,6 +209,39 @@ def _drive(found: Survey, unit: str) -> dict[str, Any]:
     starts = [one.low for one in found.channels if one.kind == "s"] + [one.times[0] for one in channels if one.times]
     rest = {"zero_at_rest": True} if unit == "A" and min(starts, default=0.0) < 0.0 else {}
     return {"column": column or UNKNOWN, **stated, **rest}
+
+
+BEGUN = 0.1  # share of a current's range from which it has begun to rise: chosen, above the noise of a clamp
+EARLY = 0.5  # share of the time between two triggers up to which a rise belongs to the one before it, chosen
+
+
+def _offset(found: Survey, trigger: str) -> str:
+    """Time from the trigger's edge to the start of energising, by the rise of the only current.
+
+    `UNKNOWN` if there is no such current, or its rises scatter about the edges by more than two of its samples.
+    """
+    currents = [channel for channel in found.channels if channel.kind == "A" and channel.name != trigger]
+    if len(currents) != 1 or not (step := currents[0].step):
+        return UNKNOWN
+    sheet = open_sheet(found.path, FileForm(found.block.get("encoding", ""), "", ""))
+    edges, rises = _rises(sheet, trigger, 0.5), _rises(sheet, currents[0].name, BEGUN)
+    if not len(edges) or not len(rises):
+        return UNKNOWN
+    following = rises[np.clip(np.searchsorted(rises, edges - 2.0 * step), 0, len(rises) - 1)] - edges
+    middle = float(np.median(following))
+    most = EARLY * float(np.median(np.diff(edges))) if len(edges) > 1 else np.inf
+    if not -2.0 * step <= middle <= most or (np.abs(following - middle) > 2.0 * step).mean() > BEGUN:
+        return UNKNOWN
+    return to_text(step * round(middle / step), "s", 4)
+
+
+def _rises(sheet: Sheet, name: str, share: float) -> Floats:
+    """Times [s] midway between the samples where a channel rises through a share of its range."""
+    table = sheet.take([Column(TIME, "s", increasing=True), Column(name, "1")])
+    time, value = table.columns[TIME], table.columns[name]
+    level = value.min() + share * (value.max() - value.min())
+    rising = np.flatnonzero((value[:-1] < level) & (value[1:] >= level))
+    return np.asarray(0.5 * (time[rising] + time[rising + 1]))
 
 
 def _copied_injector(source: Path, model: Injector, target: Path) -> Path:
@@ -314,6 +356,7 @@ def _checked(key: str, block: Mapping[str, Any], stated: StatedByUser) -> bool:
         key in _CHECKED
         and block["kind"] == "rate"
         and block[key] not in (UNKNOWN, stated.points.get(key))
+        and (key != "shots" or block[key]["offset"] != UNKNOWN)
         and (key != "time_zero" or block[key] == ZERO)
     )
 

@@ -161,8 +161,9 @@ def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: Stat
 
 def _print(started: Started) -> None:
     for found in started.surveys:
-        pairs = [("taken for", found.taken_for), *found.facts.items()]
-        print_pairs([*pairs, ("read as", found.said)] if found.said else pairs, found.path.name)
+        after = [("read as", found.said), ("marked as", found.synthetic)]
+        pairs = [("taken for", found.taken_for), *found.facts.items(), *(pair for pair in after if pair[1])]
+        print_pairs(pairs, found.path.name)
     for path in started.files:
         click.echo(str(path))
     if started.open:
