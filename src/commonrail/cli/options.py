@@ -306,10 +306,15 @@ def read_models(texts: Sequence[str], settings: Sequence[str]) -> list[NamedMode
 USUAL_PRESSURES = (5e6, 0.5e6)  # in the cylinder and at the end of the return line [Pa]; chosen
 
 
-def read_pressures(cylinder: str | None, back: str | None, source: Path | Study | None = None) -> tuple[float, float]:
+def read_pressures(
+    cylinder: str | None,
+    back: str | None,
+    source: Path | Study | None = None,
+    usual: tuple[float, float] = USUAL_PRESSURES,
+) -> tuple[float, float]:
     """Cylinder pressure and pressure at the end of the return line [Pa].
 
-    What is not stated is that of the first data of a run folder or study, else the usual one; it is said on stderr.
+    What is not stated is that of the first data of a run folder or study, else of `usual`; it is said on stderr.
     """
     from commonrail.base.text import quantity
     from commonrail.cli.console import say
@@ -318,21 +323,21 @@ def read_pressures(cylinder: str | None, back: str | None, source: Path | Study 
     stated = [None if text is None else parse(text, "Pa", f"--{name}-pressure") for name, text in texts.items()]
     if None not in stated:
         return stated[0], stated[1]  # type: ignore[return-value]
-    usual, origin = _data_pressures(source)
+    found, origin = _data_pressures(source, usual)
     lacking = [
         f"{name} pressure {quantity(value, 'Pa')}"
-        for name, own, value in zip(texts, stated, usual, strict=True)
+        for name, own, value in zip(texts, stated, found, strict=True)
         if own is None
     ]
     say(f"{' and '.join(lacking)}: {origin}")
-    found = [value if own is None else own for own, value in zip(stated, usual, strict=True)]
-    return found[0], found[1]
+    chosen = [value if own is None else own for own, value in zip(stated, found, strict=True)]
+    return chosen[0], chosen[1]
 
 
-def _data_pressures(source: Path | Study | None) -> tuple[tuple[float, float], str]:
+def _data_pressures(source: Path | Study | None, usual: tuple[float, float]) -> tuple[tuple[float, float], str]:
     """Pressures of the first data of a run folder or study, or the usual ones, and words on their origin."""
     if source is None:
-        return USUAL_PRESSURES, "the usual values"
+        return usual, "the usual values"
     study, origin = source, "those of the study's first data"
     if isinstance(source, Path):
         from commonrail.runs.folder import read_fit
@@ -340,7 +345,7 @@ def _data_pressures(source: Path | Study | None) -> tuple[tuple[float, float], s
         try:
             study, origin = read_fit(source)[0], f"those of the first data of {source}"
         except CommonrailError:  # of a study made in Python
-            return USUAL_PRESSURES, f"the usual values, since {source} keeps no data"
+            return usual, f"the usual values, since {source} keeps no data"
     _, cylinder, back = study.data[0].points[0].initial_pressures()  # type: ignore[union-attr]
     return (cylinder, back), origin
 

@@ -169,8 +169,11 @@ TESTS = (
 )
 
 
+ENGINE = {"cylinder_pressure": 5e6, "return_pressure": 0.5e6}  # those of an `OperatingPoint` that states none
+
+
 def simulated(injector: Injector, *tests: PlanTest) -> np.ndarray:
-    return run_plan(injector, TestPlan("plan", tests), threads=1).score.values
+    return run_plan(injector, TestPlan("plan", tests), **ENGINE, threads=1).score.values
 
 
 def test_quantities_are_those_of_single_simulations_and_of_a_closed_injector(regulated: Injector) -> None:
@@ -205,7 +208,7 @@ def test_a_model_passes_its_own_plan_and_fails_one_that_lies_two_half_bands_off(
             ),
         )
 
-    own, above = (run_plan(regulated, plan(shift), threads=1) for shift in (0.0, -2.0))
+    own, above = (run_plan(regulated, plan(shift), **ENGINE, threads=1) for shift in (0.0, -2.0))
     assert own.score.states == [State.INSIDE] * 3
     assert own.distances == pytest.approx(np.zeros(3), abs=1e-9)
     assert above.score.states == [State.ABOVE] * 3
@@ -216,10 +219,34 @@ def test_a_model_passes_its_own_plan_and_fails_one_that_lies_two_half_bands_off(
 def test_a_plan_in_masses_is_judged_as_one_in_volumes(regulated: Injector, tmp_path: Path) -> None:
     rows = "VL,160,700,40,10,\nback flow,160,700,20,10,return\n"
     head = f"{HEAD},nominal [mg],half_band [%],measure\n"
-    result = run_plan(regulated, load_plan(plan_file(tmp_path, head + rows)), threads=1)
+    result = run_plan(regulated, load_plan(plan_file(tmp_path, head + rows)), **ENGINE, threads=1)
     batch = simulate(regulated, OperatingPoint(160e6, 700e-6, horizon=3.7e-3))
     masses = np.array([batch.injected_mass, batch.returned_mass])
     assert result.distances == pytest.approx((masses / [40e-6, 20e-6] - 1.0) / 0.1, rel=1e-6)
+
+
+def test_without_pressures_a_plan_is_run_on_a_bench_and_not_in_an_engine(
+    command: Command, regulated: Injector, tmp_path: Path
+) -> None:
+    """At 30 MPa 5 MPa behind the nozzle slow the jet by 1 − √(25/29.5) = 8 %."""
+    file = plan_file(tmp_path, f"{HEAD},nominal [mm3],half_band [%]\nLL,30,900,10,50\n")
+    (row,) = run_plan(regulated, file, threads=1).record()["data"]["rows"]
+    (by_command,) = command("plan", "virtual-lino-2016@regulated", file, "--json").record["data"]["rows"]
+    for found in (row, by_command):
+        assert (found["cylinder_pressure"], found["return_pressure"]) == (0.5e6, 0.1e6)
+    in_engine = run_plan(regulated, file, **ENGINE, threads=1)
+    assert in_engine.score.values[0] < row["simulated"]
+
+
+def test_the_rms_is_that_of_the_distances_with_single_limits_by_their_excess(
+    regulated: Injector, tmp_path: Path
+) -> None:
+    head = f"{HEAD},nominal [mm3],half_band [%],upper_limit [mm3]"
+    rows = "VL,160,700,50,10,\ninside,160,700,,,90\noutside,160,700,,,20\n"
+    data = run_plan(regulated, plan_file(tmp_path, f"{head}\n{rows}"), threads=1).record()["data"]
+    two_sided, inside, outside = (row["found"]["simulated"]["distance"] for row in data["rows"])
+    assert 0.0 < inside < 1.0 < outside
+    assert data["rms"]["simulated"] == pytest.approx(np.sqrt((two_sided**2 + (outside - 1.0) ** 2) / 3.0))
 
 
 def test_some_tests_of_a_plan_are_chosen_by_name() -> None:

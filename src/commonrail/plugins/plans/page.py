@@ -19,7 +19,8 @@ from commonrail.report.presenter import Presenter
 SIMULATED = "simulated"  # label of the one model of `commonrail plan`
 WIDEST = 4.0  # half bands beyond which a marker of the picture stays at its edge; chosen
 _NOTE = (
-    f"Distances from the nominal quantity in half bands: ±1 at the limits; {SIGNS[SMALL]} inside, {SIGNS[LARGE]} not."
+    f"Distances from the nominal quantity in half bands: ±1 at the limits; {SIGNS[SMALL]} inside, {SIGNS[LARGE]} not. "
+    "The rms is that of the distances, where a test with one limit counts as zero inside and by its excess outside."
 )
 
 

@@ -19,7 +19,7 @@ from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.plugins.plans.data import PlanData, PlanScore
 from commonrail.plugins.plans.page import SIMULATED
-from commonrail.plugins.plans.study import TestPlan, load_plan
+from commonrail.plugins.plans.study import BENCH_PRESSURES, TestPlan, load_plan
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,8 +72,8 @@ def run_plan(
     plan: TestPlan | str | PathLike[str],
     *,
     stroke_rate: Quantity | None = None,
-    cylinder_pressure: Quantity = 5e6,
-    return_pressure: Quantity = 0.5e6,
+    cylinder_pressure: Quantity = BENCH_PRESSURES[0],
+    return_pressure: Quantity = BENCH_PRESSURES[1],
     time_step: Quantity = DEFAULT_STEP,
     threads: int | None = None,
 ) -> PlanResult:
@@ -88,7 +88,7 @@ def run_plan(
         Strokes [1/s], or text such as ``"1000 1/min"``, of tests that state none: between two strokes the guides leak
         at rail pressure, which a return collects.
     cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with units.
+        [Pa], or texts with units; by default of an injector bench, 0.5 and 0.1 MPa.
     time_step : float or str
         [s], or text.
     threads : int, optional

@@ -24,6 +24,8 @@ from commonrail.readers.location import Place, located
 from commonrail.readers.tables import open_sheet, take_columns
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising, as of a quantity map [s]
+# In the cylinder and at the end of the return line [Pa]: of the bench of cases/cri2-16, and ambient [E].
+BENCH_PRESSURES = (0.5e6, 0.1e6)
 NO_INJECTION = 0.01  # share of the nominal quantity below which a test is said to inject nothing [1]; chosen
 STROKE_RATES = Limits(0.01, 1e3, (0.1, 100.0), ("Hz",))  # [1/s]
 

@@ -11,10 +11,8 @@ from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
-    CylinderPressure,
     DecimalSign,
     Json,
-    ReturnPressure,
     Settings,
     Threads,
     check_file,
@@ -41,8 +39,13 @@ def plan(
         str | None,
         Option(help="Stroke rate where the plan states none, e.g. 1000/min; a return needs it. [default: none]"),
     ] = None,
-    cylinder_pressure: CylinderPressure = None,
-    return_pressure: ReturnPressure = None,
+    cylinder_pressure: Annotated[
+        str | None, Option(help="Pressure behind the nozzle. [default: that of the run's first data, else 0.5MPa]")
+    ] = None,
+    return_pressure: Annotated[
+        str | None,
+        Option(help="Pressure at the end of the return line. [default: that of the run's first data, else 0.1MPa]"),
+    ] = None,
     decimal: DecimalSign = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),
@@ -54,23 +57,24 @@ def plan(
 
     Every test is simulated; a quantity is inside or outside its band, and its distance from the nominal one is
     stated in half bands. The column bench of the plan, if it has one, is judged alike: the part passes or fails.
+    Pressures that are not stated are those of an injector bench, 0.5 MPa behind the nozzle and 0.1 MPa in the return.
 
     \b
     Examples:
-      commonrail plan cri2-16 examples/test-plan/plan.csv --stroke-rate 1000/min
+      commonrail plan cri2-16 examples/test-plan/plan.csv --cylinder-pressure 0.5MPa --return-pressure 0.1MPa
       commonrail plan runs/first plan.csv --stroke-rate 1000/min --report plan.html
     """
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.plans.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.plans.run import run_plan
-    from commonrail.plugins.plans.study import load_plan
+    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
     check_file(report, "--report")
     tests = load_plan(file, read_form(None, decimal, None, [file]))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
-    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder, BENCH_PRESSURES)
     rate = None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate")
     step = parse(time_step, "s", "--time-step")
     pressures = {"cylinder_pressure": cylinder, "return_pressure": back}
