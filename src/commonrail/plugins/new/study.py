@@ -307,7 +307,10 @@ def _data_lines(surveys: Sequence[Survey], blocks: Sequence[dict[str, Any]], sta
         lines += [f"# {found.taken_for}{'; ' + found.said if found.said else ''}", "[[data]]"]
         lines += [_line(key, value, _checked(key, block, stated)) for key, value in block.items()]
         if block["kind"] == "quantities" and any(other["kind"] == "rate" for other in blocks):
-            lines.append("# weight = 100 # to be set: few quantities have little say beside the samples of rates")
+            lines.append(
+                "# weight = 100 # to be set: few quantities have little say in the search beside the samples of rates; "
+                "the most likely values and intervals take each set by its noise instead"
+            )
         lines.append("")
     return lines
 
