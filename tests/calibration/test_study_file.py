@@ -198,7 +198,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         InputError,
         'kind = "rate"',
         'kind = "evi"',
-        r'data\[1\]: kind must be "rate", "quantities", .*"features"',
+        r'data\[1\]: kind must be "rate", "quantities", .*"features".*, not "evi"',
     ),
     "treatment": (
         InputError,

@@ -87,6 +87,15 @@ def test_the_help_imports_nothing_heavy() -> None:
         (("map", "cri2-16", "--rail-pressure", "40-160MPa"), "write a range as 20:180:10MPa"),
         (("sensitivity", "cri2-16"), "--rail-pressure and --energising-time"),
         (("export", "simulink", "cri2-16"), "'simulink' is not one of 'library', 'fmu'"),
+        (("export", "fmuu", "cri2-16"), '(did you mean "fmu"?). `commonrail export --help`'),
+        (("adapt", "cri2-16", "--from", "p.csv", "--out", "m.toml"), "`commonrail type RUN --out TYPE.toml` makes one"),
+        (("adapt", "small", "--from", "p.csv", "--out", "m.toml"), "`commonrail type RUN --out TYPE.toml` makes one"),
+        (("simulate", "crin", "--rail-pressure", "-80MPa", "--energising-time", "1ms"), "and -80 MPa was read"),
+        (
+            ("sensitivity", "crin", "--feature", "quantty", "--rail-pressure", "80MPa", "--energising-time", "1ms"),
+            '"quantty" is none (did you mean "quantity"?)',
+        ),
+        (("sensitivity", "small/study.toml", "--feature", "quantity"), "--feature is of operating points"),
     ],
 )
 def test_what_is_no_run_study_or_range_is_answered_by_what_to_do(

@@ -108,8 +108,9 @@ def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     if limits.low <= found <= limits.high:
         return found
     low, high = to_text(limits.low, unit), to_text(limits.high, unit)
-    # a number in SI units is repeated as it was written, a tiny one with a prefix
-    read = f"{found:.6g} {unit.removesuffix('1')}".rstrip() if abs(found) >= 1e-4 else to_text(found, unit)
+    # a number in SI units is repeated as it was written, a tiny or large one with a prefix
+    plain = 1e-4 <= abs(found) < 1e6
+    read = f"{found:.6g} {unit.removesuffix('1')}".rstrip() if plain else to_text(found, unit)
     raise ConfigurationError(
         f"The {what} must lie between {low} and {high}, and {read} was read{_meant(found, limits)}."
     )
@@ -307,7 +308,7 @@ def known_names(value: object, known: Collection[str], what: str, example: str) 
     for i, name in enumerate(names):
         if not isinstance(name, str) or name not in known:
             meant = nearest(name, known) if isinstance(name, str) else f", such as {example}"
-            raise ConfigurationError(f"The {what} must be of parameters, and {shown(name)} is none{meant}.")
+            raise ConfigurationError(f"The {what} must be known ones, and {shown(name)} is none{meant}.")
         if name in names[:i]:
             raise ConfigurationError(f"The {what} have {name} more than once; keep one of them.")
     return tuple(map(str, names))

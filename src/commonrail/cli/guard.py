@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from commonrail.base.errors import CommonrailError, InputError, OutputError
+from commonrail.base.errors import CommonrailError, InputError, OutputError, nearest
 
 INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
 UNEXPECTED = 1
@@ -92,7 +92,12 @@ def _end_of_click(error: Exception) -> None:
     if isinstance(error, click.UsageError) and type(error).__name__ != "NoArgsIsHelpError":
         name = "commonrail" if error.ctx is None else error.ctx.command_path
         name = f"{name} {_state()[0]}".rstrip() if name == "commonrail" else name  # of an option without its value
-        _end(f"{error.format_message()} `{name} --help` shows what there is.", error.exit_code)
+        text = error.format_message().rstrip(".")
+        if isinstance(error, click.BadParameter) and isinstance(
+            kind := getattr(error.param, "type", None), click.Choice
+        ):
+            text += nearest(error.message.split("'")[1], map(str, kind.choices))  # "'VALUE' is not one of …"
+        _end(f"{text}. `{name} --help` shows what there is.", error.exit_code)
 
 
 def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:

@@ -214,7 +214,6 @@ class OneOf:
     more: Callable[[str], type[BaseModel] | None] = lambda _: None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        *others, last = (f'"{name}"' for name in self.forms)
         return core_schema.tagged_union_schema(
             {
                 f"<{name}>": core_schema.no_info_before_validator_function(self._known, handler.generate_schema(form))
@@ -224,7 +223,7 @@ class OneOf:
             | {"<>": core_schema.no_info_plain_validator_function(self._other)},
             self._tag,
             custom_error_type="sentence",
-            custom_error_message=f"{self.key} must be {', '.join(others)} or {last}",
+            custom_error_message=self._wanted(),
         )
 
     def _known(self, item: Any) -> Any:
@@ -245,14 +244,18 @@ class OneOf:
         found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
         if not isinstance(found, str):
             return None
-        return f"<{found}>" if self.forms.get(found) is not None else "<>" if self.more(found) else None
+        return f"<{found}>" if self.forms.get(found) is not None else "<>"
 
     def _other(self, item: Any) -> BaseModel:
         if isinstance(item, BaseModel):
             return item
-        form = self.more(self._known(item)[self.key])
-        assert form is not None  # it was tagged
-        return form.model_validate(item)
+        if (form := self.more(name := item[self.key])) is None:
+            raise fault(f'{self._wanted()}, not "{name}"{nearest(name, self.forms)}')
+        return form.model_validate(self._known(item))
+
+    def _wanted(self) -> str:
+        *others, last = (f'"{name}"' for name in self.forms)
+        return f"{self.key} must be {', '.join(others)} or {last}"
 
 
 # Checking the tables of a file: the first fault as one sentence with its dotted key.

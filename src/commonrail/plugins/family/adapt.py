@@ -208,7 +208,9 @@ def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Inje
     """
     if injector is None:
         if known.injector is None:
-            raise InputError(f"The type {known.name} names no injector; give the part's own.")
+            raise InputError(
+                f"The type {known.name} names no injector; give the part's own (--injector MODEL; in Python: injector)."
+            )
         return known.applied(known.injector)
     own = injector if isinstance(injector, Injector) else load_injector(injector)
     part = known.applied(own, keep=OF_PART)

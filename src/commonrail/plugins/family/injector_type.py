@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, Field
 
 from commonrail.base.arguments import file_path, instance, instances, plain_text, settle
-from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.output import write_text
 from commonrail.base.units import to_text
 from commonrail.calibration.parameter import Mark, Prior
@@ -297,6 +297,8 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
         If `path` is no path, or numbers contradict one another.
     """
     file = file_path(path, "path of a type")
+    if file.is_dir() or not (file.suffix or file.exists()):  # a run, or a name of the catalogue
+        raise InputError(f"{file}: a type file is expected; `commonrail type RUN --out TYPE.toml` makes one of a run.")
     at = Place(str(file))
     model = read_model(_TypeModel, read_toml(file)[0], at)
     parameters = []

@@ -121,6 +121,10 @@ def sensitivity(
     )
     if (rail_pressure is None) is not (energising_time is None):
         raise InputError("Give both --rail-pressure and --energising-time for operating points, or neither.")
+    of_points = {"feature": feature, "cylinder-pressure": cylinder_pressure, "return-pressure": return_pressure}
+    if rail_pressure is None and (alone := next((name for name, stated in of_points.items() if stated), "")):
+        cure = "give --rail-pressure and --energising-time, or omit it"
+        raise InputError(f"--{alone} is of operating points, and there are none; {cure}.")
     subject = _with_settings(_subject(source), set_)
     points = _points(rail_pressure, energising_time, (cylinder_pressure, return_pressure), subject)
     refuse_return_pressure(_injector(subject))
