@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.profile import profiles_of
+from commonrail.plugins.certainty.ascent import telling
+from commonrail.plugins.certainty.profile import ROUNDS, profiles_of
 from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood
 
 STATED = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.2)
@@ -48,3 +49,17 @@ def test_a_profile_point_that_beats_the_optimum_is_told() -> None:
     better = profiles_of(replace(found, unit=unit, errors=errors), [0]).better
     assert better is not None
     assert abs(better[0] - found.unit[0]) < abs(unit[0] - found.unit[0])
+
+
+def test_profiles_tell_their_rounds_and_how_many_ends_they_have_found() -> None:
+    told: list[tuple[str, int, int, str]] = []
+    with telling(lambda *stage: told.append(stage)):
+        profiles_of(fitted(likelihood([curve(1)], [design()], [STATED])), [0, 1])
+    search = [stage for stage in told if stage[0] == "search"]
+    rounds = [stage for stage in told if stage[0] == "profiles"]
+    assert search[0][1:] == (0, search[0][2], "1 of 1 ascents go on")
+    assert [stage[1] for stage in rounds] == list(range(len(rounds)))
+    assert rounds[0][2:] == (ROUNDS, "0 of 4 ends found")
+    before = len(told)
+    profiles_of(fitted(likelihood([curve(1)], [design()], [STATED])), [0])
+    assert len(told) == before  # outside the block nobody is told

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +16,27 @@ from commonrail.plugins.certainty.likelihood import Likelihood, forward_slopes, 
 
 FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one
 FEW = 5  # free parameters, up to which steps are straight: bending them saves no step and costs a third of the points
+
+
+# Progress: called with a phase, its steps done, the most that it may take, and figures as text.
+Listener = Callable[[str, int, int, str], None]
+_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+
+
+@contextmanager
+def telling(listener: Listener | None) -> Iterator[None]:
+    """Have a function called at each step of the ascents inside the block, or none."""
+    before = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(before)
+
+
+def tell(phase: str, done: int, most: int, figures: str) -> None:
+    """Call the listener, if there is one."""
+    if (listener := _listener.get()) is not None:
+        listener(phase, done, most, figures)
 
 
 class Ascent(NamedTuple):
@@ -89,9 +113,10 @@ def climb(
     bent = bool(free.sum(axis=1).max(initial=0) > FEW)
     criterion, rules = _Criterion(likelihood), Rules(likelihood.forward, tolerance, FACTORS, bent, free)
     ends = Descents.begin(unit, errors, slopes)
-    for _ in range(turns):
+    for turn in range(turns):
         if not ends.running.any():
             break
+        tell("search", turn, turns, f"{ends.running.sum()} of {len(unit)} ascents go on")
         ends = answered(advance(likelihood.space, ends, criterion, rules), likelihood.residuals)
     cost = criterion.costs(criterion.innovations(ends.residuals, ends.unit))
     return Ascent(ends.unit, cost, ends.residuals, ends.slopes)

@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.calibration.optimisers.least_squares import FeasibleSet, constrained_step
-from commonrail.plugins.certainty.ascent import climb
+from commonrail.plugins.certainty.ascent import climb, tell, telling
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
 
@@ -185,10 +185,12 @@ def profiles_of(
     columns = list(range(likelihood.space.dimension)) if which is None else list(which)
     before = likelihood.simulated
     ends = _Ends(estimate, columns, level)
-    for _ in range(rounds):
+    for done in range(rounds):
         if ends.done.all() or ends.better is not None:
             break
-        ends.round()
+        tell("profiles", done, rounds, f"{ends.done.sum()} of {len(ends.done)} ends found")
+        with telling(None):  # a round is a step
+            ends.round()
     found = [
         Profile(
             likelihood.names[i], ends.end(2 * k), ends.end(2 * k + 1), _points(ends.seen[2 * k] + ends.seen[2 * k + 1])

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from commonrail.cli.console import print_json, print_lines, print_table, say
+from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_folder
 
 if TYPE_CHECKING:
+    from commonrail.plugins.certainty.ascent import Listener
     from commonrail.plugins.certainty.file import Certainty
 
 STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is pinned
@@ -58,6 +59,7 @@ def certainty(
       commonrail certainty runs/first --posterior
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
+    from commonrail.plugins.certainty.ascent import telling
     from commonrail.plugins.certainty.file import write_certainty, write_likely
     from commonrail.plugins.certainty.run import certify
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
@@ -69,16 +71,20 @@ def certainty(
     study, best = read_fit(run)
     check_folder(run)
     if asked or not adopt or earlier_certainty(run) is None:
-        found = certify(
-            study,
-            best,
-            threads=threads,
-            starts=starts,
-            profiles=() if local else profile or None,
-            combinations=combination,
-            limit=0.01 * limit,
-            note=say,
-        )
+        with (
+            Bar(f"{run}: time left is that of the present search or profiles, at most") as bar,
+            telling(_shown_by(bar)),
+        ):
+            found = certify(
+                study,
+                best,
+                threads=threads,
+                starts=starts,
+                profiles=() if local else profile or None,
+                combinations=combination,
+                limit=0.01 * limit,
+                note=bar.note,
+            )
         kept = found.record()
         write_likely(run, study, dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True)))
         if posterior:
@@ -96,6 +102,17 @@ def certainty(
     print_lines(certainty_lines(record))
     click.echo(f"most likely values: {run / (CALIBRATED if adopt else LIKELY)}")
     click.echo(f"report: {report}")
+
+
+def _shown_by(bar: Bar) -> Listener:
+    """Listener that numbers the searches and profiles and shows each as a stage of its own, with the time left."""
+    counts: dict[str, int] = {}
+
+    def show(phase: str, done: int, most: int, figures: str) -> None:
+        counts[phase] = counts.get(phase, 0) + (done == 0)
+        bar.show(Stage(f"{phase} {counts[phase]}", done, most, figures))
+
+    return show
 
 
 def _posterior(run: Path, found: Certainty, seed: int, most: int) -> dict[str, Any]:
