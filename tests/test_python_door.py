@@ -385,6 +385,10 @@ def test_quantity_data_of_wrong_parts_are_refused(changed: dict[str, Any], word:
         (lambda: cr.OperatingPoint(1600, 7e-4), '1600 Pa was read; if 1600 bar is meant, write "1600 bar"'),
         (lambda: cr.OperatingPoint(160e6, 700), '700 s was read; if 700 us is meant, write "700 us"'),
         (lambda: cr.OperatingPoint(160e6, 0.7), '0.7 s was read; if 0.7 ms is meant, write "0.7 ms"'),
+        (
+            lambda: cr.sensitivity(cr.load_injector("crin"), ["valve.mass"], [POINT]),
+            'commonrail.parameters_within(injector, ["valve.mass"]) makes them',
+        ),
         (lambda: cr.check_study("study.toml"), 'commonrail.load_study("study.toml")'),
         (lambda: cr.OperatingPoint(160e6, -5e-6), "between 0 s and 100 ms, and -5 us was read"),
         (lambda: one(time_step=1), '1 s was read; if 1 us is meant, write "1 us"'),

@@ -38,6 +38,7 @@ _CURES = {
     "Truth": "read it with commonrail.load_truth({})",
     "Fuel": "read it with commonrail.load_fuel({})",
     "OperatingPoint": 'write commonrail.OperatingPoint("160 MPa", "700 us")',
+    "Parameter": "commonrail.parameters_within(injector, [{}]) makes them",
     "Trace": "write commonrail.Trace(times, values) with times [s] and SI values",
     "DataSet": "write commonrail.RateData(…), QuantityData(…), ReturnData(…) or FeatureData(…)",
     "Calibration": "take what commonrail.calibrate returns",
@@ -45,7 +46,13 @@ _CURES = {
     "Bench": "write commonrail.Bench(truth, injector, time_step)",
     "Variant": "write commonrail.Variant(body, boundary, drive)",
 }
-_EXAMPLES = {"Study": "study.toml", "Injector": "virtual-lino-2016", "Truth": "virtual-lino-2016", "Fuel": "iso4113"}
+_EXAMPLES = {
+    "Study": "study.toml",
+    "Injector": "virtual-lino-2016",
+    "Truth": "virtual-lino-2016",
+    "Fuel": "iso4113",
+    "Parameter": "valve.lift",
+}
 
 
 class Limits(NamedTuple):
