@@ -12,7 +12,7 @@ import pytest
 from scipy.io import savemat
 
 import commonrail as cr
-from commonrail.plugins.new.study import _best_seen
+from commonrail.plugins.new.study import _best_seen, usual_space
 from commonrail.readers.overview import zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
@@ -271,6 +271,19 @@ def test_a_screening_proposes_what_nobody_measured_and_the_data_can_tell_apart(b
     space = cr.load_study(tmp_path / "s" / "study.toml").space
     assert list(space.names) == free
     assert ((space.lower < space.reference) & (space.reference < space.upper)).all()
+
+
+@pytest.mark.parametrize("other", ["crin", "virtual-lino-2016"])
+def test_the_range_of_a_length_that_the_user_frees_holds_the_values_of_other_types(other: str) -> None:
+    """Nobody who frees a diameter knows that it is that of this type within a twentieth."""
+    own, others = cr.load_injector("cri2-16"), cr.load_injector(other)
+    names = ("control_chamber.a_hole_diameter", "control_chamber.z_hole_diameter", "needle_seat.diameter")
+    for parameter in usual_space(own, names).parameters:
+        assert parameter.lower < others.values[parameter.name] < parameter.upper
+    screened, named = usual_space(own), usual_space(own, names)
+    for parameter in named.parameters:
+        (of_screening,) = (one for one in screened.parameters if one.name == parameter.name)
+        assert of_screening.upper < parameter.upper  # a screening frees many: their space is searched more coarsely
 
 
 def test_of_columns_that_do_the_same_one_is_chosen_and_small_ones_are_left() -> None:
