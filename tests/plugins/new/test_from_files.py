@@ -77,6 +77,7 @@ def test_the_study_that_is_written_reads_all_files_after_a_few_edits(walked: lis
     assert all("mean of 25 shots" in d.source and d.noise.sigma is not None for d in shots)
     january, march = (d for d in data if d.kind == "quantities")
     assert [january.role, march.role] == [cr.Role.FIT, cr.Role.VALIDATION]
+    assert january.weight > max(d.weight for d in rates)  # 20 points beside 2400 samples
     # The same injector on both days, a noise of 0.1 mm³: six standard deviations of the difference are allowed.
     assert sorted(march.measured) == pytest.approx(sorted(january.measured), abs=6.0 * 0.1e-9 * 2.0**0.5)
 
