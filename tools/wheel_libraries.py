@@ -35,6 +35,7 @@ ALL = (*_SERVO, *_DIRECT)
 # The injectors of the catalogue with either body, and with the drive that replaces theirs in searches.
 CATALOGUE = (
     *(v for v in _SERVO if v.laws is Laws.PAPER and v.drive in (Drive.PWM, Drive.REGULATED)),
+    *(Variant(body, Boundary.VOLUME, Drive.REGULATED, Laws.EXTENDED) for body in Body),
     Variant(drive=Drive.CURRENT, actuation=Actuation.DIRECT),
 )
 

@@ -90,8 +90,8 @@ def test_names_are_short_and_printed(study_file: Edit, name: str, words: str) ->
 
 
 def test_an_unknown_injector_of_the_catalogue_names_the_study(study_file: Edit) -> None:
-    path = study_file(('injector = "injector.toml"', 'injector = "cri2-17"'))
-    assert 'injector: There is no injector "cri2-17" in the catalogue (did you mean "cri2-16"?)' in refused(path)
+    path = study_file(('injector = "injector.toml"', 'injector = "cri2-166"'))
+    assert 'injector: There is no injector "cri2-166" in the catalogue (did you mean "cri2-16"?)' in refused(path)
 
 
 def test_a_variant_behind_the_injector_is_refused_with_the_place_where_it_is_stated(study_file: Edit) -> None:

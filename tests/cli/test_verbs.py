@@ -120,7 +120,7 @@ def patch_checks(monkeypatch: pytest.MonkeyPatch, *checks: Any) -> None:
         progress("comparing")
         assert quick
         assert len(outside) == 11
-        assert len(catalogue) == 4
+        assert len(catalogue) == 11
         return list(checks)
 
     monkeypatch.setattr("commonrail.plugins.verification.run.verify", verify)

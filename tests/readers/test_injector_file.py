@@ -21,7 +21,8 @@ Edit = Callable[..., Path]
 
 
 def test_catalogue_lists_what_can_be_loaded() -> None:
-    assert injector_catalogue() == ["cri2-16", "crin", "direct-acting-kr", "virtual-lino-2016"]
+    drawn = ["cri2-16", "crin", "direct-acting-kr", "virtual-lino-2016"]
+    assert injector_catalogue() == sorted([*drawn, "cri1-0", "cri2-0", "cri2-1", "cri2-2", "crin1", "crin2", "crin3"])
 
 
 @pytest.mark.parametrize("name", injector_catalogue())
@@ -164,7 +165,7 @@ def test_fuel_from_a_file_beside_the_injector(injector_file: Edit, tmp_path: Pat
 
 def test_unknown_catalogue_name() -> None:
     with pytest.raises(
-        InputError, match=r'no injector "cri216" .*\(did you mean "cri2-16"\?\): choose one of cri2-16, '
+        InputError, match=r'no injector "cri216" .*\(did you mean "cri2-16"\?\): choose one of cri1-0, '
     ):
         load_injector("cri216")
 
@@ -306,10 +307,16 @@ def test_a_base_may_be_a_file_beside_and_gives_fuel_and_variant_where_they_are_n
     assert found.synthetic  # what rests on a synthetic injector is no measured one
 
 
+def test_a_base_of_the_catalogue_may_have_a_base_there(tmp_path: Path) -> None:
+    base, found = load_injector("cri2-1"), load_injector(half(tmp_path, ('"cri2-16"', '"cri2-1"')))
+    assert found.values == {**base.values, "valve.lift": 41e-6}
+    assert found.sources["nozzle.holes"].text.startswith("base cri2-1: E, base cri2-16: M, ")
+
+
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (('"cri2-16"', '"cri2-17"'), r'half\.toml, base: There is no injector "cri2-17".*did you mean "cri2-16"'),
+        (('"cri2-16"', '"cri2-166"'), r'half\.toml, base: There is no injector "cri2-166".*did you mean "cri2-16"'),
         (('"cri2-16"', '"direct-acting-kr"'), 'valve: an injector with actuation = "direct" has no such part'),
         (('"cri2-16"', '"cri2-16"\nactuation = "direct"'), "base: cri2-16 is a servo injector, and actuation is"),
         (('"cri2-16"', '"half.toml"'), r'base: "half\.toml" has a base itself; name a file that states all values'),

@@ -253,7 +253,7 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
 
 
 def _base(name: str, at: Place, reach: Reach) -> Injector:
-    """The complete injector that a file builds on, of the catalogue or of a file beside it."""
+    """The injector that a file builds on: of the catalogue, or a complete file beside it."""
     key = at / "base"
     if name.endswith(".toml"):
         path = reach.path(Path(at.file).parent, name, key)
@@ -264,7 +264,9 @@ def _base(name: str, at: Place, reach: Reach) -> Injector:
         with located(key):
             document = parse_toml(CATALOGUE.text(name), place.file)
         reach = Reach(Path(place.file), False)
-    if "base" in document:
+    further = document.get("base")
+    # an entry of the catalogue may rest on another one that states all values
+    if further is not None and (name.endswith(".toml") or "base" in parse_toml(CATALOGUE.text(str(further)), name)):
         raise key.error(
             f'"{name}" has a base itself; name a file that states all values, such as calibrated.toml of a run'
         )
@@ -294,7 +296,8 @@ def _filled(given: Values, model: Any, base: Injector | None, actuation: Actuati
 
 def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, at: Place) -> InputError:
     """Error about all that a file lacks; its notes state them with the values of the injectors that ship."""
-    shipped = [injector_of(parse_toml(CATALOGUE.text(n), n), Place(n), n, None) for n in CATALOGUE.shipped()]
+    documents = {n: parse_toml(CATALOGUE.text(n), n) for n in CATALOGUE.shipped()}
+    shipped = [injector_of(d, Place(n), n, None) for n, d in documents.items() if "base" not in d]
     alike = [injector for injector in shipped if injector.variant.actuation is actuation]
     notes = {} if has_fuel else {"fuel.name": "of the catalogue, such as iso4113, or fuel.file"}
     for path, q in missing.items():
