@@ -122,6 +122,11 @@ from .plugins.next.run import Plan as Plan
 from .plugins.next.run import next_measurements as next_measurements
 from .plugins.next.study import Candidate as Candidate
 from .plugins.next.study import Criterion as Criterion
+from .plugins.observer.file import Observation as Observation
+from .plugins.observer.file import ObservedShot as ObservedShot
+from .plugins.observer.run import observe as observe
+from .plugins.observer.study import DriftState as DriftState
+from .plugins.observer.study import ObserverSettings as ObserverSettings
 from .plugins.paper.bench import PAPER_OPTIMUM as PAPER_OPTIMUM
 from .plugins.paper.bench import Bench as Bench
 from .plugins.paper.bench import Truth as Truth

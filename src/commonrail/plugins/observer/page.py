@@ -1,0 +1,313 @@
+"""The page of an observer: quantities shot by shot, a map of the drift, and what is assumed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.chart import MARKERS, Band, Chart, Figure, HeatMap, Panel, Series, points
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import MISSING, counted, fixed, percent, quantity, signed, significant
+from commonrail.data.records import MICROSECOND, MM3, MPA, Record
+from commonrail.report.analysis import SHOWN, analysis_html
+from commonrail.report.draw.figure import figure_html
+from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.presenter import Presenter
+from commonrail.report.result_kind import ResultKind
+
+KEYS = ("title", "states", "shots", "disturbance", "sensor", "injections", "clock")
+MOST_COLUMNS = 24  # of the map of drift; between them shots are left out
+LEARNT = 0.8  # share of its first standard deviation below which a state counts as learnt from the pressure; chosen
+CONSISTENT = (0.5, 2.0)  # medians of the consistency within which the stated deviations can be believed; chosen
+TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distribution
+
+
+def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
+    """The page of an observer; `folder` is its name for the command lines in it."""
+    charts = observer_figures(record)
+    heights = (420, 380, 160 * len(_learnt(record))) if charts else ()
+    drawn = [(c, figure_html(c, f"figure-{i}", h)) for i, (c, h) in enumerate(zip(charts, heights, strict=True))]
+    return analysis_html(
+        "observer.html",
+        __package__,
+        record,
+        folder,
+        _facts(record),
+        kind="Observer",
+        lines=observer_lines(record),
+        alarms=_alarm_lines(record),
+        tiles=_tiles(record),
+        first=drawn[0] if drawn else None,
+        figures=drawn[1:],
+        tables=observer_tables(record),
+    )
+
+
+RESULT = ResultKind("observer.json", "observer", "observe", observer_html, KEYS)
+
+
+def observer_lines(record: Record) -> list[str]:
+    """Sentences on the log as a whole."""
+    rows = _injections(record)
+    found = [row for row in rows if row["quantity"] is not None]
+    lines = [
+        f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
+        f"closing of {len(found)} follow from the pressure at the {_place(record)} and the command, by the model of "
+        f"{record['injector']['title']}."
+    ]
+    if found:
+        before, after = (np.array([row[key] for row in found], float) for key in ("quantity_open_loop", "quantity"))
+        moved = 100.0 * np.nanmedian(np.abs(after / np.where(before > 0.0, before, np.nan) - 1.0))
+        lines.append(
+            f"Median standard deviation of a quantity {_deviation(found)}; the pressure moved the model's quantities "
+            f"by {fixed(moved, 1)} % (median)."
+        )
+    return lines
+
+
+def _place(record: Record) -> str:
+    return "rail" if record["sensor"] == "rail" else "injector's end of the line"
+
+
+def _deviation(rows: list[Record]) -> str:
+    deviations = np.array([row["quantity_deviation"] for row in rows])
+    shares = deviations / np.maximum([row["quantity"] for row in rows], 1e-12)
+    return f"{significant(np.median(deviations), 2, MM3)} mm³ ({percent(np.median(shares))} %)"
+
+
+def _alarm_lines(record: Record) -> list[str]:
+    lines = []
+    for state, first in _first_alarms(record).items():
+        spec = next(s for s in record["states"] if s["name"] == state)
+        i = [s["name"] for s in record["states"]].index(state)
+        shot = record["shots"][first]
+        change = _with_unit(shot["change"][i], spec["unit"], True)
+        lines.append(f"{state}: changed by {change} since shot {record['reference']}, noticed at shot {first + 1}.")
+    return lines
+
+
+def _first_alarms(record: Record) -> dict[str, int]:
+    """Index of the shot of its first alarm, by state."""
+    found: dict[str, int] = {}
+    for k, shot in enumerate(record["shots"]):
+        for name in shot["alarms"]:
+            found.setdefault(name, k)
+    return found
+
+
+def _with_unit(value: float | None, unit: str, with_sign: bool = False) -> str:
+    """Value of a state: a relative one in percent."""
+    if value is None:
+        return MISSING
+    if unit == "1":
+        return f"{signed(100.0 * value, 1) if with_sign else significant(100.0 * value, 2)} %"
+    text = quantity(value, unit, 2)
+    return f"+{text}" if with_sign and value > 0.0 else text
+
+
+def _tiles(record: Record) -> list[Tile]:
+    rows = [row for row in _injections(record) if row["quantity"] is not None]
+    alarms = _first_alarms(record)
+    tiles = [
+        Tile(
+            "Drift",
+            counted(len(alarms), "alarm"),
+            ", ".join(alarms) or f"no change since shot {record['reference']}",
+            BAD if alarms else GOOD if len(record["shots"]) > record["reference"] else "",
+        )
+    ]
+    if not rows:
+        return tiles
+    tiles.append(Tile("Quantity", _deviation(rows).partition(" (")[0], "median standard deviation"))
+    for key in ("opening", "closing"):
+        deviations = [row[f"{key}_deviation"] for row in rows if row[key] is not None]
+        if deviations:
+            tiles.append(Tile(key.title(), f"{fixed(np.median(deviations), 1, MICROSECOND)} µs", tiles[1].words))
+    middle = float(np.median([s["consistency"] for s in record["shots"] if s["consistency"] is not None]))
+    level = GOOD if CONSISTENT[0] < middle < CONSISTENT[1] else CARE
+    words = "squared innovation over its expectation; 1 if model and noise are as assumed"
+    return [*tiles, Tile("Consistency", significant(middle, 2), words, level)]
+
+
+def _injections(record: Record) -> list[Record]:
+    return [injection for shot in record["shots"] for injection in shot["injections"]]
+
+
+def observer_figures(record: Record) -> list[Chart]:
+    """Quantities, map of the drift, and the states that the pressure tells of."""
+    if all(shot["drift"] is None for shot in record["shots"]):
+        return []
+    return [_quantities(record), _drift_map(record), _drift(record)]
+
+
+def _quantities(record: Record) -> Figure:
+    """Quantities by shot, and their deviation from the model without the pressure."""
+    number = max(len(shot["injections"]) for shot in record["shots"])
+    upper, lower, bands = [], [], []
+    for j in range(number):
+        rows = [(k, s["injections"][j]) for k, s in enumerate(record["shots"], 1) if j < len(s["injections"])]
+        x = points(k for k, _ in rows)
+        found, deviation, model = (
+            np.array([row[f"quantity{key}"] for _, row in rows], float) * MM3
+            for key in ("", "_deviation", "_open_loop")
+        )
+        name = "" if number == 1 else f", injection {j + 1}"
+        upper.append(Series(f"observer{name}", "best", x, points(found), MARKERS, j))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share, spread = 100.0 * (found / model - 1.0), 100.0 * TWO * deviation / model
+        lower.append(Series("", "best", x, points(share), MARKERS, j))
+        bands.append(Band("best", x, points(share - spread), points(share + spread), j))
+    panels = (
+        Panel("quantity, mm³", tuple(upper)),
+        Panel("less model alone, %", tuple(lower), zero_line=True, bands=tuple(bands)),
+    )
+    return Figure(
+        "Quantity shot by shot",
+        "Bands: 95 % by the stated deviation; below, deviation from the model without the pressure.",
+        "shot",
+        panels,
+    )
+
+
+def _drift_map(record: Record) -> HeatMap:
+    kept = [k for k, shot in enumerate(record["shots"]) if shot["drift"] is not None]
+    if len(kept) > MOST_COLUMNS:
+        kept = [kept[i] for i in np.unique(np.linspace(0, len(kept) - 1, MOST_COLUMNS).round().astype(int))]
+    rows = [(i, state) for i, state in enumerate(record["states"])]
+    drift = np.array([record["shots"][k]["drift"] for k in kept])
+    return HeatMap(
+        "Map of the drift",
+        "Estimate of each state after a shot, in its standard deviation before the first.",
+        "shot",
+        "",
+        tuple(str(k + 1) for k in kept),
+        tuple(state["name"] for _, state in rows),
+        tuple(points(drift[:, i] / state["deviation"]) for i, state in rows),
+        tuple(
+            tuple(fixed(round(value / state["deviation"], 1) + 0.0, 1) for value in drift[:, i]) for i, state in rows
+        ),
+        "st. dev.",
+        diverging=True,
+    )
+
+
+def _drift(record: Record) -> Figure:
+    """Courses of the states that are learnt, with bands."""
+    shots = [(k, shot) for k, shot in enumerate(record["shots"], 1) if shot["drift"] is not None]
+    x = points(k for k, _ in shots)
+    panels = []
+    for i in _learnt(record):
+        state = record["states"][i]
+        scale, unit = _unit_of(state)
+        mean, spread = (np.array([s[key][i] for _, s in shots]) * scale for key in ("drift", "drift_deviations"))
+        panels.append(
+            Panel(
+                f"{state['name']}, {unit}",
+                (Series("", "best", x, points(mean)),),
+                zero_line=True,
+                bands=(Band("best", x, points(mean - TWO * spread), points(mean + TWO * spread)),),
+                has_legend=False,
+            )
+        )
+    caption = "States of which the pressure tells most; bands: 95 % of the stated uncertainty."
+    return Figure("Drift", caption, "shot", tuple(panels))
+
+
+def _unit_of(state: Record) -> tuple[float, str]:
+    return {"1": (100.0, "%"), "Pa": (MPA, "MPa"), "s": (MICROSECOND, "µs")}.get(state["unit"], (1.0, state["unit"]))
+
+
+def _learnt(record: Record, most: int = 4) -> list[int]:
+    """States whose deviation has shrunk most: indices."""
+    last = next(shot for shot in reversed(record["shots"]) if shot["drift"] is not None)
+    shares: Floats = np.array(last["drift_deviations"]) / [state["deviation"] for state in record["states"]]
+    order = np.argsort(shares, kind="stable").tolist()
+    return [i for i in order if shares[i] < LEARNT][:most] or order[:1]
+
+
+def observer_tables(record: Record) -> list[Table]:
+    """States after the last shot, and the first injections."""
+    return [_state_table(record), _shot_table(record)]
+
+
+def _state_table(record: Record) -> Table:
+    last = next((shot for shot in reversed(record["shots"]) if shot["drift"] is not None), None)
+    alarms = _first_alarms(record)
+
+    def value(key: str, with_sign: bool = False) -> Any:
+        def text(row: tuple[int, Record]) -> str:
+            i, state = row
+            found = None if last is None or last[key] is None else last[key][i]
+            return _with_unit(found, state["unit"], with_sign)
+
+        return text
+
+    columns: list[Column] = [
+        ("state", lambda row: row[1]["name"]),
+        ("estimate", value("drift", True)),
+        ("st. dev.", value("drift_deviations")),
+        ("st. dev. before", lambda row: _with_unit(row[1]["deviation"], row[1]["unit"])),
+        (f"change since shot {record['reference']}", value("change", True)),
+        ("st. dev. of it", value("change_deviations")),
+        ("limit", lambda row: _with_unit(row[1]["limit"] or None, row[1]["unit"])),
+        ("alarm at shot", lambda row: str(alarms[row[1]["name"]] + 1) if row[1]["name"] in alarms else MISSING),
+    ]
+    note = (
+        f"An alarm asks for a change beyond the limit and beyond {record['significance']:g} standard deviations. "
+        "States whose standard deviation has not shrunk are not told by the pressure."
+    )
+    return tabulated("States after the last shot", list(enumerate(record["states"])), columns, note)
+
+
+def _shot_table(record: Record) -> Table:
+    rows = [
+        (k, i, shot, row) for k, shot in enumerate(record["shots"], 1) for i, row in enumerate(shot["injections"], 1)
+    ]
+
+    def both(key: str, scale: float, decimals: int) -> Any:
+        def text(item: tuple[int, int, Record, Record]) -> str:
+            row = item[3]
+            if row[key] is None:
+                return MISSING
+            return f"{fixed(row[key], decimals, scale)} ± {fixed(row[f'{key}_deviation'], decimals, scale)}"
+
+        return text
+
+    columns: list[Column] = [
+        ("shot", lambda item: f"{item[0]}" if len(item[2]["injections"]) == 1 else f"{item[0]}, injection {item[1]}"),
+        ("p, MPa", lambda item: fixed(item[2]["rail_pressure"], 1, MPA)),
+        ("ET, µs", lambda item: fixed(item[3]["energising_time"], 0, MICROSECOND)),
+        ("quantity, mm³", both("quantity", MM3, 2)),
+        ("model alone, mm³", lambda item: fixed(item[3]["quantity_open_loop"], 2, MM3)),
+        ("opening, µs", both("opening", MICROSECOND, 1)),
+        ("closing, µs", both("closing", MICROSECOND, 1)),
+    ]
+    more = f" {len(rows) - SHOWN} more are in observer.csv." if len(rows) > SHOWN else ""
+    note = f"± one standard deviation; times from the start of the shot.{more}"
+    return tabulated("Injections", rows[:SHOWN], columns, note)
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    d = record["disturbance"]
+    return [
+        ("Injector", record["injector"]["title"]),
+        ("Variant", record["injector"]["variant"]),
+        ("Sensor", _place(record)),
+        (
+            "Disturbance",
+            f"noise of an averaged sample {quantity(d['noise'], 'Pa', 2)}; rate of change by pump and others "
+            f"{significant(d['rate'] * 1e-9, 2)} MPa/ms over {quantity(d['memory'], 's', 2)}; waves "
+            f"{quantity(d['wave'], 'Pa', 2)} at {significant(d['frequency'] * 1e-3, 2)} kHz",
+        ),
+        ("Discrepancy", f"{percent(record['discrepancy'])} % of the drop of the pressure"),
+    ]
+
+
+OBSERVATION = Presenter(
+    lambda o: [o.record()["title"], *observer_lines(o.record()), *_alarm_lines(o.record())],
+    lambda o: observer_tables(o.record()),
+    lambda o: observer_figures(o.record()),
+)

@@ -1,0 +1,222 @@
+"""One shot simulated with the drift states and with small changes of each: pressure, quantities, opening, closing."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.base.hooks import naming
+from commonrail.engine import lanes, plan
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.status import which_failed
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.plugins.observer.study import DELAY, GAIN, OFFSET, SENSORS, ObserverSettings, ShotRecord
+
+WARMTH = (
+    5.0  # steps of the temperature at which the fuel is computed, which takes as long as a shot; linear between [K]
+)
+STEP = 0.1  # difference of a state, in its standard deviation before the first shot
+LATER, LOWER = 1e-6, 0.1e6  # differences of the delay [s] and of the pressure at rest [Pa]
+OPEN = 0.02  # share of an injection's largest rate at which it opens and closes: where the slope is steep
+BODY = 0.25  # share that it exceeds in between: a bounce of the needle stays below
+LATEST = 0.5e-3  # after the start of an energising its injection has begun [s]
+
+
+class Response(NamedTuple):
+    """Simulated shot and its derivatives by the states.
+
+    Attributes
+    ----------
+    pressure : (samples,)
+        As the sensor shows it, less its value at rest [Pa].
+    slopes : (samples, states)
+    figures : (3, injections)
+        Quantity [m³], opening and closing [s] of each injection; NaN without an injection.
+    figure_slopes : (3, injections, states)
+    """
+
+    pressure: Floats
+    slopes: Floats
+    figures: Floats
+    figure_slopes: Floats
+
+
+class Simulator:
+    """Simulates shots of one injector.
+
+    Parameters
+    ----------
+    injector : Injector
+    settings : ObserverSettings
+    threads : int
+        The result does not depend on it.
+    """
+
+    def __init__(self, injector: Injector, settings: ObserverSettings, threads: int = 1) -> None:
+        self.injector, self.settings, self.threads = injector, settings, threads
+        self.states = settings.states
+        self.names = tuple(state.parameter for state in self.states if state.parameter)
+        self._variant = injector.wired(self.names)
+        paths = lanes.trace_paths(self._variant)
+        self._rows = [paths.index(SENSORS[settings.sensor]), paths.index("nozzle.injected")]
+        self.simulations = 0
+
+    def at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
+        """Response at states `x` (states,), None where the simulation fails; `rest`: pressure shown at rest [Pa]."""
+        whole = self._at_grid(x)
+        found = self._at(shot, rest, whole)
+        if found is None or np.array_equal(whole, x):
+            return found
+        return found._replace(
+            pressure=found.pressure + found.slopes @ (x - whole),
+            figures=found.figures + found.figure_slopes @ (x - whole),
+        )
+
+    def _at_grid(self, x: Floats) -> Floats:
+        """States with the fuel's temperature at the nearest whole step that the fuel covers."""
+        x = x.copy()
+        for i, state in enumerate(self.states):
+            if state.parameter == FUEL_TEMPERATURE:
+                here = self.injector.values[FUEL_TEMPERATURE]
+                steps = WARMTH * np.arange(-40, 41)
+                both = self.injector.fuel.defined_at(here + steps) & self.injector.fuel.defined_at(here + steps + 1.0)
+                x[i] = steps[both][np.argmin(np.abs(steps[both] - x[i]))]
+        return x
+
+    def _at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
+        n, by_name = len(self.states), {state.name: i for i, state in enumerate(self.states)}
+        sensor = {name: x[by_name[name]] if name in by_name else 0.0 for name in (GAIN, OFFSET, DELAY)}
+        steps = np.array([1.0 if s.parameter == FUEL_TEMPERATURE else STEP * s.deviation for s in self.states])
+        changed = [x + steps[i] * np.eye(n)[i] for i, state in enumerate(self.states) if state.parameter]
+        scale = 1.0 + sensor[GAIN]
+        true = (rest - sensor[OFFSET]) / scale
+        found = self._traces(shot, true, np.array([x, *changed]))
+        if found is None:
+            return None
+        time, pressure, injected = found
+        shown = scale * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])
+        cuts = cuts_of(time, injected[0], shot.energisings)
+        figures = np.array([figures_of(time, row, cuts) for row in injected]) / self._units(true)
+        slopes, figure_slopes = np.zeros((len(shown[0]), n)), np.zeros((*figures[0].shape, n))
+        lane = 0
+        for i, state in enumerate(self.states):
+            if state.parameter:
+                lane += 1
+                slopes[:, i] = (shown[lane] - shown[0]) / steps[i]
+                figure_slopes[..., i] = (figures[lane] - figures[0]) / steps[i]
+            elif state.name == DELAY:
+                late = self._sampled(shot, time, pressure[:1], sensor[DELAY] + LATER)[0] - pressure[0, 0]
+                slopes[:, i] = (scale * late - shown[0]) / LATER
+        lower = self._traces(shot, true - LOWER, x[None])
+        if lower is not None:  # both errors of the sensor also move the true pressure at rest
+            moved = scale * (self._sampled(shot, time, lower[1], sensor[DELAY])[0] - lower[1][0, 0])
+            by_rest = (moved - shown[0]) / LOWER
+            figures_by_rest = (figures_of(time, lower[2][0], cuts) / self._units(true - LOWER) - figures[0]) / LOWER
+            for name, drop, error in ((OFFSET, 0.0, 1.0 / scale), (GAIN, 1.0 / scale, true / scale)):
+                if name in by_name:
+                    slopes[:, by_name[name]] = drop * shown[0] + error * by_rest
+                    figure_slopes[..., by_name[name]] = error * figures_by_rest
+        sound = np.isfinite(slopes).all(axis=0)  # a change that cannot be simulated tells nothing
+        return Response(
+            shown[0], np.where(sound, slopes, 0.0), figures[0], np.where(sound, np.nan_to_num(figure_slopes), 0.0)
+        )
+
+    def figures(self, shot: ShotRecord, rest: float) -> Floats | None:
+        """Figures (3, injections) of a shot at states of zero, as in `Response`; None where the simulation fails."""
+        found = self._traces(shot, rest, np.zeros((1, len(self.states))))
+        if found is None:
+            return None
+        time, _, injected = found
+        return figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings)) / self._units(rest)
+
+    def values(self, x: Floats) -> Floats:
+        """Values (candidates, names) of the parameters at states (candidates, states), SI."""
+        columns = []
+        for i, state in enumerate(self.states):
+            if state.parameter:
+                value = self.injector.values[state.parameter]
+                columns.append(value * np.exp(state.power * x[:, i]) if state.power else value + x[:, i])
+        return np.array(columns).T
+
+    def _units(self, rail: float) -> Floats:
+        """Divisors (3, 1) that make figures of masses and times: the density in the cylinder [kg/m³], and ones."""
+        return np.array([[plan.reference_density(self.injector, self._point(rail, (), 1e-3))], [1.0], [1.0]])
+
+    def _point(self, rail: float, pulses: tuple[Energising, ...], horizon: float) -> OperatingPoint:
+        settings = self.settings
+        return OperatingPoint(rail, pulses, settings.cylinder_pressure, settings.return_pressure, horizon=horizon)
+
+    def _traces(self, shot: ShotRecord, rail: float, x: Floats) -> tuple[Floats, Floats, Floats] | None:
+        """Times (n,) [s], pressures [Pa] and injected masses [kg] (candidates, n); None if the first fails."""
+        dt = float(self.settings.time_step)
+        steps = int(np.ceil((float(shot.time[-1]) + 20e-6) / dt))
+        prepared = plan.prepare(self.injector, [self._point(rail, shot.energisings, steps * dt)], dt)
+        values = self.values(x)
+        inside = plan.admissible(self.names, values, self.injector.fuel)
+        values = np.where(inside[:, None], values, values[0])
+        theta = plan.candidate_matrix(self.injector, self.names, values, prepared.row)
+        job = plan.make_job(prepared, theta, False)
+        with naming(f"{self._variant.label}, f64"):
+            outcome, trace = lanes.run(job, self._variant, traced=True, threads=self.threads)
+        self.simulations += len(x)
+        failed = which_failed(plan.statuses_of(self.names, theta, prepared, outcome))[:, 0] | ~inside
+        if failed[0]:
+            return None
+        pressure, injected = (
+            np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(x)] for row in self._rows
+        )
+        pressure = np.where(failed[:, None], np.nan, pressure)
+        return np.asarray(dt * np.arange(trace.shape[1])), pressure, np.where(failed[:, None], np.nan, injected)
+
+    def _sampled(self, shot: ShotRecord, time: Floats, pressure: Floats, delay: float) -> Floats:
+        """Averaged samples (candidates, samples) of pressures that the sensor shows later by a delay [s]."""
+        return np.array([self.averaged(np.interp(shot.time - delay, time, row), shot.time) for row in pressure])
+
+    def averaged(self, samples: Floats, time: Floats) -> Floats:
+        """Means of so many samples that they cover the time over which is averaged."""
+        many = max(round(self.settings.averaged / float(time[1] - time[0])), 1)
+        whole = len(samples) // many * many
+        return np.asarray(samples[:whole].reshape(-1, many).mean(axis=1))
+
+
+def cuts_of(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> list[int]:
+    """Indices between which the injections of the energisings lie: where the rate is least as the next one begins."""
+    rate = np.diff(injected)
+    cuts = [0]
+    for pulse in pulses[1:]:
+        first, last = np.searchsorted(time, [pulse.start, pulse.start + min(LATEST, pulse.duration)])
+        cuts.append(int(first) + int(np.argmin(rate[first : max(last, first + 1)])))
+    return [*cuts, len(time) - 1]
+
+
+def figures_of(time: Floats, injected: Floats, cuts: list[int]) -> Floats:
+    """Injected mass [kg], opening and closing [s] between the cuts, (3, injections).
+
+    An injection opens and closes where its rate meets `OPEN` of its largest rate next to where it exceeds `BODY` of it.
+    `time`, `injected` (samples,): [s], [kg].
+    """
+    rate = np.diff(injected)
+    found = np.full((3, len(cuts) - 1), np.nan)
+    for k, (first, last) in enumerate(pairwise(cuts)):
+        found[0, k] = injected[last] - injected[first]
+        level = OPEN * rate[first:last].max()
+        if level > 0.0:
+            body = np.flatnonzero(rate[first:last] > BODY / OPEN * level) + first
+            below = np.flatnonzero(rate <= level)
+            i = np.searchsorted(below, [body[0], body[-1]])
+            if i[0] > 0:
+                found[1, k] = _crossing(time, rate, level, int(below[i[0] - 1]))
+            if i[1] < len(below):
+                found[2, k] = _crossing(time, rate, level, int(below[i[1]]) - 1)
+    return found
+
+
+def _crossing(time: Floats, rate: Floats, level: float, i: int) -> float:
+    """Time at which the rate, that of step `i` in its middle, meets a level before the middle of the next step [s]."""
+    if not 0 <= i < len(rate) - 1:
+        return np.nan
+    share = (level - rate[i]) / (rate[i + 1] - rate[i])
+    return float(time[i] + (0.5 + share) * (time[1] - time[0]))

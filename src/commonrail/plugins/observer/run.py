@@ -1,0 +1,194 @@
+"""Run of an observer over a log: shot after shot, the states learnt so far taken to the next."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonrail.base.arguments import array, function, instance, instances, thread_count
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.hooks import held_interrupts, note
+from commonrail.engine.operating_point import Energising
+from commonrail.physics.injector import Injector
+from commonrail.plugins.observer.disturbance import learn
+from commonrail.plugins.observer.file import Observation, ObservedShot
+from commonrail.plugins.observer.kalman import Belief, Update, update
+from commonrail.plugins.observer.response import Response, Simulator
+from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, cut_log, states_of
+
+UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
+MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
+FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
+
+
+class Progress(NamedTuple):
+    """Shots done and in all."""
+
+    done: int
+    total: int
+
+
+def observe(
+    injector: Injector,
+    time: ArrayLike,
+    pressure: ArrayLike,
+    energisings: Sequence[tuple[float, float]],
+    settings: ObserverSettings | None = None,
+    *,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Observation:
+    """Injected quantity, opening and closing of every shot of a log, and the drift of the injector.
+
+    Ctrl-C ends with the shots that are done.
+
+    Parameters
+    ----------
+    injector : Injector
+        With a rail volume (`rail_boundary = "volume"`), such as a calibrated one.
+    time : (samples,)
+        Evenly spaced, in the clock of the energisings [s].
+    pressure : (samples,)
+        Measured at `settings.sensor` [Pa].
+    energisings : sequence of (start, duration)
+        In order [s].
+    settings : ObserverSettings, optional
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    progress : function of Progress, optional
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of the wrong kind, times are not evenly spaced, the injector has an ideal rail, or the log
+        holds no whole shot.
+    """
+    check_model(instance(injector, Injector, "injector"))
+    settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
+    settings = replace(settings, states=states_of(injector, settings))
+    report = function(progress, "progress") or (lambda _: None)
+    clock, shown = array(time, "s", "time", 1), array(pressure, "Pa", "pressure", 1)
+    pulses = instances([Energising(*pair) for pair in energisings], Energising, "energisings")
+    _check_log(clock, shown, pulses)
+    shots = cut_log(clock, shown, pulses, settings)
+    if not shots:
+        raise ConfigurationError(
+            "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
+            "check that time and energisings have one clock and the right units."
+        )
+    return _Run(injector, settings, shots, thread_count(threads)).all(report)
+
+
+def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> None:
+    if len(clock) != len(shown) or len(clock) < 100:
+        raise ConfigurationError(
+            f"A log needs 100 samples or more, and as many times as pressures, not {len(clock)} and {len(shown)}."
+        )
+    steps = np.diff(clock)
+    middle = float(np.median(steps))
+    if not np.all(np.abs(steps - middle) <= UNEVEN * middle):
+        raise ConfigurationError(
+            "The times of a log must be evenly spaced; resample it, or cut it where samples are missing."
+        )
+    ends = [pulse.start + pulse.duration for pulse in pulses]
+    for pulse, end in zip(pulses[1:], ends, strict=False):
+        if pulse.start < end:
+            raise ConfigurationError(f"The energising at {pulse.start:g} s begins before the one before it ends.")
+
+
+class _Run:
+    def __init__(
+        self, injector: Injector, settings: ObserverSettings, shots: list[ShotRecord], threads: int | None
+    ) -> None:
+        self.injector, self.settings, self.shots = injector, settings, shots
+        self.simulator = Simulator(injector, settings, threads or 1)
+        spacing = float(shots[0].time[1] - shots[0].time[0])
+        many = max(round(settings.averaged / spacing), 1)
+        quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
+        noise = None if settings.noise is None else settings.noise / many**0.5
+        self.disturbance = learn(quiet, many * spacing, noise)
+
+    def all(self, report: Callable[[Progress], None]) -> Observation:
+        begin = time.perf_counter()
+        belief, found = Belief.before(self.settings.states), list[ObservedShot]()
+        with held_interrupts() as request:
+            for k, shot in enumerate(self.shots):
+                if request.asked:
+                    break
+                belief, observed = self._one(shot, belief.walked(self.settings.states))
+                found.append(observed)
+                if k + 1 == self.settings.reference:
+                    belief = belief.with_reference()
+                report(Progress(k + 1, len(self.shots)))
+            if not found:
+                request.check()
+        failed = sum(shot.figures is None for shot in found)
+        if failed:
+            note(f"{failed} of {len(found)} shots could not be simulated and have no figures.")
+        return Observation(
+            self.injector,
+            self.settings,
+            self.disturbance,
+            tuple(found),
+            len(self.shots),
+            self.simulator.simulations,
+            time.perf_counter() - begin,
+        )
+
+    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[Belief, ObservedShot]:
+        """Belief after a shot, and what is known of it."""
+        states, at = self.settings.states, self.simulator.averaged(shot.time, shot.time)
+        samples = self.simulator.averaged(shot.pressure, shot.time)
+        rest = float(samples[at < 0.0].mean())
+        disturbance = self.disturbance.covariance(at)
+
+        def covariance(found: Response) -> Floats:
+            after = np.where(at > 0.0, self.settings.discrepancy * np.abs(found.pressure), 0.0)
+            lacking = np.outer(after, after) * np.exp(-np.abs(at[:, None] - at) / MEMORY)
+            return np.asarray(disturbance + lacking + FLOOR**2 * np.eye(len(at)))
+
+        done = update(
+            belief,
+            states,
+            samples - rest,
+            covariance,
+            lambda x: self.simulator.at(shot, rest, x),
+            self.settings.iterations,
+        )
+        open_loop = self.simulator.figures(shot, rest)
+        return (belief if done is None else done.belief), _observed(self.settings, shot, rest, open_loop, done)
+
+
+def _observed(
+    settings: ObserverSettings, shot: ShotRecord, rest: float, open_loop: Floats | None, done: Update | None
+) -> ObservedShot:
+    if done is None:
+        return ObservedShot(shot.start, rest, shot.energisings, None, None, open_loop, None, None, None, None, None, ())
+    belief = done.belief
+    change, spread = belief.change()
+    alarms = tuple(
+        state.name
+        for state, moved, deviation in zip(settings.states, change, spread, strict=True)
+        if state.limit > 0.0 and abs(moved) > max(state.limit, settings.significance * deviation)
+    )
+    has_change = belief.reference is not None
+    return ObservedShot(
+        shot.start,
+        rest,
+        shot.energisings,
+        done.figures,
+        done.deviations,
+        open_loop,
+        belief.mean,
+        np.sqrt(np.diag(belief.covariance)),
+        change if has_change else None,
+        spread if has_change else None,
+        done.consistency,
+        alarms,
+    )

@@ -1,0 +1,231 @@
+"""What an observer estimates and assumes: drift states with their priors, sensor, time windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arguments import Limits, Quantity, amount, instances, mapping, number, settle, whole
+from commonrail.base.arrays import Floats
+from commonrail.base.choices import Boundary
+from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.engine.operating_point import Energising
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.physics.injector import Injector
+from commonrail.physics.variants import unread_parameters
+
+GAIN, OFFSET, DELAY = "sensor gain", "sensor offset", "sensor delay"
+SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each of them shows
+
+
+class DriftState(NamedTuple):
+    """One drift state.
+
+    Attributes
+    ----------
+    name : str
+    parameter : str
+        Parameter of the injector that it changes; empty for a state of the sensor.
+    power : float
+        The parameter is multiplied by exp(power × state); 0 adds the state to it.
+    deviation : float
+        Standard deviation before the first shot, in `unit`.
+    walk : float
+        Standard deviation of its change from one shot to the next.
+    scatter : float
+        Standard deviation of what each shot adds for itself: shot-to-shot scatter, and what the model lacks.
+    limit : float
+        Change since the learnt reference that raises an alarm, if it is significant; 0 raises none.
+    unit : str
+        "1" for a relative change, or an SI unit.
+    """
+
+    name: str
+    parameter: str
+    power: float
+    deviation: float
+    walk: float
+    scatter: float
+    limit: float
+    unit: str = "1"
+
+
+# Deviations, walks, scatters and limits are engineering estimates [E]; the deviations lie about the tolerances of
+# cases/tolerance. Those of the sensor stand for its gain and the rail's volume, its zero, and 5 µs of delay.
+# With 14 parameters and the states themselves two blocks of lanes are full.
+STATES = (
+    DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 3e-3, 5e-3, 0.03),
+    DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 2e-3, 3e-3, 0.05),
+    DriftState("A-hole flow", "control_chamber.a_hole_diameter", 0.5, 0.03, 2e-3, 3e-3, 0.05),
+    DriftState("Z-hole flow", "control_chamber.z_hole_diameter", 0.5, 0.03, 2e-3, 3e-3, 0.05),
+    DriftState("valve lift", "valve.lift", 1.0, 0.03, 5e-4, 0.0, 0.1),
+    DriftState("residual gap", "solenoid.residual_gap", 1.0, 0.10, 1e-3, 0.0, 0.2),
+    DriftState("needle preload", "plunger_needle.spring_preload", 1.0, 0.05, 1e-3, 0.0, 0.1),
+    DriftState("needle seat", "needle_seat.diameter", 1.0, 0.01, 1e-4, 0.0, 0.0),
+    DriftState("plunger diameter", "plunger_needle.plunger_diameter", 1.0, 0.003, 1e-5, 0.0, 0.0),
+    DriftState("eddy currents", "solenoid.eddy_lag", 1.0, 0.20, 1e-3, 0.0, 0.0),
+    DriftState("valve seat", "valve.seat_diameter", 1.0, 0.005, 1e-4, 0.0, 0.0),
+    DriftState("coil resistance", "solenoid.resistance", 1.0, 0.04, 1e-3, 0.0, 0.0),
+    DriftState("low-lift flow", "nozzle.discharge_transition", 1.0, 0.03, 1e-3, 0.0, 0.0),
+    DriftState("fuel temperature", "fuel.temperature", 0.0, 10.0, 0.2, 0.0, 0.0, "K"),
+    DriftState(GAIN, "", 0.0, 0.011, 1e-5, 0.0, 0.02),
+    DriftState(OFFSET, "", 0.0, 0.7e6, 1e3, 0.0, 2e6, "Pa"),
+    DriftState(DELAY, "", 0.0, 3e-6, 1e-8, 0.0, 10e-6, "s"),
+)
+
+
+@dataclass(frozen=True)
+class ObserverSettings:
+    """Settings of an observer; SI numbers, or texts with their unit.
+
+    Attributes
+    ----------
+    sensor : str
+        "rail", or "line" for a sensor at the injector's end of the line.
+    cylinder_pressure, return_pressure : float
+        [Pa].
+    before, after : float
+        Pressure that counts, before the first energising of a shot and after the end of its last [s].
+    gap : float
+        Pause from which energisings belong to different shots [s].
+    averaged : float
+        Time over which samples are averaged [s].
+    noise : float, optional
+        Standard deviation of a sample [Pa]; by default found from the quiet pressure before the shots.
+    discrepancy : float
+        Standard deviation of what the simulated pressure lacks, as a share of its drop.
+    reference : int
+        Shots after which the estimates become the reference of the alarm.
+    significance : float
+        Standard deviations of a change that the alarm asks for.
+    iterations : int
+        Largest number of linearisations of a shot.
+    time_step : float
+        Of the simulations [s].
+    states : sequence of DriftState
+    deviations : mapping of str to float
+        Other standard deviations before the first shot by name of the state, which `states` has then; 0 leaves a state
+        out.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is of another kind or beyond its limits, or a name unknown.
+    """
+
+    sensor: str = "rail"
+    cylinder_pressure: float = 5e6
+    return_pressure: float = 0.5e6
+    before: float = 2e-3
+    after: float = 2e-3
+    gap: float = 3e-3
+    averaged: float = 20e-6
+    noise: float | None = None
+    discrepancy: float = 0.005
+    reference: int = 15
+    significance: float = 3.0
+    iterations: int = 4
+    time_step: Quantity = DEFAULT_STEP
+    states: tuple[DriftState, ...] = STATES
+    deviations: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.sensor not in SENSORS:
+            raise ConfigurationError(f'There is no sensor "{self.sensor}"; choose from {", ".join(SENSORS)}.')
+        times = Limits(1e-6, 20e-3)
+        settle(
+            self,
+            cylinder_pressure=number(self.cylinder_pressure, "Pa", "cylinder pressure"),
+            return_pressure=number(self.return_pressure, "Pa", "return pressure"),
+            before=amount(self.before, "s", "time before a shot", times),
+            after=amount(self.after, "s", "time after a shot", times),
+            gap=amount(self.gap, "s", "pause between shots", times),
+            averaged=amount(self.averaged, "s", "averaging", times),
+            noise=None if self.noise is None else amount(self.noise, "Pa", "noise", Limits(1.0, 10e6)),
+            discrepancy=amount(self.discrepancy, "1", "discrepancy", Limits(0.0, 1.0)),
+            reference=whole(self.reference, "reference", 2),
+            significance=amount(self.significance, "1", "significance", Limits(1.0, 20.0)),
+            iterations=whole(self.iterations, "iterations", 1),
+            time_step=check_step(self.time_step),
+        )
+        states = list(instances(self.states, DriftState, "states"))
+        names = [state.name for state in states]
+        for name, value in mapping(self.deviations, "deviations", '{"nozzle flow": 0.03}').items():
+            if name not in names:
+                raise ConfigurationError(f'There is no drift state "{name}"{nearest(name, names)}.')
+            state = states[names.index(name)]
+            deviation = amount(value, state.unit, f"deviation of {name}", Limits(0.0, 1e9))
+            states[names.index(name)] = state._replace(deviation=deviation)
+        settle(self, states=tuple(state for state in states if state.deviation > 0.0), deviations={})
+
+
+def check_model(injector: Injector) -> None:
+    """Refuse an injector whose simulated rail pressure does not answer the injection."""
+    if injector.variant.boundary is not Boundary.VOLUME:
+        raise ConfigurationError(
+            f"{injector.name} is fed from an ideal rail, whose pressure tells nothing of the injection; take a model "
+            "with a rail volume (@volume), and give its rail.volume."
+        )
+
+
+def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
+    """States of which this injector has the parameter: its variant reads it, and it is not zero where it is scaled."""
+    unread = unread_parameters(injector.variant)
+    return tuple(
+        state
+        for state in settings.states
+        if not state.parameter
+        or (state.parameter not in unread and (state.power == 0.0 or injector.values[state.parameter] > 0.0))
+    )
+
+
+class ShotRecord(NamedTuple):
+    """Measured pressure about one shot.
+
+    Attributes
+    ----------
+    start : float
+        Start of the first energising in the time of the log [s].
+    energisings : tuple of Energising
+        From `start` on [s].
+    time, pressure : (samples,)
+        From `start` on [s], and as measured [Pa].
+    quiet : (samples,)
+        Pressure before the shot in which nothing of this injector is open [Pa], at the same spacing.
+    """
+
+    start: float
+    energisings: tuple[Energising, ...]
+    time: Floats
+    pressure: Floats
+    quiet: Floats
+
+
+def cut_log(
+    time: Floats, pressure: Floats, energisings: tuple[Energising, ...], settings: ObserverSettings
+) -> list[ShotRecord]:
+    """Shots of a log that are whole.
+
+    `time` (samples,): evenly spaced [s]; `pressure` (samples,): [Pa]; `energisings`: in order, in the time of the log.
+    """
+    groups: list[list[Energising]] = []
+    for pulse in energisings:
+        last = groups[-1][-1] if groups else None
+        if last is not None and pulse.start - last.start - last.duration < settings.gap:
+            groups[-1].append(pulse)
+        else:
+            groups.append([pulse])
+    shots, free = [], float(time[0])
+    for i, group in enumerate(groups):
+        start, end = group[0].start, group[-1].start + group[-1].duration
+        following = groups[i + 1][0].start if i + 1 < len(groups) else np.inf
+        stop = min(end + settings.after, following - 50e-6)
+        first, zero, last = np.searchsorted(time, [start - settings.before, start, stop])
+        if start - settings.before >= time[0] and stop <= time[-1]:
+            pulses = tuple(Energising(pulse.start - start, pulse.duration) for pulse in group)
+            quiet = pressure[np.searchsorted(time, max(free, start - 2.0 * settings.before)) : zero]
+            shots.append(ShotRecord(start, pulses, time[first:last] - start, pressure[first:last], quiet))
+        free = stop
+    return shots

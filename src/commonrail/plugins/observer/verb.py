@@ -1,0 +1,151 @@
+"""commonrail observe: injected quantities of a log from its pressure and the command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from commonrail.base.errors import InputError
+from commonrail.base.units import parse, parse_difference
+from commonrail.cli.console import Bar, Stage, print_json, print_text, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.guard import INTERRUPTED
+from commonrail.cli.options import (
+    CylinderPressure,
+    DecimalSign,
+    Encoding,
+    Json,
+    ReturnPressure,
+    Settings,
+    SheetName,
+    Threads,
+    is_given,
+    read_form,
+    read_pressures,
+    with_overrides,
+)
+
+if TYPE_CHECKING:
+    from commonrail.physics.injector import Injector
+    from commonrail.plugins.observer.file import Log, Observation
+    from commonrail.plugins.observer.study import ObserverSettings
+
+
+@verb
+def observe(
+    log: Annotated[Path, Argument(metavar="LOG", help="File with time, pressure and command, evenly sampled.")],
+    *,
+    model: Annotated[
+        str, Option(metavar="MODEL", help="Injector file, name of the catalogue or run folder, with a rail volume.")
+    ],
+    time: Annotated[str, Option(help="Column of the time.")] = "time",
+    pressure: Annotated[str, Option(help="Column of the pressure.")] = "pressure",
+    command: Annotated[str, Option(help="Column whose upper half energises, such as a coil current.")] = "command",
+    energisings: Annotated[
+        Path | None, Option(metavar="FILE", help="File with columns start and duration, instead of --command.")
+    ] = None,
+    time_unit: Annotated[str | None, Option(help="Unit of the time, if the file has none.")] = None,
+    pressure_unit: Annotated[str | None, Option(help="Unit of the pressure, if the file has none.")] = None,
+    encoding: Encoding = None,
+    decimal: DecimalSign = None,
+    sheet: SheetName = None,
+    sensor: Annotated[str, Option(help="Place of the sensor: rail, or line for the injector's end of it.")] = "rail",
+    cylinder_pressure: CylinderPressure = None,
+    return_pressure: ReturnPressure = None,
+    set_: Settings = (),
+    noise: Annotated[
+        str | None,
+        Option(help="Standard deviation of a sample, e.g. 0.1MPa. [default: from the pressure before shots]"),
+    ] = None,
+    uncertain: Annotated[
+        tuple[str, ...],
+        Option(
+            metavar="STATE=VALUE",
+            help='Standard deviation of a state before the first shot, e.g. "fuel temperature=2K"; 0 fixes it; '
+            "repeatable.",
+        ),
+    ] = (),
+    reference: Annotated[int, Option(min=2, help="Shots after which the estimates become the alarm's reference.")] = 15,
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="New folder for report.html, observer.json and observer.csv.")
+    ] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Observe injected quantities by a measured pressure.
+
+    Quantity, opening and closing of every shot with their standard deviations, and the drift of the injector, follow
+    from the pressure about the shots by the model. Ctrl-C ends with the shots that are done; the exit status is 130.
+
+    \b
+    Examples:
+      commonrail observe log.csv --model runs/first --out runs/observed
+      commonrail observe log.mf4 --model cri2-16 --pressure p_rail --command I_inj1 --noise 0.1MPa
+    """
+    from commonrail.base.hooks import held_interrupts
+    from commonrail.cli.model_name import read_model_name
+    from commonrail.plugins.observer.file import LogColumns, read_log
+    from commonrail.plugins.observer.page import observer_lines, observer_tables
+    from commonrail.plugins.observer.study import ObserverSettings, check_model
+    from commonrail.report.analysis import run_into, synthetic_lines
+
+    if energisings is not None and is_given("command"):
+        raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
+    named = read_model_name(model)
+    injector = with_overrides(named.injector, set_)
+    check_model(injector)
+    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    settings = ObserverSettings(
+        sensor=sensor,
+        cylinder_pressure=cylinder,
+        return_pressure=back,
+        noise=None if noise is None else parse(noise, "Pa", "--noise"),
+        reference=reference,
+        deviations=dict(map(_deviation, uncertain)),
+    )
+    files = [log] if energisings is None else [log, energisings]
+    columns = LogColumns(
+        time, pressure, command, energisings, time_unit, pressure_unit, read_form(encoding, decimal, sheet, files)
+    )
+    read = read_log(log, columns)
+    with held_interrupts():  # what is done is written whatever keys are pressed
+        found = run_into(out, "observer.csv", lambda: _run(injector, read, settings, threads))
+    record = found.record()
+    if json:
+        print_json(record)
+    else:
+        print_text([*synthetic_lines(record), *observer_lines(record)], observer_tables(record))
+    if out is not None and not json:
+        print_text([f"report: {out / 'report.html'}"])
+    if record["status"] == "interrupted":
+        say(f"commonrail: interrupted after {len(found.shots)} of {found.asked} shots.")
+        raise SystemExit(INTERRUPTED)
+
+
+def _deviation(text: str) -> tuple[str, float]:
+    from commonrail.base.errors import nearest
+    from commonrail.plugins.observer.study import STATES
+
+    read = parse_difference  # of temperatures
+    name, equals, value = (part.strip() for part in text.partition("="))
+    units = {state.name: state.unit for state in STATES}
+    if not (equals and value):
+        raise InputError(f'--uncertain {text}: expected STATE=VALUE, such as "nozzle flow=3%".')
+    if name not in units:
+        raise InputError(
+            f"--uncertain {text}: there is no such state{nearest(name, units)}; choose from {', '.join(units)}."
+        )
+    return name, read(value, units[name], f"--uncertain {name}")
+
+
+def _run(injector: Injector, read: Log, settings: ObserverSettings, threads: int | None) -> Observation:
+    from commonrail.plugins.observer.run import observe as run
+
+    with Bar("shots") as bar:
+        return run(
+            injector,
+            *read,
+            settings,
+            threads=threads,
+            progress=lambda p: bar.show(Stage("observing", p.done, p.total, injector.name)),
+        )

@@ -1,0 +1,231 @@
+"""Virtual sensor: slopes against differences, quantities of shots whose truth is known, drift, logs, the verb."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.simulate import simulate
+from commonrail.physics.injector import Injector
+from commonrail.plugins.observer.file import LogColumns, Observation, read_log
+from commonrail.plugins.observer.response import Simulator, cuts_of, figures_of
+from commonrail.plugins.observer.run import observe
+from commonrail.plugins.observer.study import DELAY, GAIN, OFFSET, ObserverSettings, ShotRecord, cut_log, states_of
+from tests.cli.conftest import Command, check_made_again
+
+RATE, CYCLE = 50e3, 15e-3
+NOISE = 0.05e6
+MM3 = 1e-9
+
+
+class Logged(NamedTuple):
+    """A log with the true quantities (shots,) [m³]."""
+
+    time: Floats
+    pressure: Floats
+    energisings: list[tuple[float, float]]
+    quantities: Floats
+
+
+def logged(injectors: list[Injector], rails: Floats, durations: Floats) -> Logged:
+    """Log of one shot of each injector, at half the observer's time step, with noise and a rising pressure."""
+    rng = np.random.default_rng(4)
+    count = round((len(rails) * CYCLE + 4e-3) * RATE)
+    time, pressure, pulses, quantities = np.arange(count) / RATE, np.empty(count), [], []
+    for k, (injector, rail, duration) in enumerate(zip(injectors, rails, durations, strict=True)):
+        start = 4e-3 + k * CYCLE
+        point = OperatingPoint(float(rail), float(duration), horizon=float(duration) + 2.2e-3)
+        found = simulate(injector, point, time_step=0.5e-6)
+        first = 0 if k == 0 else round((start - 7e-3) * RATE)
+        pressure[first:] = np.interp(time[first:] - start, found.time, found.channels["rail_pressure"])
+        pulses.append((start, float(duration)))
+        quantities.append(found.injected_volume)
+    pressure += 0.1e9 * ((time + 2e-3) % CYCLE) + NOISE * rng.standard_normal(count)
+    return Logged(time, pressure, pulses, np.array(quantities))
+
+
+@pytest.fixture(scope="module")
+def part(rigid_volume: Injector) -> Injector:
+    """A part with 6 % more nozzle flow, and a spring and a friction that the observer does not estimate."""
+    values = rigid_volume.values
+    return rigid_volume.with_values(
+        {
+            "nozzle.hole_diameter": values["nozzle.hole_diameter"] * 1.06**0.5,
+            "valve.spring_stiffness": values["valve.spring_stiffness"] * 1.03,
+            "feed_pipe.friction_factor": values["feed_pipe.friction_factor"] * 1.2,
+        }
+    )
+
+
+RAILS = np.array([160.0, 120.0, 140.0, 100.0]) * 1e6
+DURATIONS = np.array([700.0, 800.0, 500.0, 900.0]) * 1e-6
+
+
+@pytest.fixture(scope="module")
+def log(part: Injector) -> Logged:
+    """Four shots of the part."""
+    return logged([part] * 4, RAILS, DURATIONS)
+
+
+@pytest.fixture(scope="module")
+def observed(rigid_volume: Injector, log: Logged) -> Observation:
+    """What is observed of them."""
+    return observe(rigid_volume, log.time, log.pressure, log.energisings, threads=1)
+
+
+def test_quantities_come_nearer_to_the_truth_than_the_model_alone(observed: Observation, log: Logged) -> None:
+    """The drop of the pressure tells quantities to the stated deviation; the model alone misses them by 5 %."""
+    found = np.array([shot.figures[0, 0] for shot in observed.shots if shot.figures is not None])
+    spread = np.array([shot.deviations[0, 0] for shot in observed.shots if shot.deviations is not None])
+    alone = np.array([shot.open_loop[0, 0] for shot in observed.shots if shot.open_loop is not None])
+    assert np.abs(alone / log.quantities - 1.0).min() > 0.02
+    assert np.abs(found - log.quantities).max() < 0.5 * np.abs(alone - log.quantities).max()
+    assert np.all(np.abs(found - log.quantities) < 3.0 * spread)
+    assert np.all(spread < 0.04 * log.quantities)
+    nozzle = observed.shots[-1].drift
+    assert nozzle is not None
+    assert 0.02 < nozzle[0] < 0.10  # drawn 6 % larger
+
+
+def test_the_result_does_not_depend_on_threads(rigid_volume: Injector, observed: Observation, log: Logged) -> None:
+    again = observe(rigid_volume, log.time, log.pressure, log.energisings, threads=2)
+    assert again.rows() == observed.rows()
+
+
+def test_slopes_are_those_of_a_changed_part_and_of_the_sensor(rigid_volume: Injector) -> None:
+    """Each slope against `simulate` of a changed part, or a changed sensor, written out here."""
+    settings = ObserverSettings(averaged=20e-6)
+    settings = replace(settings, states=states_of(rigid_volume, settings))
+    time = np.arange(-10, 140) / RATE
+    shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time)
+    simulator = Simulator(rigid_volume, settings)
+    names = [state.name for state in settings.states]
+    rest = 120e6
+    found = simulator.at(shot, rest, np.zeros(len(names)))
+    assert found is not None
+
+    def shown(injector: Injector, gain: float = 0.0, offset: float = 0.0, delay: float = 0.0) -> tuple[Floats, float]:
+        true = (rest - offset) / (1.0 + gain)
+        solved = simulate(injector, OperatingPoint(true, 600e-6, horizon=3e-3))
+        course = np.interp(time - delay, solved.time, solved.channels["rail_pressure"])
+        return (1.0 + gain) * course + offset - rest, solved.injected_volume
+
+    middle, quantity = shown(rigid_volume)
+    assert found.pressure == pytest.approx(middle, abs=1.0)
+    assert found.figures[0, 0] == pytest.approx(quantity, rel=1e-6)
+    wider = rigid_volume.with_values({"nozzle.hole_diameter": rigid_volume.values["nozzle.hole_diameter"] * 1.005**0.5})
+    cases = {
+        "nozzle flow": (shown(wider), np.log(1.005)),
+        GAIN: (shown(rigid_volume, gain=1e-3), 1e-3),
+        OFFSET: (shown(rigid_volume, offset=0.07e6), 0.07e6),
+        DELAY: (shown(rigid_volume, delay=1e-6), 1e-6),
+    }
+    for name, ((moved, other), step) in cases.items():
+        i = names.index(name)
+        expected = (moved - middle) / step
+        size = np.abs(expected).max()
+        assert size > 0.0
+        assert found.slopes[:, i] == pytest.approx(expected, abs=0.02 * size), name
+        if name != DELAY:
+            assert found.figure_slopes[0, 0, i] == pytest.approx((other - quantity) / step, rel=0.02), name
+
+
+def test_a_nozzle_that_wears_raises_an_alarm_and_a_sound_one_does_not(rigid_volume: Injector) -> None:
+    worn = rigid_volume.with_values({"nozzle.hole_diameter": rigid_volume.values["nozzle.hole_diameter"] * 1.08**0.5})
+    settings = ObserverSettings(reference=3)
+    made = logged([rigid_volume] * 5 + [worn] * 5, np.full(10, 140e6), np.full(10, 800e-6))
+    found = observe(rigid_volume, made.time, made.pressure, made.energisings, settings, threads=1)
+    assert not any(shot.alarms for shot in found.shots[:5])
+    assert found.shots[-1].alarms == ("nozzle flow",)
+
+
+def test_opening_and_closing_are_where_the_rate_crosses_its_level() -> None:
+    """A trapezoid of 10 units: its ramps of 100 us cross 2 % after 2 us; the bounce behind it is no injection."""
+    time = np.asarray(1e-6 * np.arange(3001), float)
+    corners = np.array([0.3, 0.4, 0.8, 0.9, 1.0, 1.05, 1.1, 2.0, 2.1, 2.2, 2.3]) * 1e-3
+    rate = np.interp(time, corners, [0, 10, 10, 0, 0, 1.5, 0, 0, 4, 4, 0])
+    injected = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * 1e-6])
+    pulses = (Energising(0.0, 500e-6), Energising(1.3e-3, 400e-6))
+    found = figures_of(time, injected, cuts_of(time, injected, pulses))
+    assert found[0] == pytest.approx([5.0e-3 + 0.075e-3, 0.8e-3], rel=1e-6)
+    assert found[1] == pytest.approx([302e-6, 2002e-6], abs=0.05e-6)
+    assert found[2] == pytest.approx([898e-6, 2298e-6], abs=0.05e-6)
+
+
+def test_energisings_are_grouped_to_shots_and_what_is_not_whole_is_left_out() -> None:
+    time = np.arange(0.0, 50e-3, 1e-5)
+    pulses = tuple(Energising(a, 0.5e-3) for a in (1e-3, 10e-3, 11e-3, 30e-3, 48e-3))
+    shots = cut_log(time, time, pulses, ObserverSettings())
+    assert [(shot.start, len(shot.energisings)) for shot in shots] == [(10e-3, 2), (30e-3, 1)]
+    assert shots[0].energisings[1].start == pytest.approx(1e-3)
+    assert shots[0].quiet.max() < 10e-3  # in this log the pressure is the time
+    assert shots[0].time[0] == pytest.approx(-2e-3, abs=2e-5)
+    assert shots[0].pressure == pytest.approx(shots[0].time + 10e-3)
+
+
+def test_an_ideal_rail_and_an_uneven_log_are_refused(rigid: Injector, rigid_volume: Injector) -> None:
+    time = np.arange(0.0, 20e-3, 1e-5)
+    with pytest.raises(ConfigurationError, match="ideal rail"):
+        observe(rigid, time, np.full_like(time, 1e8), [(5e-3, 5e-4)])
+    with pytest.raises(ConfigurationError, match="evenly spaced"):
+        observe(rigid_volume, time**2 + time, np.full_like(time, 1e8), [(5e-3, 5e-4)])
+    with pytest.raises(ConfigurationError, match="no whole shot"):
+        observe(rigid_volume, time, np.full_like(time, 1e8), [(19e-3, 5e-4)])
+    with pytest.raises(ConfigurationError, match="nozzle flow"):
+        ObserverSettings(deviations={"nozle flow": 0.1})
+
+
+def written(folder: Path, log: Logged, command: bool = True) -> Path:
+    """The log as CSV, with a coil current as command, or without."""
+    on = np.zeros(len(log.time))
+    for start, duration in log.energisings:
+        on[(log.time >= start) & (log.time < start + duration)] = 12.0
+    file = folder / "log.csv"
+    heads, columns = ["time [ms]", "p [bar]"], [log.time * 1e3, log.pressure * 1e-5]
+    if command:
+        heads, columns = [*heads, "I [A]"], [*columns, on]
+    np.savetxt(file, np.array(columns).T, fmt="%.6f", delimiter=",", header=",".join(heads), comments="")
+    return file
+
+
+def test_energisings_are_read_from_a_command_or_from_a_file(tmp_path: Path, log: Logged) -> None:
+    columns = LogColumns(pressure="p", command="I")
+    found = read_log(written(tmp_path, log), columns)
+    assert found.pressure == pytest.approx(log.pressure, abs=0.1)
+    # an edge lies between two samples
+    assert np.array(found.energisings) == pytest.approx(np.array(log.energisings), abs=1.01 / RATE)
+    (tmp_path / "pulses.csv").write_text("start [ms],duration [us]\n4,700\n19,800\n", encoding="utf-8")
+    apart = read_log(written(tmp_path, log, False), columns._replace(energisings=tmp_path / "pulses.csv"))
+    assert np.array(apart.energisings) == pytest.approx(np.array([[4e-3, 700e-6], [19e-3, 800e-6]]))
+    still = log._replace(energisings=[])
+    with pytest.raises(InputError, match="constant"):
+        read_log(written(tmp_path, still), columns)
+
+
+def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged) -> None:
+    file, folder = written(tmp_path, log), tmp_path / "out"
+    options = ("--pressure", "p", "--command", "I", "--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa")
+    model = "virtual-lino-2016@rigid,volume,regulated"
+    done = command("observe", file, "--model", model, *options, "--uncertain", "fuel temperature=0K", "--out", folder)
+    assert done.status == 0, done.err
+    assert "4 shots with 4 injections" in done.out
+    assert "fuel temperature" not in done.out
+    rows = (folder / "observer.csv").read_text(encoding="utf-8").splitlines()
+    assert len([row for row in rows if not row.startswith("#")]) == 5
+    assert "Map of the drift" in (folder / "report.html").read_text(encoding="utf-8")
+    check_made_again(command, folder)
+    for wrong, words in (
+        (("--model", "virtual-lino-2016"), "ideal rail"),
+        (("--model", model, "--uncertain", "nozzle=3%"), "no such state"),
+        (("--model", model, "--energisings", file, "--command", "I"), "keep one"),
+    ):
+        refused = command("observe", file, *wrong, *(options if "--energisings" not in wrong else options[:2]))
+        assert refused.status == 2
+        assert words in refused.err

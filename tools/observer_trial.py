@@ -1,0 +1,301 @@
+"""Trial of the virtual sensor: truths of the reference engine that the observer's model cannot reproduce.
+
+Each injector is cri2-16 with parameters drawn about those of the catalogue, also ones that the observer does not
+estimate, with friction of the guides, which its model lacks, and with fuel 10 K colder or warmer than it assumes. The
+explicit reference engine simulates its shots, trains included. Onto the rail's pressure come pump, three neighbours and
+their waves (which the injector itself does not feel), then the sensor: gain, offset, delay, noise, 12 bits. Baselines:
+the model without the pressure, and the drop of the rail's pressure, volume × Δp / K.
+
+    python -m tools.observer_trial truths FILE.npz --injectors 30 --shots 20 --seed 2
+    python -m tools.observer_trial judge FILE.npz [--sensor-error none]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import commonrail as cr
+from commonrail.engine.reference import Resolution, simulate_reference
+from commonrail.engine.status import OK
+from commonrail.plugins.observer.response import cuts_of, figures_of
+from commonrail.plugins.observer.run import observe
+from commonrail.plugins.observer.study import ObserverSettings
+
+MODEL = "cri2-16"
+RATE, CYCLE = 100e3, 40e-3  # samples a second; time from shot to shot [s]: that of 3,000 revolutions a minute
+CYLINDER, RETURN = 5e6, 0.5e6
+AFTER = 2.1e-3  # simulated beyond the last energising [s]
+FULL_SCALE = 220e6  # of the sensor [Pa]
+
+# Relative standard deviations of the truths [E], in the size of the tolerances of cases/tolerance; the first are the
+# observer's states too, the others it does not know.
+SPREAD = {
+    "nozzle.hole_diameter": 0.02,
+    "valve.spring_preload": 0.03,
+    "control_chamber.a_hole_diameter": 0.0075,
+    "control_chamber.z_hole_diameter": 0.0075,
+    "valve.lift": 0.02,
+    "solenoid.residual_gap": 0.05,
+    "plunger_needle.spring_preload": 0.04,
+    "needle_seat.diameter": 0.005,
+    "plunger_needle.plunger_diameter": 0.0005,
+    "solenoid.eddy_lag": 0.10,
+    "plunger_needle.guide_diameter": 0.0005,
+    "plunger_needle.plunger_gap": 0.10,
+    "plunger_needle.needle_gap": 0.10,
+    "nozzle.discharge_maximum": 0.01,
+    "nozzle.discharge_transition": 0.02,
+    "nozzle.lift_transition_offset": 0.02,
+    "nozzle.contraction": 0.01,
+    "needle_seat.discharge": 0.02,
+    "control_chamber.volume": 0.03,
+    "control_chamber.a_hole_contraction": 0.01,
+    "valve.mass": 0.02,
+    "valve.spring_stiffness": 0.03,
+    "valve.seat_diameter": 0.005,
+    "solenoid.resistance": 0.03,
+    "drive.boost_voltage": 0.02,
+    "drive.peak_current": 0.02,
+    "drive.hold_current": 0.02,
+    "sac.volume": 0.03,
+    "accumulation.volume": 0.03,
+    "feed_pipe.length": 0.005,
+    "feed_pipe.friction_factor": 0.10,
+    "rail.volume": 0.005,
+    "rail.throttle_diameter": 0.01,
+}
+FRICTION = (0.3, 0.3)  # of the guides on each of the nine masses: up to so many N and N s/m
+GAIN, OFFSET, DELAY, NOISE = 0.005, 0.5e6, 5e-6, (0.05e6, 0.2e6)
+
+
+def drawn(rng: np.random.Generator) -> tuple[cr.Injector, np.ndarray]:
+    """Injector and friction (9, 2) of a truth."""
+    model = cr.load_injector(MODEL)
+    values = {name: model.values[name] * (1.0 + s * rng.standard_normal()) for name, s in SPREAD.items()}
+    values["fuel.temperature"] = model.values["fuel.temperature"] + 10.0 * rng.choice([-1.0, 1.0])
+    return model.with_values(values), np.full((9, 2), FRICTION) * rng.uniform(0.0, 1.0, 2)
+
+
+def schedule(rng: np.random.Generator) -> tuple[float, list[tuple[float, float]]]:
+    """Rail pressure [Pa] and energisings [s] of a shot: four of ten have a pilot."""
+    rail = rng.uniform(60e6, 160e6)
+    main = rng.uniform(450e-6, 1000e-6)
+    if rng.random() < 0.6:
+        return rail, [(0.0, main)]
+    pilot = 280e-6 + 120e-6 * (160e6 - rail) / 100e6 + rng.uniform(0.0, 60e-6)
+    return rail, [(0.0, pilot), (pilot + rng.uniform(0.6e-3, 1.6e-3), main)]
+
+
+def truths(path: Path, injectors: int, shots: int, seed: int, drift: float) -> None:
+    """Simulate and keep the truths; `drift`: relative change of the nozzle's flow from the middle shot on."""
+    rows: list[dict[str, Any]] = []
+    begin = time.perf_counter()
+    for k in range(injectors):
+        rng = np.random.default_rng([seed, k])
+        while True:
+            injector, friction = drawn(rng)
+            worn = injector.with_values(
+                {"nozzle.hole_diameter": injector.values["nozzle.hole_diameter"] * (1.0 + drift) ** 0.5}
+            )
+            made = [_truth(worn if i >= shots // 2 else injector, friction, *schedule(rng)) for i in range(shots)]
+            if all(made):  # a part that does not work at some point would not pass the end of its line
+                break
+        rows.append({"values": injector.values["nozzle.hole_diameter"], "shots": made})
+        print(f"{k + 1}/{injectors} {time.perf_counter() - begin:.0f} s", flush=True)
+    np.savez_compressed(path, rows=np.array(rows, object), seed=seed, drift=drift)
+
+
+def _truth(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: list[Any]) -> dict[str, Any] | None:
+    end = pulses[-1][0] + pulses[-1][1]
+    point = cr.OperatingPoint(rail, pulses, CYLINDER, RETURN, horizon=end + AFTER)
+    coarse = Resolution((90, 40), method="explicit", step=1e-7)
+    found = simulate_reference(injector, point, 2e-6, coarse, friction)
+    if found.status != OK:
+        return None
+    time, injected = np.asarray(found.time), np.asarray(found.injected)
+    figures = figures_of(time, injected, cuts_of(time, injected, point.pulses))  # defined as the observer's
+    figures[0] /= found.reference_density
+    return {
+        "rail": rail,
+        "pulses": pulses,
+        "pressure": np.asarray(found.channels["rail_pressure"])[::5],
+        "line": np.asarray(found.channels["accumulation_pressure"])[::5],
+        "figures": figures,
+    }
+
+
+def log_of(shots: list[dict[str, Any]], rng: np.random.Generator, sensor: str, disturbed: bool) -> tuple[Any, ...]:
+    """Log of an injector: times [s], pressure [Pa], energisings."""
+    count = round((len(shots) * CYCLE + 5e-3) * RATE)
+    clock, pressure, pulses = np.arange(count) / RATE, np.empty(count), []
+    delay = rng.uniform(-DELAY, DELAY)
+    starts = 5e-3 + CYCLE * np.arange(len(shots)) + rng.uniform(0.0, 10e-6, len(shots))
+    for start, shot in zip(starts, shots, strict=True):
+        first = max(round((start - 12e-3) * RATE), 0)
+        true = shot["pressure"] if sensor == "rail" else shot["line"]
+        grid = start + delay + np.arange(len(true)) / RATE
+        values = np.interp(clock[first:], grid, true, left=true[0])
+        pressure[first:] = values
+        pulses += [(float(start + a), b) for a, b in shot["pulses"]]
+    if disturbed:
+        pressure += _disturbance(clock, starts, rng)
+    shown = pressure * (1.0 + GAIN * rng.standard_normal()) + OFFSET * rng.standard_normal()
+    shown += rng.uniform(*NOISE) * rng.standard_normal(count)
+    return clock, np.round(shown / (FULL_SCALE / 4096)) * (FULL_SCALE / 4096), pulses
+
+
+def _disturbance(clock: np.ndarray, starts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Pump of three lobes a cycle, and three neighbours that lower the rail's pressure and leave waves in it [Pa]."""
+    drop = np.zeros_like(clock)
+    frequency, decay = rng.uniform(1.2e3, 2.5e3), rng.uniform(0.5e-3, 2e-3)
+    depth = rng.uniform(2e6, 5e6)
+    for start in starts:
+        for part in (0.25, 0.5, 0.75):
+            since = clock - start - CYCLE * part - rng.uniform(-0.2e-3, 0.2e-3)
+            after = np.maximum(since, 0.0)
+            own = depth * rng.uniform(0.9, 1.1)
+            drop += own * np.clip(since / 0.8e-3, 0.0, 1.0)
+            drop -= 0.06 * own * np.exp(-after / decay) * np.sin(2.0 * np.pi * frequency * after)
+    turn = 2.0 * np.pi * (1.5 * clock / (CYCLE * rng.uniform(0.98, 1.02)) + rng.random())  # asynchronous to the engine
+    delivered = np.cumsum(np.abs(np.sin(turn)))
+    return np.asarray(delivered * drop[-1] / delivered[-1] - drop)
+
+
+def judge(path: Path, out: Path | None, sensor: str, disturbed: bool, reference: int, most: int) -> None:
+    """Run the observer and the baselines, and print their errors."""
+    data = np.load(path, allow_pickle=True)
+    model = cr.load_injector(MODEL)
+    rows, alarms, begin = [], [], time.perf_counter()
+    for k, truth in enumerate(data["rows"][:most]):
+        rng = np.random.default_rng([int(data["seed"]), k, 7])
+        log = log_of(truth["shots"], rng, sensor, disturbed)
+        settings = ObserverSettings(
+            sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN, reference=reference
+        )
+        found = observe(model, log[0], log[1], log[2], settings, threads=1)
+        drops = _drops(model, log, truth["shots"])
+        first = next((i for i, shot in enumerate(found.shots) if "nozzle flow" in shot.alarms), -1)
+        alarms.append((first, [i for i, shot in enumerate(found.shots) if shot.alarms]))
+        for i, (shot, true) in enumerate(zip(found.shots, truth["shots"], strict=True)):
+            if shot.figures is None or shot.deviations is None or shot.open_loop is None:
+                print(f"injector {k}, shot {i}: not simulated")
+                continue
+            for j in range(len(true["pulses"])):
+                kind = "main" if j + 1 == len(true["pulses"]) else "pilot"
+                rows.append(
+                    {
+                        "injector": k, "shot": i, "kind": kind, "train": len(true["pulses"]) > 1,
+                        "true": true["figures"][:, j], "found": shot.figures[:, j], "sd": shot.deviations[:, j],
+                        "open": shot.open_loop[:, j], "drop": drops[i] if len(true["pulses"]) == 1 else (np.nan,) * 2,
+                        "consistency": shot.consistency,
+                    }
+                )  # fmt: skip
+    _print(rows, alarms, int(data["drift"] != 0.0) * len(data["rows"][0]["shots"]) // 2)
+    print(f"{len(alarms)} injectors, {time.perf_counter() - begin:.0f} s")
+    if out is not None:
+        out.write_text(json.dumps([{key: np.asarray(v).tolist() for key, v in row.items()} for row in rows]))
+
+
+def _drops(model: cr.Injector, log: tuple[Any, ...], shots: list[dict[str, Any]]) -> list[tuple[float, float]]:
+    """Quantity of each shot from the drop of the pressure, its trend before the shot continued [m³].
+
+    First V Δp/K, then the same times the share that is injected of what the model's rail loses at that point.
+    """
+    clock, pressure, pulses = log
+    found, volume, at = [], model.values["rail.volume"], 0
+    warmth = model.values["fuel.temperature"]
+    for shot in shots:
+        start, end = pulses[at][0], pulses[at + len(shot["pulses"]) - 1][0] + pulses[at][1]
+        at += len(shot["pulses"])
+        before = (clock > start - 1e-3) & (clock < start)
+        after = (clock > end + 1.3e-3) & (clock < end + 2e-3)
+        trend = np.polyfit(clock[before] - start, pressure[before], 1)
+        drop = float(np.mean(np.polyval(trend, clock[after] - start) - pressure[after]))
+        mean = float(pressure[before].mean()) - 0.5 * drop
+        fuel = model.fuel
+        ratio = float(fuel.density(mean, warmth)) / float(fuel.density(CYLINDER, warmth))
+        step = 1e5
+        modulus = mean and float(fuel.density(mean, warmth)) * 2 * step / float(
+            fuel.density(mean + step, warmth) - fuel.density(mean - step, warmth)
+        )
+        raw = volume * drop / modulus * ratio
+        point = cr.OperatingPoint(shot["rail"], shot["pulses"], CYLINDER, RETURN, horizon=end - start + 2e-3)
+        own = cr.simulate(model, point)
+        taken = float(own.channels["rail_pressure"][0] - own.channels["rail_pressure"][-400:].mean())
+        found.append((raw, own.injected_volume * drop / taken if taken > 0.0 else np.nan))
+    return found
+
+
+BASELINES = (
+    ("observer", "found", 0),
+    ("model alone", "open", 0),
+    ("V dp/K", "drop", 0),
+    ("drop, model's share", "drop", 1),
+)
+
+
+def _print(rows: list[dict[str, Any]], alarms: list[Any], onset: int) -> None:
+    for kind in ("main", "pilot"):
+        chosen = [row for row in rows if row["kind"] == kind]
+        if not chosen:
+            continue
+        table = {key: np.array([row[key] for row in chosen], float) for key in ("true", "found", "sd", "open", "drop")}
+        true = table["true"][:, 0]
+        low, high = np.quantile(true, (0.05, 0.95)) * 1e9
+        print(f"{kind}: {len(true)} injections, {low:.1f} to {high:.1f} mm3")
+        for name, key, j in BASELINES:
+            error = np.abs(table[key][:, j] - true)
+            good = np.isfinite(error)
+            if good.any():
+                middle, end = np.quantile(100.0 * error[good] / true[good], (0.5, 0.95))
+                least, most = np.quantile(error[good] * 1e9, (0.5, 0.95))
+                print(
+                    f"  {name:20s} median {middle:6.2f} %, 95 % {end:6.2f} %; median {least:6.3f} mm3, 95 % "
+                    f"{most:6.3f} mm3 ({good.sum()})"
+                )
+        for j, name in enumerate(("quantity", "opening", "closing")):
+            ratio = (table["found"][:, j] - table["true"][:, j]) / table["sd"][:, j]
+            held, size = np.mean(np.abs(ratio) < 1.96), np.sqrt(np.mean(ratio**2))
+            print(f"  {name}: the stated 95 % hold {100.0 * held:.1f} %, rms of error over deviation {size:.2f}")
+            for label, key in (("observer", "found"), ("model alone", "open")):
+                if j:
+                    error = np.abs(table[key][:, j] - table["true"][:, j]) * 1e6
+                    middle, end = np.nanquantile(error, (0.5, 0.95))
+                    print(f"    {label:12s} median {middle:6.2f} us, 95 % {end:6.2f} us")
+    print(f"consistency, median: {np.median([row['consistency'] for row in rows]):.2f}")
+    if onset:
+        late = [first - onset + 1 if first >= onset else None for first, _ in alarms]
+        print("shots from the drift to the alarm of the nozzle's flow:", late)
+    shots = len({(row["injector"], row["shot"]) for row in rows if not onset or row["shot"] < onset})
+    false = sum(i < onset or not onset for _, at in alarms for i in at)
+    print(f"shots with an alarm before any drift: {false} of {shots}")
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("truths", "judge"))
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--injectors", type=int, default=30)
+    parser.add_argument("--shots", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=2)
+    parser.add_argument("--drift", type=float, default=0.0)
+    parser.add_argument("--sensor", choices=("rail", "line"), default="rail")
+    parser.add_argument("--undisturbed", action="store_true")
+    parser.add_argument("--reference", type=int, default=15)
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args()
+    if given.what == "truths":
+        truths(given.file, given.injectors, given.shots, given.seed, given.drift)
+    else:
+        judge(given.file, given.out, given.sensor, not given.undisturbed, given.reference, given.injectors)
+
+
+if __name__ == "__main__":
+    main()
