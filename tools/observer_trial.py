@@ -167,7 +167,7 @@ def _disturbance(clock: np.ndarray, starts: np.ndarray, rng: np.random.Generator
     return np.asarray(delivered * drop[-1] / delivered[-1] - drop)
 
 
-def judge(path: Path, out: Path | None, sensor: str, disturbed: bool, reference: int, most: int) -> None:
+def judge(path: Path, out: Path | None, sensor: str, disturbed: bool, most: int) -> None:
     """Run the observer and the baselines, and print their errors."""
     data = np.load(path, allow_pickle=True)
     model = cr.load_injector(MODEL)
@@ -175,13 +175,12 @@ def judge(path: Path, out: Path | None, sensor: str, disturbed: bool, reference:
     for k, truth in enumerate(data["rows"][:most]):
         rng = np.random.default_rng([int(data["seed"]), k, 7])
         log = log_of(truth["shots"], rng, sensor, disturbed)
-        settings = ObserverSettings(
-            sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN, reference=reference
-        )
+        settings = ObserverSettings(sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN)
         found = observe(model, log[0], log[1], log[2], settings, threads=1)
         drops = _drops(model, log, truth["shots"])
-        first = next((i for i, shot in enumerate(found.shots) if "nozzle flow" in shot.alarms), -1)
-        alarms.append((first, [i for i, shot in enumerate(found.shots) if shot.alarms]))
+        raised = [(i, shot.alarm.state) for i, shot in enumerate(found.shots) if shot.alarm is not None]
+        alarms.append((next((i for i, state in raised if state == "nozzle flow"), -1), [i for i, _ in raised]))
+        print(k, raised, flush=True)
         for i, (shot, true) in enumerate(zip(found.shots, truth["shots"], strict=True)):
             if shot.figures is None or shot.deviations is None or shot.open_loop is None:
                 print(f"injector {k}, shot {i}: not simulated")
@@ -288,13 +287,12 @@ def main() -> None:
     parser.add_argument("--drift", type=float, default=0.0)
     parser.add_argument("--sensor", choices=("rail", "line"), default="rail")
     parser.add_argument("--undisturbed", action="store_true")
-    parser.add_argument("--reference", type=int, default=15)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     if given.what == "truths":
         truths(given.file, given.injectors, given.shots, given.seed, given.drift)
     else:
-        judge(given.file, given.out, given.sensor, not given.undisturbed, given.reference, given.injectors)
+        judge(given.file, given.out, given.sensor, not given.undisturbed, given.injectors)
 
 
 if __name__ == "__main__":

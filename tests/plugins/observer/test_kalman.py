@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.arrays import Floats
-from commonrail.plugins.observer.kalman import Belief, Update, update
+from commonrail.plugins.observer.kalman import TIMES, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response
 from commonrail.plugins.observer.study import DriftState
 
@@ -46,26 +46,42 @@ def test_states_and_figures_are_the_conditional_expectation_of_a_linear_model() 
     both = (prior + own) @ SLOPES.T @ s
     spread = (prior + own) - both @ SLOPES @ (prior + own)
     assert found.figures[:, 0] == pytest.approx(FIGURES[:, 0] @ both @ measured, rel=1e-9)
-    assert found.deviations[:, 0] ** 2 == pytest.approx(np.diag(FIGURES[:, 0] @ spread @ FIGURES[:, 0].T), rel=1e-9)
+    lacking = np.array([0.0, TIMES**2, TIMES**2])
+    expected = np.diag(FIGURES[:, 0] @ spread @ FIGURES[:, 0].T) + lacking
+    assert found.deviations[:, 0] ** 2 == pytest.approx(expected, rel=1e-9)
     assert found.consistency == pytest.approx(measured @ s @ measured / 12, rel=1e-9)
 
 
-def test_the_change_since_the_reference_has_the_spread_of_the_steps_between() -> None:
-    """Without walks an optimal estimate changes by steps that are independent: their variances add up."""
-    still = tuple(state._replace(walk=0.0) for state in STATES)
-    belief = updated(Belief.before(still), RNG.standard_normal(12)).belief.with_reference()
-    before = belief.covariance
-    for _ in range(3):
-        belief = updated(belief.walked(still), RNG.standard_normal(12)).belief
-    change, spread = belief.change()
-    assert belief.reference is not None
-    assert change == pytest.approx(belief.mean - belief.reference)
-    assert spread**2 == pytest.approx(np.diag(before - belief.covariance), rel=1e-8)
+def followed(shots: int, step: float, onset: int, rng: np.random.Generator) -> tuple[StepTest, Belief]:
+    """Test and belief after shots whose state "a" steps; the first shot is learnt before the test."""
+    test, belief = StepTest(STATES, 20, 4.0), Belief.before(STATES)
+    truth, root = rng.standard_normal(3) * [1.0, 2.0, 0.5], np.linalg.cholesky(NOISE)
+    for k in range(shots):
+        own = np.array([0.3, 0.0, 0.0]) * rng.standard_normal(3)
+        moved = truth + own + np.array([step if k >= onset else 0.0, 0.0, 0.0])
+        before = belief.walked(STATES)
+        belief = updated(before, SLOPES @ moved + root @ rng.standard_normal(12)).belief
+        if k:
+            test.add(before, belief)
+    return test, belief
 
 
-def test_a_walk_widens_the_change() -> None:
-    belief = updated(Belief.before(STATES), RNG.standard_normal(12)).belief.with_reference().walked(STATES)
-    assert belief.change()[1] == pytest.approx([0.1, 0.0, 0.2], abs=1e-9)
+def test_a_step_is_found_with_its_size_and_onset() -> None:
+    """200 parts: size unbiased to four standard errors, and as scattered as stated."""
+    rng = np.random.default_rng(5)
+    found = [followed(9, 3.0, 5, rng)[0].alarm() for _ in range(200)]
+    alarms = [alarm for alarm in found if alarm is not None]
+    assert len(alarms) > 195
+    assert {alarm.state for alarm in alarms} == {"a"}
+    sizes = np.array([alarm.size for alarm in alarms if alarm.ago == 3])
+    assert len(sizes) > 150
+    assert np.mean(sizes) == pytest.approx(3.0, abs=0.15)
+    assert np.std(sizes) < 1.3 * alarms[0].deviation  # which leaves out that the filter lets the states walk
+
+
+def test_parts_that_do_not_change_raise_no_alarm() -> None:
+    rng = np.random.default_rng(6)
+    assert sum(followed(12, 0.0, 0, rng)[0].alarm() is not None for _ in range(100)) <= 1
 
 
 def test_a_bent_model_is_linearised_until_it_agrees() -> None:

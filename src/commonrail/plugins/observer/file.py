@@ -17,6 +17,7 @@ from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import Domain
 from commonrail.plugins.observer.disturbance import Disturbance
+from commonrail.plugins.observer.kalman import Alarm
 from commonrail.plugins.observer.study import ObserverSettings
 from commonrail.readers.columns import PLAIN, Column, FileForm
 from commonrail.readers.tables import open_sheet, take_columns
@@ -37,32 +38,28 @@ class ObservedShot(NamedTuple):
         Shown before it [Pa].
     energisings : tuple of Energising
         From `start` on.
-    figures, deviations : (3, injections)
-        Quantity [m³], opening and closing from `start` on [s], and their standard deviations.
     open_loop : (3, injections)
         Figures of the model without the measured pressure.
+    figures, deviations : (3, injections)
+        Quantity [m³], opening and closing from `start` on [s], and their standard deviations.
     drift, drift_deviations : (states,)
         After this shot.
-    change, change_deviations : (states,)
-        Since the reference; None before there is one.
     consistency : float
         Squared innovation over its expectation.
-    alarms : tuple of str
-        States whose change is significant and beyond their limits.
+    alarm : Alarm or None
+        Drift that was noticed at this shot.
     """
 
     start: float
     rail_pressure: float
     energisings: tuple[Energising, ...]
+    open_loop: Floats | None
     figures: Floats | None
     deviations: Floats | None
-    open_loop: Floats | None
     drift: Floats | None
     drift_deviations: Floats | None
-    change: Floats | None
-    change_deviations: Floats | None
     consistency: float | None
-    alarms: tuple[str, ...]
+    alarm: Alarm | None
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,7 +96,7 @@ class Observation(Shown):
         for k, shot in enumerate(self.record()["shots"], 1):
             for i, injection in enumerate(shot["injections"], 1):
                 row = {"shot": k, "injection": i, "rail_pressure": shot["rail_pressure"], **injection}
-                rows.append(row | {"alarms": "; ".join(shot["alarms"])})
+                rows.append(row | {"alarm": shot["alarm"] and shot["alarm"]["state"]})
         return rows
 
     def record(self) -> dict[str, Any]:
@@ -116,7 +113,7 @@ class Observation(Shown):
             "status": "complete" if len(self.shots) == self.asked else "interrupted",
             "asked": self.asked,
             "sensor": settings.sensor,
-            "reference": settings.reference,
+            "learning": settings.learning,
             "significance": settings.significance,
             "discrepancy": settings.discrepancy,
             "time_step": settings.time_step,
@@ -137,19 +134,14 @@ def _shot(shot: ObservedShot) -> dict[str, Any]:
             for suffix, table in tables.items():
                 row[f"{name}{suffix}"] = None if table is None else numbers([table[j, i]])[0]
         injections.append(row)
-    tables = {
-        "drift": shot.drift,
-        "drift_deviations": shot.drift_deviations,
-        "change": shot.change,
-        "change_deviations": shot.change_deviations,
-    }
+    tables = {"drift": shot.drift, "drift_deviations": shot.drift_deviations}
     return {
         "start": shot.start,
         "rail_pressure": shot.rail_pressure,
         "injections": injections,
         **{key: None if table is None else numbers(table) for key, table in tables.items()},
         "consistency": shot.consistency,
-        "alarms": list(shot.alarms),
+        "alarm": shot.alarm and shot.alarm._asdict(),
     }
 
 

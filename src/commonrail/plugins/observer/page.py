@@ -78,24 +78,18 @@ def _deviation(rows: list[Record]) -> str:
     return f"{significant(np.median(deviations), 2, MM3)} mm³ ({percent(np.median(shares))} %)"
 
 
+def _alarms(record: Record) -> list[tuple[int, Record]]:
+    """Number of the shot and the alarm, for all alarms."""
+    return [(k, shot["alarm"]) for k, shot in enumerate(record["shots"], 1) if shot["alarm"]]
+
+
 def _alarm_lines(record: Record) -> list[str]:
-    lines = []
-    for state, first in _first_alarms(record).items():
-        spec = next(s for s in record["states"] if s["name"] == state)
-        i = [s["name"] for s in record["states"]].index(state)
-        shot = record["shots"][first]
-        change = _with_unit(shot["change"][i], spec["unit"], True)
-        lines.append(f"{state}: changed by {change} since shot {record['reference']}, noticed at shot {first + 1}.")
-    return lines
-
-
-def _first_alarms(record: Record) -> dict[str, int]:
-    """Index of the shot of its first alarm, by state."""
-    found: dict[str, int] = {}
-    for k, shot in enumerate(record["shots"]):
-        for name in shot["alarms"]:
-            found.setdefault(name, k)
-    return found
+    units = {state["name"]: state["unit"] for state in record["states"]}
+    return [
+        f"{alarm['state']}: {_with_unit(alarm['size'], units[alarm['state']], True)} ± "
+        f"{_with_unit(alarm['deviation'], units[alarm['state']])} from shot {k - alarm['ago']} on, noticed at shot {k}."
+        for k, alarm in _alarms(record)
+    ]
 
 
 def _with_unit(value: float | None, unit: str, with_sign: bool = False) -> str:
@@ -110,15 +104,10 @@ def _with_unit(value: float | None, unit: str, with_sign: bool = False) -> str:
 
 def _tiles(record: Record) -> list[Tile]:
     rows = [row for row in _injections(record) if row["quantity"] is not None]
-    alarms = _first_alarms(record)
-    tiles = [
-        Tile(
-            "Drift",
-            counted(len(alarms), "alarm"),
-            ", ".join(alarms) or f"no change since shot {record['reference']}",
-            BAD if alarms else GOOD if len(record["shots"]) > record["reference"] else "",
-        )
-    ]
+    names = list(dict.fromkeys(alarm["state"] for _, alarm in _alarms(record)))
+    tested = len(record["shots"]) > record["learning"]
+    words = ", ".join(names) or ("none of the states has changed" if tested else "too few shots to tell")
+    tiles = [Tile("Drift", counted(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
     if not rows:
         return tiles
     tiles.append(Tile("Quantity", _deviation(rows).partition(" (")[0], "median standard deviation"))
@@ -235,13 +224,10 @@ def observer_tables(record: Record) -> list[Table]:
 
 def _state_table(record: Record) -> Table:
     last = next((shot for shot in reversed(record["shots"]) if shot["drift"] is not None), None)
-    alarms = _first_alarms(record)
 
     def value(key: str, with_sign: bool = False) -> Any:
         def text(row: tuple[int, Record]) -> str:
-            i, state = row
-            found = None if last is None or last[key] is None else last[key][i]
-            return _with_unit(found, state["unit"], with_sign)
+            return _with_unit(None if last is None else last[key][row[0]], row[1]["unit"], with_sign)
 
         return text
 
@@ -250,13 +236,10 @@ def _state_table(record: Record) -> Table:
         ("estimate", value("drift", True)),
         ("st. dev.", value("drift_deviations")),
         ("st. dev. before", lambda row: _with_unit(row[1]["deviation"], row[1]["unit"])),
-        (f"change since shot {record['reference']}", value("change", True)),
-        ("st. dev. of it", value("change_deviations")),
-        ("limit", lambda row: _with_unit(row[1]["limit"] or None, row[1]["unit"])),
-        ("alarm at shot", lambda row: str(alarms[row[1]["name"]] + 1) if row[1]["name"] in alarms else MISSING),
+        ("limit of a step", lambda row: _with_unit(row[1]["limit"] or None, row[1]["unit"])),
     ]
     note = (
-        f"An alarm asks for a change beyond the limit and beyond {record['significance']:g} standard deviations. "
+        f"An alarm asks for a step beyond the limit and beyond {record['significance']:g} standard deviations. "
         "States whose standard deviation has not shrunk are not told by the pressure."
     )
     return tabulated("States after the last shot", list(enumerate(record["states"])), columns, note)

@@ -18,7 +18,7 @@ from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import learn
 from commonrail.plugins.observer.file import Observation, ObservedShot
-from commonrail.plugins.observer.kalman import Belief, Update, update
+from commonrail.plugins.observer.kalman import Alarm, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, cut_log, states_of
 
@@ -116,15 +116,25 @@ class _Run:
 
     def all(self, report: Callable[[Progress], None]) -> Observation:
         begin = time.perf_counter()
-        belief, found = Belief.before(self.settings.states), list[ObservedShot]()
+        states, belief, found = self.settings.states, Belief.before(self.settings.states), list[ObservedShot]()
+        test = StepTest(states, self.settings.window, self.settings.significance)
         with held_interrupts() as request:
             for k, shot in enumerate(self.shots):
                 if request.asked:
                     break
-                belief, observed = self._one(shot, belief.walked(self.settings.states))
-                found.append(observed)
-                if k + 1 == self.settings.reference:
-                    belief = belief.with_reference()
+                before = belief.walked(states)
+                rest, open_loop, done = self._one(shot, before)
+                alarm = None
+                if done is not None:
+                    belief = done.belief
+                    if k >= self.settings.learning:
+                        test.add(before, belief)
+                        alarm = test.alarm()
+                if alarm is not None:  # what has changed is learnt again
+                    changed = np.array([alarm.size * (state.name == alarm.state) for state in states])
+                    belief = belief._replace(covariance=belief.covariance + np.diag(changed**2))
+                    test.reset()
+                found.append(_observed(shot, rest, open_loop, done, alarm))
                 report(Progress(k + 1, len(self.shots)))
             if not found:
                 request.check()
@@ -141,8 +151,8 @@ class _Run:
             time.perf_counter() - begin,
         )
 
-    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[Belief, ObservedShot]:
-        """Belief after a shot, and what is known of it."""
+    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[float, Floats | None, Update | None]:
+        """Pressure at rest [Pa] of a shot, figures of the model alone, and the update."""
         states, at = self.settings.states, self.simulator.averaged(shot.time, shot.time)
         samples = self.simulator.averaged(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
@@ -161,34 +171,14 @@ class _Run:
             lambda x: self.simulator.at(shot, rest, x),
             self.settings.iterations,
         )
-        open_loop = self.simulator.figures(shot, rest)
-        return (belief if done is None else done.belief), _observed(self.settings, shot, rest, open_loop, done)
+        return rest, self.simulator.figures(shot, rest), done
 
 
 def _observed(
-    settings: ObserverSettings, shot: ShotRecord, rest: float, open_loop: Floats | None, done: Update | None
+    shot: ShotRecord, rest: float, open_loop: Floats | None, done: Update | None, alarm: Alarm | None
 ) -> ObservedShot:
+    shown = shot.start, rest, shot.energisings, open_loop
     if done is None:
-        return ObservedShot(shot.start, rest, shot.energisings, None, None, open_loop, None, None, None, None, None, ())
-    belief = done.belief
-    change, spread = belief.change()
-    alarms = tuple(
-        state.name
-        for state, moved, deviation in zip(settings.states, change, spread, strict=True)
-        if state.limit > 0.0 and abs(moved) > max(state.limit, settings.significance * deviation)
-    )
-    has_change = belief.reference is not None
-    return ObservedShot(
-        shot.start,
-        rest,
-        shot.energisings,
-        done.figures,
-        done.deviations,
-        open_loop,
-        belief.mean,
-        np.sqrt(np.diag(belief.covariance)),
-        change if has_change else None,
-        spread if has_change else None,
-        done.consistency,
-        alarms,
-    )
+        return ObservedShot(*shown, None, None, None, None, None, None)
+    deviations = np.sqrt(np.diag(done.belief.covariance))
+    return ObservedShot(*shown, done.figures, done.deviations, done.belief.mean, deviations, done.consistency, alarm)

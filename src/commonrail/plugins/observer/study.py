@@ -37,7 +37,7 @@ class DriftState(NamedTuple):
     scatter : float
         Standard deviation of what each shot adds for itself: shot-to-shot scatter, and what the model lacks.
     limit : float
-        Change since the learnt reference that raises an alarm, if it is significant; 0 raises none.
+        Step that raises an alarm, if it is significant; 0 raises none.
     unit : str
         "1" for a relative change, or an SI unit.
     """
@@ -56,10 +56,10 @@ class DriftState(NamedTuple):
 # cases/tolerance. Those of the sensor stand for its gain and the rail's volume, its zero, and 5 µs of delay.
 # With 14 parameters and the states themselves two blocks of lanes are full.
 STATES = (
-    DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 3e-3, 5e-3, 0.03),
-    DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 2e-3, 3e-3, 0.05),
-    DriftState("A-hole flow", "control_chamber.a_hole_diameter", 0.5, 0.03, 2e-3, 3e-3, 0.05),
-    DriftState("Z-hole flow", "control_chamber.z_hole_diameter", 0.5, 0.03, 2e-3, 3e-3, 0.05),
+    DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 1e-3, 5e-3, 0.03),
+    DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 1e-3, 3e-3, 0.05),
+    DriftState("A-hole flow", "control_chamber.a_hole_diameter", 0.5, 0.03, 1e-3, 3e-3, 0.05),
+    DriftState("Z-hole flow", "control_chamber.z_hole_diameter", 0.5, 0.03, 1e-3, 3e-3, 0.05),
     DriftState("valve lift", "valve.lift", 1.0, 0.03, 5e-4, 0.0, 0.1),
     DriftState("residual gap", "solenoid.residual_gap", 1.0, 0.10, 1e-3, 0.0, 0.2),
     DriftState("needle preload", "plunger_needle.spring_preload", 1.0, 0.05, 1e-3, 0.0, 0.1),
@@ -96,10 +96,12 @@ class ObserverSettings:
         Standard deviation of a sample [Pa]; by default found from the quiet pressure before the shots.
     discrepancy : float
         Standard deviation of what the simulated pressure lacks, as a share of its drop.
-    reference : int
-        Shots after which the estimates become the reference of the alarm.
+    learning : int
+        Shots without alarms at the beginning.
+    window : int
+        Shots that are looked back upon for a drift.
     significance : float
-        Standard deviations of a change that the alarm asks for.
+        Standard deviations of a step that an alarm asks for.
     iterations : int
         Largest number of linearisations of a shot.
     time_step : float
@@ -124,8 +126,9 @@ class ObserverSettings:
     averaged: float = 20e-6
     noise: float | None = None
     discrepancy: float = 0.005
-    reference: int = 15
-    significance: float = 3.0
+    learning: int = 10
+    window: int = 20
+    significance: float = 4.0
     iterations: int = 4
     time_step: Quantity = DEFAULT_STEP
     states: tuple[DriftState, ...] = STATES
@@ -145,7 +148,8 @@ class ObserverSettings:
             averaged=amount(self.averaged, "s", "averaging", times),
             noise=None if self.noise is None else amount(self.noise, "Pa", "noise", Limits(1.0, 10e6)),
             discrepancy=amount(self.discrepancy, "1", "discrepancy", Limits(0.0, 1.0)),
-            reference=whole(self.reference, "reference", 2),
+            learning=whole(self.learning, "learning"),
+            window=whole(self.window, "window", 1),
             significance=amount(self.significance, "1", "significance", Limits(1.0, 20.0)),
             iterations=whole(self.iterations, "iterations", 1),
             time_step=check_step(self.time_step),

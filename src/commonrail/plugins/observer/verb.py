@@ -65,7 +65,7 @@ def observe(
             "repeatable.",
         ),
     ] = (),
-    reference: Annotated[int, Option(min=2, help="Shots after which the estimates become the alarm's reference.")] = 15,
+    learning: Annotated[int, Option(min=0, help="Shots without alarms at the beginning.")] = 10,
     out: Annotated[
         Path | None, Option(metavar="DIR", help="New folder for report.html, observer.json and observer.csv.")
     ] = None,
@@ -100,7 +100,7 @@ def observe(
         cylinder_pressure=cylinder,
         return_pressure=back,
         noise=None if noise is None else parse(noise, "Pa", "--noise"),
-        reference=reference,
+        learning=learning,
         deviations=dict(map(_deviation, uncertain)),
     )
     files = [log] if energisings is None else [log, energisings]
