@@ -7,7 +7,7 @@ their waves (which the injector itself does not feel), then the sensor: gain, of
 the model without the pressure, and the drop of the rail's pressure, volume × Δp / K.
 
     python -m tools.observer_trial truths FILE.npz --injectors 30 --shots 20 --seed 2
-    python -m tools.observer_trial judge FILE.npz [--sensor-error none]
+    python -m tools.observer_trial judge FILE.npz
 """
 
 from __future__ import annotations
@@ -130,8 +130,8 @@ def _truth(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: lis
     }
 
 
-def log_of(shots: list[dict[str, Any]], rng: np.random.Generator, sensor: str, disturbed: bool) -> tuple[Any, ...]:
-    """Log of an injector: times [s], pressure [Pa], energisings."""
+def log_of(shots: list[dict[str, Any]], rng: np.random.Generator, sensor: str, others: str) -> tuple[Any, ...]:
+    """Log of an injector: times [s], pressure [Pa], energisings; for `others` see `--others`."""
     count = round((len(shots) * CYCLE + 5e-3) * RATE)
     clock, pressure, pulses = np.arange(count) / RATE, np.empty(count), []
     delay = rng.uniform(-DELAY, DELAY)
@@ -143,20 +143,25 @@ def log_of(shots: list[dict[str, Any]], rng: np.random.Generator, sensor: str, d
         values = np.interp(clock[first:], grid, true, left=true[0])
         pressure[first:] = values
         pulses += [(float(start + a), b) for a, b in shot["pulses"]]
-    if disturbed:
-        pressure += _disturbance(clock, starts, rng)
+    if others != "none":
+        pressure += _disturbance(clock, starts, rng, (0.02, 0.5, 0.75) if others == "at once" else (0.25, 0.5, 0.75))
     shown = pressure * (1.0 + GAIN * rng.standard_normal()) + OFFSET * rng.standard_normal()
     shown += rng.uniform(*NOISE) * rng.standard_normal(count)
     return clock, np.round(shown / (FULL_SCALE / 4096)) * (FULL_SCALE / 4096), pulses
 
 
-def _disturbance(clock: np.ndarray, starts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Pump of three lobes a cycle, and three neighbours that lower the rail's pressure and leave waves in it [Pa]."""
+def _disturbance(
+    clock: np.ndarray, starts: np.ndarray, rng: np.random.Generator, parts: tuple[float, ...]
+) -> np.ndarray:
+    """Pump of three lobes a cycle, and three neighbours that lower the rail's pressure and leave waves in it [Pa].
+
+    `parts`: shares of a cycle after which the neighbours inject.
+    """
     drop = np.zeros_like(clock)
     frequency, decay = rng.uniform(1.2e3, 2.5e3), rng.uniform(0.5e-3, 2e-3)
     depth = rng.uniform(2e6, 5e6)
     for start in starts:
-        for part in (0.25, 0.5, 0.75):
+        for part in parts:
             since = clock - start - CYCLE * part - rng.uniform(-0.2e-3, 0.2e-3)
             after = np.maximum(since, 0.0)
             own = depth * rng.uniform(0.9, 1.1)
@@ -167,14 +172,14 @@ def _disturbance(clock: np.ndarray, starts: np.ndarray, rng: np.random.Generator
     return np.asarray(delivered * drop[-1] / delivered[-1] - drop)
 
 
-def judge(path: Path, out: Path | None, sensor: str, disturbed: bool, most: int) -> None:
+def judge(path: Path, out: Path | None, sensor: str, others: str, most: int) -> None:
     """Run the observer and the baselines, and print their errors."""
     data = np.load(path, allow_pickle=True)
     model = cr.load_injector(MODEL)
     rows, alarms, begin = [], [], time.perf_counter()
     for k, truth in enumerate(data["rows"][:most]):
         rng = np.random.default_rng([int(data["seed"]), k, 7])
-        log = log_of(truth["shots"], rng, sensor, disturbed)
+        log = log_of(truth["shots"], rng, sensor, others)
         settings = ObserverSettings(sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN)
         found = observe(model, log[0], log[1], log[2], settings, threads=1)
         drops = _drops(model, log, truth["shots"])
@@ -286,13 +291,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=2)
     parser.add_argument("--drift", type=float, default=0.0)
     parser.add_argument("--sensor", choices=("rail", "line"), default="rail")
-    parser.add_argument("--undisturbed", action="store_true")
+    parser.add_argument("--others", choices=("apart", "at once", "none"), default="apart", help="neighbours and pump")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     if given.what == "truths":
         truths(given.file, given.injectors, given.shots, given.seed, given.drift)
     else:
-        judge(given.file, given.out, given.sensor, not given.undisturbed, given.injectors)
+        judge(given.file, given.out, given.sensor, given.others, given.injectors)
 
 
 if __name__ == "__main__":

@@ -122,6 +122,8 @@ from .plugins.next.run import Plan as Plan
 from .plugins.next.run import next_measurements as next_measurements
 from .plugins.next.study import Candidate as Candidate
 from .plugins.next.study import Criterion as Criterion
+from .plugins.observer.design import DesignRow as DesignRow
+from .plugins.observer.design import observer_design as observer_design
 from .plugins.observer.file import Observation as Observation
 from .plugins.observer.file import ObservedShot as ObservedShot
 from .plugins.observer.run import observe as observe

@@ -14,6 +14,7 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
+from commonrail.plugins.observer.design import observer_design
 from commonrail.plugins.observer.file import LogColumns, Observation, read_log
 from commonrail.plugins.observer.response import Simulator, cuts_of, figures_of
 from commonrail.plugins.observer.run import observe
@@ -225,6 +226,8 @@ def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged)
     assert len([row for row in rows if not row.startswith("#")]) == 5
     assert "Map of the drift" in (folder / "report.html").read_text(encoding="utf-8")
     check_made_again(command, folder)
+    assert command("observe", "--design", file, "--model", model).status == 2
+    assert "--noise" in command("observe", "--design", "--model", model, "--noise", "0.1MPa").err
     for wrong, words in (
         (("--model", "virtual-lino-2016"), "ideal rail"),
         (("--model", model, "--uncertain", "nozzle=3%"), "no such state"),
@@ -233,3 +236,13 @@ def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged)
         refused = command("observe", file, *wrong, *(options if "--energisings" not in wrong else options[:2]))
         assert refused.status == 2
         assert words in refused.err
+
+
+def test_a_design_is_worse_with_noise_and_better_where_the_sensor_is_known(rigid_volume: Injector) -> None:
+    rows = observer_design(rigid_volume)
+    for key in ("quantity", "closing", "nozzle_flow"):
+        by_noise = [getattr(row, key) for row in rows if (row.sensor, row.rate) == ("rail", 50e3)]
+        assert by_noise == sorted(by_noise)
+        assert 0.0 < by_noise[0] < by_noise[-1]
+    known = observer_design(rigid_volume, ObserverSettings(deviations={"sensor gain": 0.0, "fuel temperature": 0.0}))
+    assert known[0].quantity < 0.9 * rows[0].quantity

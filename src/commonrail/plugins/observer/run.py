@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import toeplitz
 
 from commonrail.base.arguments import array, function, instance, instances, thread_count
 from commonrail.base.arrays import Floats
@@ -16,7 +17,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import held_interrupts, note
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
-from commonrail.plugins.observer.disturbance import learn
+from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import Observation, ObservedShot
 from commonrail.plugins.observer.kalman import Alarm, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response, Simulator
@@ -102,6 +103,18 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
             raise ConfigurationError(f"The energising at {pulse.start:g} s begins before the one before it ends.")
 
 
+def with_discrepancy(disturbance: Disturbance, settings: ObserverSettings, at: Floats) -> Callable[[Response], Floats]:
+    """Covariance (samples, samples) [Pa²] of disturbance and discrepancy at times (samples,) [s], from a response."""
+    before = disturbance.covariance(at) + FLOOR**2 * np.eye(len(at))
+    alike = toeplitz(np.exp(-(at - at[0]) / MEMORY))
+
+    def covariance(found: Response) -> Floats:
+        after = np.where(at > 0.0, settings.discrepancy * np.abs(found.pressure), 0.0)
+        return np.asarray(before + np.outer(after, after) * alike)
+
+    return covariance
+
+
 class _Run:
     def __init__(
         self, injector: Injector, settings: ObserverSettings, shots: list[ShotRecord], threads: int | None
@@ -156,18 +169,11 @@ class _Run:
         states, at = self.settings.states, self.simulator.averaged(shot.time, shot.time)
         samples = self.simulator.averaged(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
-        disturbance = self.disturbance.covariance(at)
-
-        def covariance(found: Response) -> Floats:
-            after = np.where(at > 0.0, self.settings.discrepancy * np.abs(found.pressure), 0.0)
-            lacking = np.outer(after, after) * np.exp(-np.abs(at[:, None] - at) / MEMORY)
-            return np.asarray(disturbance + lacking + FLOOR**2 * np.eye(len(at)))
-
         done = update(
             belief,
             states,
             samples - rest,
-            covariance,
+            with_discrepancy(self.disturbance, self.settings, at),
             lambda x: self.simulator.at(shot, rest, x),
             self.settings.iterations,
         )

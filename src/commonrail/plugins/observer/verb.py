@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse, parse_difference
-from commonrail.cli.console import Bar, Stage, print_json, print_text, say
+from commonrail.cli.console import Bar, Stage, print_json, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import (
@@ -22,6 +22,7 @@ from commonrail.cli.options import (
     is_given,
     read_form,
     read_pressures,
+    refuse_unused,
     with_overrides,
 )
 
@@ -33,7 +34,10 @@ if TYPE_CHECKING:
 
 @verb
 def observe(
-    log: Annotated[Path, Argument(metavar="LOG", help="File with time, pressure and command, evenly sampled.")],
+    log: Annotated[
+        Path | None,
+        Argument(metavar="LOG", help="File with time, pressure and command, evenly sampled; none with --design."),
+    ] = None,
     *,
     model: Annotated[
         str, Option(metavar="MODEL", help="Injector file, name of the catalogue or run folder, with a rail volume.")
@@ -69,6 +73,9 @@ def observe(
     out: Annotated[
         Path | None, Option(metavar="DIR", help="New folder for report.html, observer.json and observer.csv.")
     ] = None,
+    design: Annotated[
+        bool, Option("--design", help="Table of the accuracy by sensor, rate and noise, without a log.")
+    ] = False,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -81,6 +88,7 @@ def observe(
     Examples:
       commonrail observe log.csv --model runs/first --out runs/observed
       commonrail observe log.mf4 --model cri2-16 --pressure p_rail --command I_inj1 --noise 0.1MPa
+      commonrail observe --design --model cri2-16 --uncertain "fuel temperature=2K"
     """
     from commonrail.base.hooks import held_interrupts
     from commonrail.cli.model_name import read_model_name
@@ -89,6 +97,11 @@ def observe(
     from commonrail.plugins.observer.study import ObserverSettings, check_model
     from commonrail.report.analysis import run_into, synthetic_lines
 
+    if design == (log is not None):
+        raise InputError("Name a LOG to observe, or give --design for a table without one.")
+    if design:
+        of_log = "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
+        refuse_unused({name: (False, "a LOG") for name in (*of_log.split(), "learning", "out")})
     if energisings is not None and is_given("command"):
         raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
     named = read_model_name(model)
@@ -103,6 +116,14 @@ def observe(
         learning=learning,
         deviations=dict(map(_deviation, uncertain)),
     )
+    if log is None:
+        from commonrail.plugins.observer.design import design_table, observer_design
+
+        rows = observer_design(injector, settings)
+        print_result(
+            json, lambda: {"rows": [row._asdict() for row in rows]}, lambda: print_table(design_table(rows)), []
+        )
+        return
     files = [log] if energisings is None else [log, energisings]
     columns = LogColumns(
         time, pressure, command, energisings, time_unit, pressure_unit, read_form(encoding, decimal, sheet, files)
