@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.arrays import Floats
-from commonrail.plugins.observer.kalman import TIMES, Belief, StepTest, Update, update
+from commonrail.plugins.observer.kalman import TIMES, TRUSTED, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response
 from commonrail.plugins.observer.study import DriftState
 
@@ -26,9 +26,9 @@ def linear(x: Floats) -> Response:
     return Response(SLOPES @ x, SLOPES, FIGURES @ x, FIGURES)
 
 
-def updated(belief: Belief, measured: Floats) -> Update:
+def updated(belief: Belief, measured: Floats, trusted: float = np.inf) -> Update:
     """Update by the linear model; one iteration is enough."""
-    found = update(belief, STATES, measured, lambda _: NOISE, linear, 3)
+    found = update(belief, STATES, measured, lambda _: NOISE, linear, 3, trusted=trusted)
     assert found is not None
     return found
 
@@ -50,6 +50,18 @@ def test_states_and_figures_are_the_conditional_expectation_of_a_linear_model() 
     expected = np.diag(FIGURES[:, 0] @ spread @ FIGURES[:, 0].T) + lacking
     assert found.deviations[:, 0] ** 2 == pytest.approx(expected, rel=1e-9)
     assert found.consistency == pytest.approx(measured @ s @ measured / 12, rel=1e-9)
+
+
+def test_a_shot_that_no_state_explains_changes_none() -> None:
+    strange = np.array([50.0, -50.0] * 6)
+    before = Belief.before(STATES)
+    found = updated(before, strange, TRUSTED)
+    assert found.consistency > TRUSTED
+    assert found.belief.mean == pytest.approx(before.mean)
+    assert found.belief.covariance == pytest.approx(before.covariance)
+    own = np.diag([0.3**2, 0.0, 0.0])
+    variance = FIGURES[0, 0] @ (before.covariance + own) @ FIGURES[0, 0]
+    assert found.deviations[0, 0] ** 2 == pytest.approx(variance)
 
 
 def followed(shots: int, step: float, onset: int, rng: np.random.Generator) -> tuple[StepTest, Belief]:
@@ -92,6 +104,8 @@ def test_a_bent_model_is_linearised_until_it_agrees() -> None:
             np.repeat(x + x**3, 2), np.full((2, 1), 1.0 + 3.0 * x[0] ** 2), np.zeros((3, 1)), np.ones((3, 1, 1))
         )
 
-    found = update(Belief.before(states), states, np.full(2, 10.0), lambda _: 1e-6 * np.eye(2), cubic, 20)
+    found = update(
+        Belief.before(states), states, np.full(2, 10.0), lambda _: 1e-6 * np.eye(2), cubic, 20, trusted=np.inf
+    )
     assert found is not None
     assert found.belief.mean == pytest.approx([2.0], abs=1e-3)  # 2 + 2³ = 10

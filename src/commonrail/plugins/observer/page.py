@@ -12,6 +12,7 @@ from commonrail.base.chart import MARKERS, Band, Chart, Figure, HeatMap, Panel, 
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, counted, fixed, percent, quantity, signed, significant
 from commonrail.data.records import MICROSECOND, MM3, MPA, Record
+from commonrail.plugins.observer.kalman import TRUSTED
 from commonrail.report.analysis import SHOWN, analysis_html
 from commonrail.report.draw.figure import figure_html
 from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
@@ -58,6 +59,12 @@ def observer_lines(record: Record) -> list[str]:
         f"closing of {len(found)} follow from the pressure at the {_place(record)} and the command, by the model of "
         f"{record['injector']['title']}."
     ]
+    strange = sum((shot["consistency"] or 0.0) > TRUSTED for shot in record["shots"])
+    if strange:
+        lines.append(
+            f"{counted(strange, 'shot')} changed no state, since the pressure is not what model and disturbance allow "
+            "(consistency above 3), as where another injector injects at once; their figures are those of the states."
+        )
     if found:
         before, after = (np.array([row[key] for row in found], float) for key in ("quantity_open_loop", "quantity"))
         moved = 100.0 * np.nanmedian(np.abs(after / np.where(before > 0.0, before, np.nan) - 1.0))
@@ -151,7 +158,7 @@ def _quantities(record: Record) -> Figure:
         bands.append(Band("best", x, points(share - spread), points(share + spread), j))
     panels = (
         Panel("quantity, mm³", tuple(upper)),
-        Panel("less model alone, %", tuple(lower), zero_line=True, bands=tuple(bands)),
+        Panel("to model alone, %", tuple(lower), zero_line=True, bands=tuple(bands)),
     )
     return Figure(
         "Quantity shot by shot",

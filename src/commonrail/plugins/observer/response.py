@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import naming
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import Energising, OperatingPoint
@@ -67,8 +68,13 @@ class Simulator:
     def at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
         """Response at states `x` (states,), None where the simulation fails; `rest`: pressure shown at rest [Pa]."""
         whole = self._at_grid(x)
-        found = self._at(shot, rest, whole)
-        if found is None or np.array_equal(whole, x):
+        try:
+            found = self._at(shot, rest, whole)
+        except ConfigurationError:  # states so far off that the fuel does not cover the pressure; `figures` has none
+            return None
+        if found is None or not np.isfinite(found.pressure).all():
+            return None
+        if np.array_equal(whole, x):
             return found
         return found._replace(
             pressure=found.pressure + found.slopes @ (x - whole),

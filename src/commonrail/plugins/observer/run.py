@@ -19,7 +19,7 @@ from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import Observation, ObservedShot
-from commonrail.plugins.observer.kalman import Alarm, Belief, StepTest, Update, update
+from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, cut_log, states_of
 
@@ -140,7 +140,7 @@ class _Run:
                 alarm = None
                 if done is not None:
                     belief = done.belief
-                    if k >= self.settings.learning:
+                    if k >= self.settings.learning and done.consistency <= TRUSTED:
                         test.add(before, belief)
                         alarm = test.alarm()
                 if alarm is not None:  # what has changed is learnt again
