@@ -1,11 +1,10 @@
-"""Accuracy that sensors would give, from the linearised model alone: a table for whoever chooses hardware."""
+"""Accuracy that a rail sensor would give, from the linearised model alone: a table for whoever chooses hardware."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.kalman import Belief, update
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.run import with_discrepancy
-from commonrail.plugins.observer.study import SENSORS, ObserverSettings, ShotRecord, check_model, states_of
+from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, states_of
 
 RATES = (20e3, 50e3, 200e3)  # samples a second: an engine's control unit, a fast one, a laboratory
 NOISES = (0.05e6, 0.1e6, 0.2e6, 0.5e6)  # [Pa]
@@ -31,12 +30,11 @@ OTHERS = Disturbance(0.0, 0.5e9, 2e-3, 0.05e6, 2e3, 1e-3)  # pump and neighbours
 
 
 class DesignRow(NamedTuple):
-    """Sensor, sampling rate [1/s] and noise of a sample [Pa], and root mean squares of what they give after `SHOTS`.
+    """Sampling rate [1/s] and noise of a sample [Pa], and root mean squares of what they give after `SHOTS`.
 
     Relative standard deviation of a quantity, those of opening and closing [s], and of the state "nozzle flow".
     """
 
-    sensor: str
     rate: float
     noise: float
     quantity: float
@@ -46,7 +44,7 @@ class DesignRow(NamedTuple):
 
 
 def observer_design(injector: Injector, settings: ObserverSettings | None = None) -> list[DesignRow]:
-    """Accuracy by sensor, rate and noise: covariance of the filter over shots at `RAILS`, without any measurement.
+    """Accuracy by rate and noise: covariance of the filter over shots at `RAILS`, without any measurement.
 
     Raises
     ------
@@ -58,8 +56,8 @@ def observer_design(injector: Injector, settings: ObserverSettings | None = None
     check_model(injector)
     settings = settings or ObserverSettings()
     rows = []
-    for sensor, rate in product(SENSORS, RATES):
-        given = replace(settings, sensor=sensor, states=states_of(injector, settings))
+    for rate in RATES:
+        given = replace(settings, sensor="rail", states=states_of(injector, settings))
         time = np.arange(-round(given.before * rate), round((TIME + given.after) * rate)) / rate
         shot = ShotRecord(0.0, (Energising(0.0, TIME),), time, time, time)
         simulator = Simulator(injector, given)
@@ -71,7 +69,7 @@ def observer_design(injector: Injector, settings: ObserverSettings | None = None
         many = round(len(time) / len(at))
         for noise in NOISES:
             accuracy = _accuracy(given, responses, at, noise / many**0.5)
-            rows.append(DesignRow(sensor, rate, noise, *accuracy))
+            rows.append(DesignRow(rate, noise, *accuracy))
     return rows
 
 
@@ -98,10 +96,9 @@ def _same(response: Response, states: Floats) -> Response:
 def design_table(rows: Sequence[DesignRow]) -> Table:
     """Table of a design."""
     return tabulated(
-        "Accuracy of a sensor",
+        "Accuracy of a rail sensor",
         rows,
         [
-            ("sensor", lambda row: row.sensor),
             ("rate, kHz", lambda row: fixed(row.rate, 0, 1e-3)),
             ("noise, MPa", lambda row: significant(row.noise, 2, 1e-6)),
             ("quantity, %", lambda row: fixed(row.quantity, 2, 100.0)),

@@ -144,7 +144,7 @@ class _Run:
                         test.add(before, belief)
                         alarm = test.alarm()
                 if alarm is not None:  # what has changed is learnt again
-                    changed = np.array([alarm.size * (state.name == alarm.state) for state in states])
+                    changed = np.array([(state.name == alarm.state) * state.deviation for state in states])
                     belief = belief._replace(covariance=belief.covariance + np.diag(changed**2))
                     test.reset()
                 found.append(_observed(shot, rest, open_loop, done, alarm))

@@ -74,7 +74,7 @@ def observe(
         Path | None, Option(metavar="DIR", help="New folder for report.html, observer.json and observer.csv.")
     ] = None,
     design: Annotated[
-        bool, Option("--design", help="Table of the accuracy by sensor, rate and noise, without a log.")
+        bool, Option("--design", help="Table of the accuracy of a rail sensor by rate and noise, without a log.")
     ] = False,
     threads: Threads = None,
     json: Json = False,
