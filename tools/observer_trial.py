@@ -6,8 +6,8 @@ explicit reference engine simulates its shots, trains included. Onto the rail's 
 their waves (which the injector itself does not feel), then the sensor: gain, offset, delay, noise, 12 bits. Baselines:
 the model without the pressure, and the drop of the rail's pressure, volume × Δp / K.
 
-    python -m tools.observer_trial truths FILE.npz --injectors 30 --shots 20 --seed 2
-    python -m tools.observer_trial judge FILE.npz
+    python -m tools.observer_trial truths FILE.npz --injectors 40 --shots 25 --seed 2
+    python -m tools.observer_trial judge FILE.npz --injectors 40
 """
 
 from __future__ import annotations
