@@ -188,11 +188,11 @@ def command(words: list[str]) -> None:
 
 
 def fit_bench(bench: Path) -> None:
-    """Calibrate, and search from more starts where the report then asks for it, as its first step does."""
+    """Calibrate, and where verdicts are withdrawn search from more starts, as the report then asks for."""
     run = bench / "run"
     command(["calibrate", str(bench / "fit" / "study.toml"), "--no-live", "--threads", "1", "--out", str(run)])
     record = json.loads((run / "result.json").read_text(encoding="utf-8"))
-    if not record["certainty"]["settled"]:
+    if record["certainty"]["withdrawn"]:
         command(["certainty", str(run), "--adopt", "--threads", "1"])
 
 

@@ -27,7 +27,7 @@ from commonrail.plugins.certainty.profile import Profile, Ripple, profiles_of, r
 from commonrail.plugins.certainty.verdict import Assessment, verdicts_of, withdrawal
 
 MEMBERS = 512  # of the library from which further starts are chosen
-STARTS = 4  # after a fit: three must agree
+STARTS = 6  # after a fit: three must agree
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
 PROFILED = "profile likelihood"
 MOST_RESTARTS = 3  # from profile points that beat the optimum
@@ -152,11 +152,11 @@ def certify(
 def judge(fit: FinishedFit) -> None:
     """Part "certainty" after a fit: standard errors and verdicts of `certify`, and its record.
 
-    Where the search from the calibrated values does not settle, it is made once more from several starts.
+    Where the search from the calibrated values does not settle, or ends far from them, several starts follow.
     """
     calibration = fit.calibration
     found = certify(calibration.study, calibration.best, threads=fit.threads)
-    if not found.estimate.settled:
+    if not found.estimate.settled or _unconfirmed(found.estimate, found.gain):
         found = certify(calibration.study, calibration.best, threads=fit.threads, starts=STARTS)
     record = found.record()
     fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = found, record
