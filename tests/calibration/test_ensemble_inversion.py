@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.arrays import Floats
-from commonrail.calibration.optimisers.ensemble import FEWEST, groups_of, moved
+from commonrail.calibration.optimisers.ensemble import FEWEST, groups_of, moved, size_of
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
@@ -45,3 +45,12 @@ def test_ensembles_have_members_enough() -> None:
     assert len(np.unique(groups_of(2 * FEWEST * (D + 1), 8, D))) == 2
     assert (groups_of(5, 3, D) == 0).all()
     assert len(groups_of(0, 3, D)) == 0
+
+
+def test_residuals_that_most_members_meet_exactly_have_a_size() -> None:
+    """As of curves without an injection: the members that inject are led away from it, none to where no number is."""
+    rows = np.zeros((5, 3))
+    assert size_of(rows) == 1.0
+    rows[0] = 3.0, -3.0, 3.0
+    assert size_of(rows) == 3.0
+    assert np.isfinite(moved(FeasibleSet.of(room()), np.random.default_rng(2).random((5, D)), rows)).all()

@@ -153,8 +153,9 @@ def test_repeated_columns_become_their_mean(load: Load) -> None:
     (data,) = load("w.csv", 'columns = "{p}bar_{et}us_{shot}"\nrate_unit = "mm3/ms"', table)
     np.testing.assert_allclose(data.measured, 1e-6 * (np.arange(10) + 1.0))
     # the mean m is i + 1, the shots m ± 1 are off as wholes by ± Σm/Σm² = ± 1/7, and what is left is ± (1 − m/7)
-    assert data.noise.scatter == pytest.approx(1.0 / 7.0)
-    assert data.noise.sigma == pytest.approx(1e-6 * (0.1 * (10.0 - 2.0 * 55.0 / 7.0 + 385.0 / 49.0)) ** 0.5)
+    left = 0.1 * (10.0 - 2.0 * 55.0 / 7.0 + 385.0 / 49.0)
+    assert data.noise.sigma == pytest.approx(1e-6 * left**0.5)
+    assert data.noise.scatter == pytest.approx((1.0 / 49.0 - left / 385.0) ** 0.5)
     assert data.source.endswith("mean of 2 shots")
 
 

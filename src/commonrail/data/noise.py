@@ -83,6 +83,8 @@ class Noise:
     scatter : float
         Standard error of the whole curve as a share of it, such as that of a mean of shots whose quantities scatter:
         it is common to all samples, so that no noise of single samples shows it.
+    scatter_freedom : float
+        Degrees of freedom of `scatter`: shots − 1; infinite where it is exactly known.
 
     Raises
     ------
@@ -101,6 +103,7 @@ class Noise:
     freedom: float = math.inf
     relative: float = 0.0
     scatter: float = 0.0
+    scatter_freedom: float = math.inf
 
     def __post_init__(self) -> None:
         settle(
@@ -109,12 +112,21 @@ class Noise:
             correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
             uncertain={key: _deviation(key, value) for key, value in _given(self.uncertain).items()},
         )
-        plain = ("sigma", "pressure_length", "freedom", "discrepancy", "length", "relative", "scatter")
+        plain = (
+            "sigma",
+            "pressure_length",
+            "freedom",
+            "discrepancy",
+            "length",
+            "relative",
+            "scatter",
+            "scatter_freedom",
+        )
         for what, value in ((what, getattr(self, what)) for what in plain):
             if not (value is None and what == "sigma") and not isinstance(value, Real):
                 raise ConfigurationError(f"The {what} of the noise must be a number, not {shown(value)}.")
-        stated = ("sigma", self.sigma), ("pressure_length", self.pressure_length), ("freedom", self.freedom)
-        for what, value in stated:
+        stated = "sigma", "pressure_length", "freedom", "scatter_freedom"
+        for what, value in ((what, getattr(self, what)) for what in stated):
             if value is not None and not value > 0.0:
                 raise ConfigurationError(f"The {what} of the noise must be greater than zero, not {value:g}.")
         others = (
@@ -141,7 +153,12 @@ class Noise:
     @property
     def measured(self) -> dict[str, Any]:
         """Standard error, degrees of freedom and scatter from repeated shots, by the names of the attributes."""
-        return {"sigma": self.sigma, "freedom": self.freedom, "scatter": self.scatter}
+        return {"sigma": self.sigma, "freedom": self.freedom, **self.measured_scatter}
+
+    @property
+    def measured_scatter(self) -> dict[str, Any]:
+        """The part of `measured` that tells of shots as wholes."""
+        return {"scatter": self.scatter, "scatter_freedom": self.scatter_freedom}
 
     @property
     def deviations(self) -> Mapping[str, float]:

@@ -173,6 +173,16 @@ def test_what_a_curve_is_off_by_as_a_whole_is_no_fault_of_the_model() -> None:
     assert doubted[0.01, 0.05] >= 15
 
 
+def test_few_shots_say_little_of_what_they_scatter_by() -> None:
+    """The same curves, 3.5 times as far off as five shots scatter: within Student's t of four degrees."""
+    stated = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.02, scatter=0.01)
+    random = np.random.default_rng(8)
+    own = [(1.0 + off) * design() @ TRUTH + 0.02 * random.standard_normal(N) for off in (0.035, -0.035)]
+    for freedom, is_doubted in ((np.inf, True), (4.0, False)):
+        found = fitted(likelihood(own, [design()] * 2, [replace(stated, scatter_freedom=freedom)] * 2))
+        assert any(test.found for test in lack_of_fit(found)) == is_doubted
+
+
 def test_a_drift_that_is_found_widens_the_intervals() -> None:
     """Cosines of random amplitude, as large as the noise: without them in the covariance 6 in 10 intervals hold."""
     held = {True: 0, False: 0}

@@ -23,6 +23,12 @@ def groups_of(members: int, most: int, dimension: int) -> IndexArray:
     return np.arange(members) % max(min(most, members // (FEWEST * (dimension + 1))), 1)
 
 
+def size_of(residuals: Floats) -> float:
+    """Root mean square of the median row of residuals (n, m); of the largest one where most rows are zero."""
+    sizes = np.sqrt(np.mean(residuals**2, axis=1))
+    return float(np.median(sizes)) or float(sizes.max(initial=0.0)) or 1.0
+
+
 def moved(feasible: FeasibleSet, unit: Floats, residuals: Floats) -> Floats:
     """Positions (n, d) of an ensemble after one step.
 
@@ -32,8 +38,7 @@ def moved(feasible: FeasibleSet, unit: Floats, residuals: Floats) -> Floats:
     `feasible`: bounds, at which steps end, and constraints; `unit` (n, d): positions in unit coordinates; `residuals`
     (n, m): finite ones there.
     """
-    size = np.sqrt(np.median(np.mean(residuals**2, axis=1)))
-    scaled = residuals / max(float(size), 1e-300)
+    scaled = residuals / size_of(residuals)
     share = 1.0 / np.sqrt(max(len(unit) - 1, 1))
     apart, away = (share * (part - part.mean(axis=0)) for part in (scaled, unit))
     weights = np.linalg.solve(apart @ apart.T + np.eye(len(unit)), apart @ scaled.T)

@@ -195,8 +195,8 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
         kind = kind_of(model.kind)
         noise = model.noise.read(kind.sigma_unit, at[i] / "noise")
         for read in kind.read_all(model, context._replace(at=at[i])):
-            known = noise.sigma is not None or noise.shots
-            own = noise if known else replace(noise, **read.noise.measured)
+            stated = noise.sigma is not None or bool(noise.shots)
+            own = replace(noise, **(read.noise.measured_scatter if stated else read.noise.measured))
             found.append(read.changed(noise=own))
             samples += read.samples
             if samples > MOST_SAMPLES:

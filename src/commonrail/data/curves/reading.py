@@ -91,9 +91,10 @@ def _curve(model: RateModel, curve: FoundCurve, context: Context, courses: Mappi
     point = _point(model, samples, context, courses)
     density = mass_density(context.injector, samples.unit, point)
     scale = 1.0 if math.isnan(density) else density
-    noise = (
-        NOISE if curve.sigma is None else Noise(sigma=curve.sigma / scale, freedom=curve.freedom, scatter=curve.scatter)
-    )
+    noise = NOISE
+    if curve.sigma is not None:
+        spare = float(curve.shots - 1)
+        noise = Noise(sigma=curve.sigma / scale, freedom=curve.freedom, scatter=curve.scatter, scatter_freedom=spare)
     return ReadCurve(point, samples.bounds, samples.rate / scale, density, label_of(curve), curve.shots, noise)
 
 
@@ -472,7 +473,9 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
     sizes = rates @ whole / power if power else np.ones(len(shots))
     mean = averaged(rates - np.multiply.outer(sizes - 1.0, whole), [np.arange(len(shots))])
     samples = shots[0]._replace(bounds=bounds, rate=mean.mean[0])
-    scatter = float(sizes.std(ddof=1)) / len(shots) ** 0.5
+    # less what the noise of samples adds to a factor; below its own size: without an injection it is no share of one
+    variance = float(sizes.var(ddof=1)) / len(shots) - (mean.sigma or 0.0) ** 2 / max(power, 1e-300)
+    scatter = variance**0.5 if 0.0 < variance < 1.0 else 0.0
     return FoundCurve(samples, rail_pressure, energising_time, len(shots), mean.sigma, mean.freedom, scatter)
 
 

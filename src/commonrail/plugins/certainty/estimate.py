@@ -14,7 +14,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.calibration.optimisers.base import farthest
-from commonrail.calibration.optimisers.ensemble import groups_of, moved
+from commonrail.calibration.optimisers.ensemble import FEWEST, groups_of, moved, size_of
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
@@ -248,11 +248,13 @@ def assimilated(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
     """Starts (k, d), k ≤ `many`: the best member of each of several ensembles after some Kalman inversion.
 
     From random members the ascents of more than a few parameters end in as many places, most of them far from any that
-    agrees with the data. The ensembles have no member in common: where their ascents agree, they do so independently.
+    agrees with the data. The ensembles have no member in common: that their ascents agree is no chance, though all
+    may be led to one place that is not the best.
 
     `found` (positions, residuals): of `library`.
     """
-    unit, errors = (part[: many * ENSEMBLE] for part in found)
+    enough = many * max(ENSEMBLE, FEWEST * (likelihood.space.dimension + 1))
+    unit, errors = (part[:enough] for part in found)
     feasible, starts = FeasibleSet.of(likelihood.space), []
     group = groups_of(len(unit), many, unit.shape[1])
     for one in np.unique(group):
@@ -260,14 +262,15 @@ def assimilated(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
         for _ in range(INVERSIONS):
             scale = np.empty(likelihood.size)  # no noise is known: each data set has that which its members leave
             for b in likelihood.blocks:
-                scale[b.rows] = max(float(np.median(np.mean(seen[:, b.rows] ** 2, axis=1))) ** 0.5, 1e-300)
+                scale[b.rows] = size_of(seen[:, b.rows])
             own = moved(feasible, own, seen / scale)
             seen = likelihood.residuals(likelihood.space.from_unit(own))
             sound = np.isfinite(seen).all(axis=1)
-            if np.count_nonzero(sound) < 2:
-                break
             own, seen = own[sound], seen[sound]
-        starts.append(own[int(np.argmin(_misfits(likelihood, seen)))])
+            if len(own) < 2:
+                break
+        if len(own):
+            starts.append(own[int(np.argmin(_misfits(likelihood, seen)))])
     return np.array(starts).reshape(-1, unit.shape[1])
 
 

@@ -183,7 +183,7 @@ class Likelihood:
     def log_likelihood(self, points: Floats) -> Floats:
         """Natural logarithm of the density of the data (m,) at points (m, d) [SI]; −inf where a simulation failed."""
         constant = sum(
-            block.size * (noise.density.constant + 2.0 * np.log(noise.scale))
+            block.size * (noise.density.constant + 2.0 * np.log(noise.scale)) + np.log1p(noise.power)
             for block, noise in zip(self.blocks, self.noises, strict=True)
         )
         found = -0.5 * (self.block_costs(self.whiten(self.residuals(points))).sum(axis=-1) + constant)

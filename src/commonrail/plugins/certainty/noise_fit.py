@@ -315,16 +315,21 @@ class FittedNoise:
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n).
 
-        With the whitened course u of what the values are off by together, the covariance of innovations is 1 + u uᵀ;
-        its root keeps what is square to u, and divides the rest by √(1 + |u|²).
+        With the whitened course u of what the values are off by together, in deviations of the law, their covariance is
+        1 + u uᵀ; its root keeps what is square to u, and divides the rest by √(1 + |u|²).
         """
-        found = self._innovations(errors)
-        if not self.whole.any():
+        found, power = self._innovations(errors), self.power
+        if not power:
             return found
         whole = self._innovations(self.whole)
-        power = float(whole @ whole)
-        loss = (1.0 - 1.0 / math.sqrt(1.0 + power)) / power
+        loss = (1.0 - 1.0 / math.sqrt(1.0 + power)) / float(whole @ whole)
         return np.asarray(found - np.multiply.outer(found @ whole, loss * whole))
+
+    @property
+    def power(self) -> float:
+        """|u|² of `whiten`, zero where the values are off by nothing together."""
+        whole = self._innovations(self.whole) / self.density.deviation
+        return float(whole @ whole) if self.whole.any() else 0.0
 
     def _innovations(self, errors: Floats) -> Floats:
         """Those of noise that is independent from sample to sample, correlation apart."""
@@ -564,5 +569,5 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
             rate=np.tile(mean, len(members)),
         )
         for i in members:
-            found[i] = replace(blocks[i], shots=replace(noise, growth=noise.growth.at(mean)))
+            found[i] = replace(blocks[i], shots=noise.at(mean))
     return tuple(found)
