@@ -14,7 +14,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.calibration.optimisers.base import farthest
-from commonrail.calibration.optimisers.ensemble import FEWEST, groups_of, moved, size_of
+from commonrail.calibration.optimisers.ensemble import groups_of, moved, size_of
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import sample_feasible
 from commonrail.data.noise import Law
@@ -245,7 +245,7 @@ def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, F
 
 
 def assimilated(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
-    """Starts (k, d), k ≤ `many`: the best member of each of several ensembles after some Kalman inversion.
+    """Starts (k, d), k ≤ `many`: best members of as many ensembles, the best of all, after some Kalman inversion.
 
     From random members the ascents of more than a few parameters end in as many places, most of them far from any that
     agrees with the data. The ensembles have no member in common: that their ascents agree is no chance, though all
@@ -253,10 +253,9 @@ def assimilated(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
 
     `found` (positions, residuals): of `library`.
     """
-    enough = many * max(ENSEMBLE, FEWEST * (likelihood.space.dimension + 1))
-    unit, errors = (part[:enough] for part in found)
-    feasible, starts = FeasibleSet.of(likelihood.space), []
-    group = groups_of(len(unit), many, unit.shape[1])
+    unit, errors = found
+    feasible, starts, misfits = FeasibleSet.of(likelihood.space), [], []
+    group = groups_of(len(unit), max(len(unit) // ENSEMBLE, 1), unit.shape[1])
     for one in np.unique(group):
         own, seen = unit[group == one], errors[group == one]
         for _ in range(INVERSIONS):
@@ -270,8 +269,10 @@ def assimilated(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
             if len(own) < 2:
                 break
         if len(own):
-            starts.append(own[int(np.argmin(_misfits(likelihood, seen)))])
-    return np.array(starts).reshape(-1, unit.shape[1])
+            left = _misfits(likelihood, seen)
+            starts.append(own[int(np.argmin(left))])
+            misfits.append(float(left.min()))
+    return np.array(starts).reshape(-1, unit.shape[1])[np.argsort(misfits, kind="stable")[:many]]
 
 
 def _misfits(likelihood: Likelihood, errors: Floats) -> Floats:

@@ -26,8 +26,8 @@ from commonrail.plugins.certainty.one_sided import Within, estimate_within
 from commonrail.plugins.certainty.profile import Profile, Ripple, profiles_of, ripple_of
 from commonrail.plugins.certainty.verdict import Assessment, verdicts_of, withdrawal
 
-MEMBERS = 512  # of the library from which further starts are chosen
-STARTS = 6  # after a fit: three must agree
+MEMBERS = 512  # of the library from which further starts are chosen: eight ensembles
+STARTS = 5  # after a fit: three must agree
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
 PROFILED = "profile likelihood"
 MOST_RESTARTS = 3  # from profile points that beat the optimum
