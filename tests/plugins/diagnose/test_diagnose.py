@@ -14,7 +14,8 @@ from scipy.stats import t
 
 from commonrail.base.choices import Drive
 from commonrail.base.errors import CommonrailError, InputError
-from commonrail.engine.operating_point import Energising
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.evidence import FREEDOM, RESOLUTION, Response, judge, moments
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, FaultTable, Parts, load_faults, shipped_faults
@@ -137,6 +138,18 @@ def test_a_leak_of_the_seat_is_a_jet_for_the_whole_stroke(injector: Injector) ->
     np.testing.assert_array_equal(tight[:3], leaking[:3])  # deliveries
     by_hand = 5e-10 * math.sqrt(2.0 * 160e6 / 830.0) / RATE  # incompressible
     assert leaking[3] - tight[3] == pytest.approx(by_hand, rel=0.08)
+
+
+@pytest.mark.parametrize("pressure", [80e6, 160e6])
+def test_a_needle_with_a_wider_seat_opens_later_and_injects_less(pressure: float, injector: Injector) -> None:
+    """As the table says in words: the pressure in the nozzle lifts by the area outside the seat alone."""
+    change, sound = fault("worn needle seat").changes[0], injector.values["needle_seat.diameter"]
+    worn = injector.with_values({change.name: float(change.of(np.array(sound), 1.0))})
+    drawn, wider = (simulate(part, OperatingPoint(pressure, 500e-6)) for part in (injector, worn))
+    assert drawn.opening is not None
+    assert wider.opening is not None
+    assert drawn.opening + 10e-6 < wider.opening
+    assert wider.injected_mass < 0.99 * drawn.injected_mass
 
 
 @pytest.mark.parametrize(
