@@ -20,7 +20,7 @@ from commonrail.engine.solution import Solution
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.flow import widened
 from commonrail.physics.fuel import Fuel
-from commonrail.physics.heating import compressed, heat_capacity, throttled
+from commonrail.physics.heating import compressed, density_and_expansivity, heat_capacity, throttled
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 
 _INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to some 0.01 K
@@ -168,12 +168,14 @@ def _nozzle(
     if np.isnan(behind):
         return np.nan, np.nan, np.nan, ()
     at_rest = way.at(behind)
-    density = float(fuel.density(behind, min(at_rest, fuel.temperature_range[1])))
+    before = _mean(sac, weight)
+    density, _ = density_and_expansivity(fuel, 0.5 * (before + behind), float(way.temperatures[0]))  # ∫dp/ρ = Δp/ρ
     motion = _mean(discharge**2 * (sac - cylinder), weight) / density  # v²/2 [J/kg]
     jet = at_rest - motion / heat_capacity(fuel, at_rest)
+    jet = at_rest - motion / heat_capacity(fuel, 0.5 * (at_rest + jet))
     free = c.nozzle.area_squared * discharge**2 * (sac - cylinder)
     limits = _cavitation("the nozzle", free, c.nozzle.cda2_choked * (sac - c.fuel.vapour_pressure), weight > 0.0)
-    return way.at(_mean(sac, weight)), jet, at_rest, limits + _boiling(fuel, "injected fuel", jet, behind, "cylinder")
+    return way.at(before), jet, at_rest, limits + _boiling(fuel, "injected fuel", jet, behind, "cylinder")
 
 
 def _drain(c: Any, solution: Solution, way: _Way) -> tuple[float, tuple[str, ...]]:
