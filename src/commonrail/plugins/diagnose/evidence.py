@@ -102,7 +102,7 @@ class Judged(NamedTuple):
     """Probabilities of several responses, (responses,), the distribution over the sizes of each, and how well it fits.
 
     `weights[i]` (sizes,) sums to 1; `fit` (responses,) is the share of such parts that lie farther away than these
-    quantities, at the best size.
+    quantities, at the best size, by χ²: the covariance counts as sure there.
     """
 
     probabilities: Floats

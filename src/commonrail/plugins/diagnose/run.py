@@ -51,7 +51,8 @@ class PlanBench:
         """Volume per stroke that a leak of the valve's seat adds to a test, over its effective area, Eq. (4) [m].
 
         It leaks at rail pressure for the whole stroke, into the return line; that it lowers the pressure in the
-        control chamber, by the square of its area over the Z-hole's (0.3 % at most in the shipped table), is left out.
+        control chamber, by the square of its area over the Z-hole's (0.6 % at most in cri2-16 with the shipped table),
+        is left out.
         """
         test, point = self.data.tests[i], self.data.points[i]
         if test.measure is not Measure.RETURN:
