@@ -90,19 +90,20 @@ def found(injector: Injector, table: FaultTable, **changes: float) -> Diagnosis:
     return diagnosed(injector, results(part), table)
 
 
-def test_probabilities_are_those_of_an_integral_over_the_size() -> None:
+@pytest.mark.parametrize("freedom", [FREEDOM, 5.0])
+def test_probabilities_are_those_of_an_integral_over_the_size(freedom: float) -> None:
     sizes = np.linspace(0.0, 1.0, 201)
     sound = Response(None, np.zeros(1), np.array([[10e-9]]), np.array([[[0.3e-9**2]]]))
     weak = Response(fault(SPRING), sizes, (11e-9 + 4e-9 * sizes)[:, None], np.full((201, 1, 1), 0.5e-9**2))
-    judged = judge([sound, weak], np.array([10.9e-9]), 0.02, 0.8)
+    judged = judge([sound, weak], np.array([10.9e-9]), 0.02, 0.8, freedom=freedom)
 
     def density(middle: float, scatter: float) -> float:
         deviation = math.hypot(scatter, 0.02 * middle, 1e9 * RESOLUTION)
-        return float(t.pdf(10.9, FREEDOM, middle, deviation * math.sqrt(1.0 - 2.0 / FREEDOM)))
+        return float(t.pdf(10.9, freedom, middle, deviation * math.sqrt(1.0 - 2.0 / freedom)))
 
     one, many = density(10.0, 0.3), quad(lambda s: density(11.0 + 4.0 * s, 0.5), 0.0, 1.0)[0]
-    # the sum over 201 sizes stands for the integral
-    assert judged.probabilities[1] == pytest.approx(0.2 * many / (0.2 * many + 0.8 * one), rel=0.01)
+    # the sum over 201 sizes, the ends counted whole, stands for the integral
+    assert judged.probabilities[1] == pytest.approx(0.2 * many / (0.2 * many + 0.8 * one), rel=0.015)
     assert judged.probabilities.sum() == pytest.approx(1.0)
     assert 0.1 < judged.probabilities[1] < 0.9
     weights = judge([sound, weak], np.array([13e-9]), 0.02, 0.8).weights[1]

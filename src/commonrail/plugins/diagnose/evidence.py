@@ -120,11 +120,19 @@ def noise_of(mean: Floats, noise: float) -> Floats:
     return np.hypot(noise * mean, RESOLUTION)
 
 
-def judge(found: Sequence[Response], measured: Floats, deviation: Floats | float, sound: float) -> Judged:
+def judge(
+    found: Sequence[Response],
+    measured: Floats,
+    deviation: Floats | float,
+    sound: float,
+    *,
+    freedom: float = FREEDOM,
+) -> Judged:
     """Probabilities after a measurement.
 
     `measured` (tests,) [m³]; `deviation`: standard deviation of the noise as a share of the quantities, or (tests,)
-    [m³]; `sound`: probability before it that the part is sound, all faults being equally likely.
+    [m³]; `sound`: probability before it that the part is sound, all faults being equally likely; `freedom`: degrees of
+    freedom of the covariances, above 2.
     """
     prior = np.log(np.where([r.fault is None for r in found], sound, (1.0 - sound) / max(len(found) - 1, 1)))
     logs, weights, fits = [], [], []
@@ -136,7 +144,7 @@ def judge(found: Sequence[Response], measured: Floats, deviation: Floats | float
         matrix = covariance / (scale[:, :, None] * scale[:, None, :])
         x = (off / scale)[:, :, None]
         distance = np.einsum("sti,sti->s", x, np.linalg.solve(matrix, x))
-        tails = (FREEDOM + len(measured)) * np.log1p(distance / (FREEDOM - 2.0))
+        tails = (freedom + len(measured)) * np.log1p(distance / (freedom - 2.0))
         log = -0.5 * (tails + np.linalg.slogdet(matrix)[1]) - np.log(scale).sum(axis=1)
         logs.append(logsumexp(log) - np.log(len(log)))
         weights.append(np.exp(log - logsumexp(log)))

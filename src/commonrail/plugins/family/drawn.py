@@ -101,7 +101,8 @@ FAR = 2.58  # standard deviations beyond which a normal variable lies with that 
 BAND = (0.05, 0.95)
 LEAST = 0.03  # share by which a value of the type is changed at least to explain a part
 HALF, DOUBLE = -0.5, 1.0  # and at most
-PARTS = 24  # beyond the parameters, drawn for each size of each change
+PARTS = 24  # beyond the parameters, drawn for each size of each change: one less are the degrees of freedom
+LEAST_FREEDOM = 3.0  # of Student's t: the fewest with a finite covariance, where the quantities are many
 TOLD = 0.9  # probability of the changes that are named together
 
 
@@ -203,7 +204,8 @@ def one_change(
     if len(found) < 2:
         return ""
     measured, tolerance = points.quantity[points.judged], points.discrepancy(points.quantity)[points.judged]
-    judged = judge(found, measured, tolerance, 0.5)
+    # a covariance of m degrees of freedom and q quantities leaves Student's t m - q + 1 (Gelman et al., 3.6)
+    judged = judge(found, measured, tolerance, 0.5, freedom=max(PARTS - len(measured), LEAST_FREEDOM))
     first, *_ = order = judged.order
     if found[first].fault is None or judged.fit[first] < RARE:
         return ""
