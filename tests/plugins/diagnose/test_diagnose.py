@@ -14,11 +14,13 @@ from scipy.stats import t
 
 from commonrail.base.choices import Drive
 from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.text import signed
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.evidence import FREEDOM, RESOLUTION, Response, judge, moments
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, FaultTable, Parts, load_faults, shipped_faults
+from commonrail.plugins.diagnose.page import diagnosis_lines
 from commonrail.plugins.diagnose.run import Diagnosis, PlanBench, diagnose, sound_parts
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.run import run_plan
@@ -197,23 +199,43 @@ def test_what_a_next_test_will_measure_follows_from_the_results(injector: Inject
     assert np.abs(off).max() < 2.5
     shares = [item.deviation[0] / q for item, q in zip(tried, true.tolist(), strict=True)]
     assert max(shares) < 0.03  # less than by the tolerances alone
+    sound = run_plan(injector, plan, cylinder_pressure=CYLINDER, return_pressure=BACK, threads=1).score.values
+    assert [item.sound for item in tried] == pytest.approx(sound.tolist(), rel=1e-9)
 
 
-def test_nominal_quantities_take_the_place_of_the_model(injector: Injector, table: FaultTable) -> None:
-    own, part = (
-        results(injector),
-        results(injector.with_values({"valve.spring_preload": 0.75 * injector.values["valve.spring_preload"]})),
-    )
+def softened(injector: Injector, scale: float) -> TestPlan:
+    """Results of a part with a weak spring beside nominal quantities, both on a bench that shows them times a scale."""
+    soft = injector.with_values({"valve.spring_preload": 0.75 * injector.values["valve.spring_preload"]})
+    part, own = results(soft), results(injector)
     tests = [
-        replace(test, nominal=1.3 * sound.bench, bench=1.3 * test.bench)
+        replace(test, nominal=scale * sound.bench, bench=scale * test.bench)
         for test, sound in zip(part.tests, own.tests, strict=True)
         if sound.bench is not None and test.bench is not None
     ]
-    scaled = diagnosed(injector, replace(part, tests=tuple(tests)), table, nominal=True)
-    plain = diagnosed(injector, part, table)
+    return replace(part, tests=tuple(tests))
+
+
+def test_nominal_quantities_take_the_place_of_the_model(injector: Injector, table: FaultTable) -> None:
+    scaled = diagnosed(injector, softened(injector, 1.3), table, nominal=True)
+    plain = diagnosed(injector, softened(injector, 1.0), table)
     assert scaled.verdict == plain.verdict == SPRING
     assert scaled.size(SPRING)[0] == pytest.approx(plain.size(SPRING)[0], abs=0.05)
-    assert diagnosed(injector, replace(part, tests=tuple(tests)), table).verdict != SPRING
+    assert diagnosed(injector, softened(injector, 1.3), table).verdict != SPRING
+
+
+@pytest.mark.parametrize("nominal", [True, False])
+def test_beside_nominal_quantities_a_next_test_is_told_by_shares_of_a_sound_part(
+    nominal: bool, injector: Injector, table: FaultTable
+) -> None:
+    """On a bench that shows 1.3 of the model's quantities these alone would mislead."""
+    twins = table._replace(faults=(fault(SPRING), fault(SPRING)._replace(name="twin")))
+    diagnosis = diagnosed(injector, softened(injector, 1.3 if nominal else 1.0), twins, nominal=nominal)
+    first = diagnosis.next[0]
+    drawn = run_plan(
+        injector, TestPlan("next", (first.test,)), cylinder_pressure=CYLINDER, return_pressure=BACK, threads=1
+    )
+    share = f"{signed(100.0 * (first.expected[0] / drawn.score.values[0] - 1.0), 1)} %"
+    assert (share in diagnosis_lines(diagnosis.record())[-1]) == nominal
 
 
 def test_sound_parts_scatter_as_the_table_says(injector: Injector, table: FaultTable) -> None:

@@ -29,7 +29,7 @@ def diagnosis_lines(record: Record) -> list[str]:
     words = ", ".join(f"{d['name']} {_share(d['probability'])}" for d in named)
     lines.append(f"Probabilities: {words}; all others together {_share(rest)}.")
     if record["next"]:
-        lines.append(_next_sentence(record["next"][0]))
+        lines.append(_next_sentence(record["next"][0], record["nominal"]))
     return lines
 
 
@@ -51,11 +51,15 @@ def _verdict(record: Record) -> str:
     return f"{best['name']}: {best['parameter']} {best['size'][0]}; 90 %: {best['size'][1]} to {best['size'][2]}."
 
 
-def _next_sentence(item: Record) -> str:
+def _next_sentence(item: Record, nominal: bool) -> str:
+    """The test and what is expected; beside nominal quantities those of the model are no more than relative."""
     (first, second), (one, other) = item["names"], item["expected"]
     what = "return" if item["measure"] == "return" else "delivery"
     at = f"{what} at {megapascal(item['rail_pressure'])} MPa and {fixed(item['energising_time'], 0, MICROSECOND)} µs"
     apart = f"{fixed(one, 2, MM3)} mm³ if {first}, {fixed(other, 2, MM3)} mm³ if {second}"
+    if nominal and item["sound"]:
+        away = (f"{signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (one, other))
+        apart = f"{apart} by the model alone ({' and '.join(away)} from a sound part)"
     how = f"{fixed(item['separation'], 1)} standard deviations apart"
     if item["tells"]:
         return f"Next test: {at}; expected {apart}, {how}."

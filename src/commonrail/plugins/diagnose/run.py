@@ -15,7 +15,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, InputError, SimulationError
 from commonrail.base.hooks import note
-from commonrail.base.text import listed
+from commonrail.base.text import listed, numbers
 from commonrail.compiler.target import package_versions
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import Energising
@@ -76,10 +76,12 @@ class PlanBench:
 class NextTest(NamedTuple):
     """Test that is not in the plan: expected quantity under two diagnoses [m³], and how many standard deviations apart.
 
-    `names`, `expected` and `deviation`: of the first and the second diagnosis.
+    `names`, `expected` and `deviation`: of the first and the second diagnosis; `sound`: quantity of the part as drawn.
+    All are the model's, which a plan's nominal quantities do not scale: it states none here.
     """
 
     test: PlanTest
+    sound: float
     names: tuple[str, str]
     expected: tuple[float, float]
     deviation: tuple[float, float]
@@ -172,6 +174,7 @@ class Diagnosis(Shown):
             "plan": self.data.name,
             "noise": self.noise,
             "sound": self.sound,
+            "nominal": bool(np.any(self.factors != 1.0)),
             "time_step": self.time_step,
             "verdict": self.verdict,
             "leading": list(self.leading),
@@ -358,11 +361,13 @@ def next_tests(found: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats)
         return ()
     (mean, deviation), (other, spread) = there
     separation = np.abs(mean - other) / np.hypot(deviation, spread)
+    sound = tried(Parts((), np.empty((1, 0))))[0, n:]
     names = found.responses[first].name, found.responses[second].name
     ranked = np.argsort(-separation, kind="stable")[:3].tolist()
     return tuple(
         NextTest(
             data.tests[k],
+            float(sound[k]),
             names,
             (float(mean[k]), float(other[k])),
             (float(deviation[k]), float(spread[k])),
@@ -427,6 +432,7 @@ def _next_record(item: NextTest) -> dict[str, Any]:
         "measure": test.measure.value,
         "stroke_rate": test.stroke_rate,
         "names": list(item.names),
+        "sound": numbers([item.sound])[0],
         "expected": list(item.expected),
         "deviation": list(item.deviation),
         "separation": item.separation,
