@@ -42,9 +42,8 @@ def corrected(bench: PlanBench, test: PlanTest, parts: Parts, corrections: Float
     times = np.round((test.energisings[0].duration + corrections) / ROUND).astype(int)
     found = np.empty(len(times))
     for time in np.unique(times).tolist():
-        at = TestPlan("map", (replace(test, energisings=(Energising(0.0, time * ROUND),)),))
+        own = bench.at([replace(test, energisings=(Energising(0.0, time * ROUND),))])
         rows = times == time
-        own = replace(bench, data=PlanData.of(at, bench.injector, PRESSURES, "map"))
         found[rows] = own(Parts(parts.names, parts.values[rows]))[:, 0]
     return found
 

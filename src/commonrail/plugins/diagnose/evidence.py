@@ -115,6 +115,12 @@ class Judged(NamedTuple):
         return [int(i) for i in np.argsort(-self.probabilities, kind="stable")]
 
 
+def regressed(covariance: Floats, n: int) -> tuple[Floats, Floats]:
+    """Regression of normal variables on the first n of them: gain (others, n), and the variances left (others,)."""
+    gain = np.asarray(np.linalg.solve(covariance[:n, :n], covariance[:n, n:]).T, float)
+    return gain, np.diag(covariance)[n:] - np.einsum("ij,ji->i", gain, covariance[:n, n:])
+
+
 def noise_of(mean: Floats, noise: float) -> Floats:
     """Standard deviations of measured quantities [m³]: a share of their means, and the bench's resolution."""
     return np.hypot(noise * mean, RESOLUTION)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -22,7 +23,16 @@ from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import RETURN, unread_inputs
-from commonrail.plugins.diagnose.evidence import RESOLUTION, Judged, Response, judge, moments, noise_of, responses
+from commonrail.plugins.diagnose.evidence import (
+    RESOLUTION,
+    Judged,
+    Response,
+    judge,
+    moments,
+    noise_of,
+    regressed,
+    responses,
+)
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan, load_plan
@@ -46,6 +56,13 @@ class PlanBench:
     data: PlanData
     time_step: float = DEFAULT_STEP
     threads: int | None = None
+
+    def at(self, tests: Sequence[PlanTest]) -> PlanBench:
+        """The bench at other tests, with its pressures; their names need not differ."""
+        point, name = self.data.points[0], self.data.name
+        pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
+        named = tuple(replace(test, name=f"{test.name} ({i})") for i, test in enumerate(tests))
+        return replace(self, data=PlanData.of(TestPlan(name, named), self.injector, pressures, name))
 
     def _leak_per_area(self, i: int) -> float:
         """Volume per stroke that a leak of the valve's seat adds to a test, over its effective area, Eq. (4) [m].
@@ -350,11 +367,9 @@ def sound_parts(injector: Injector, known: FaultTable, count: int) -> tuple[Part
 
 def next_tests(found: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats) -> tuple[NextTest, ...]:
     """The three best tests of a grid, the best first."""
-    data, point = _candidates(found.data, found.injector), found.data.points[0]
-    pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
+    tests, n = _candidates(found.data, found.injector), len(found.data.tests)
     first, second = found.judged.order[:2]
-    n, both = len(found.data.tests), replace(data, tests=(*found.data.tests, *data.tests))
-    tried = replace(bench, data=PlanData.of(both, found.injector, pressures, both.name))
+    tried = bench.at((*found.data.tests, *tests))
     expected = [_expected(found, i, tried, parts, centre, n) for i in (first, second)]
     there = [pair for pair in expected if pair is not None]
     if len(there) < 2:
@@ -366,7 +381,7 @@ def next_tests(found: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats)
     ranked = np.argsort(-separation, kind="stable")[:3].tolist()
     return tuple(
         NextTest(
-            data.tests[k],
+            tests[k],
             float(sound[k]),
             names,
             (float(mean[k]), float(other[k])),
@@ -377,7 +392,7 @@ def next_tests(found: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats)
     )
 
 
-def _candidates(data: PlanData, injector: Injector) -> TestPlan:
+def _candidates(data: PlanData, injector: Injector) -> list[PlanTest]:
     """Tests of a grid between the least and the greatest rail pressure and energising time of the plan."""
     times = [t.energisings[0].duration for t in data.tests if t.measure is Measure.DELIVERY] or [0.3e-3, 1e-3]
     pressures = [test.rail_pressure for test in data.tests]
@@ -388,12 +403,11 @@ def _candidates(data: PlanData, injector: Injector) -> TestPlan:
         for t in np.linspace(min(times), max(times), GRID[1]).tolist()
     ]
     measures = [Measure.DELIVERY] if RETURN in unread_inputs(injector.variant) else list(Measure)
-    tests = [
+    return [
         PlanTest(f"{i}", p, (Energising(0.0, t),), None, None, 1.0, measure, rates[0] if rates else None)
         for i, (p, t) in enumerate(dict.fromkeys(pairs))
         for measure in measures
     ]
-    return TestPlan("candidates", tuple(tests))
 
 
 def _quantile(response: Response, weights: Floats, share: float) -> float:
@@ -415,9 +429,9 @@ def _expected(
             continue
         mean, scatter = pair
         covariance = scatter + np.diag(noise_of(mean, found.noise) ** 2)
-        gain = np.linalg.solve(covariance[:n, :n], covariance[:n, n:]).T
+        gain, left = regressed(covariance, n)
         means.append(mean[n:] + gain @ (measured - mean[:n]))
-        variances.append(np.diag(covariance)[n:] - np.einsum("ij,ji->i", gain, covariance[:n, n:]))
+        variances.append(left)
     if not means:
         return None
     middle = np.mean(means, axis=0)

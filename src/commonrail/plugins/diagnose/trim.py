@@ -21,7 +21,7 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
-from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, noise_of
+from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, noise_of, regressed
 from commonrail.plugins.diagnose.faults import FaultTable, Parts
 from commonrail.plugins.diagnose.run import (
     NOISE,
@@ -209,17 +209,16 @@ def regression(
         raise InputError("A sound part injects at no point of the map; take longer energising times.")
     use = [*range(n), *(n + i for i in kept)]
     parts, centre = sound_parts(injector, known, DRAWS)
-    made = moments(parts, centre, _at(bench, [tests[i] for i in use])(parts))
+    made = moments(parts, centre, bench.at([tests[i] for i in use])(parts))
     if made is None:
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {bench.data.name}.")
     mean, scatter = made
     slopes = slopes[use]
     needed = scatter / np.outer(slopes, slopes)
-    error = np.diag((noise_of(mean[:n], noise) / slopes[:n]) ** 2 + step**2 / 12.0)
-    gain = np.asarray(np.linalg.solve(needed[:n, :n] + error, needed[:n, n:]).T, float)
-    left = np.maximum(np.diag(needed)[n:] - np.einsum("ij,ji->i", gain, needed[:n, n:]), 0.0)
+    needed[:n, :n] += np.diag((noise_of(mean[:n], noise) / slopes[:n]) ** 2 + step**2 / 12.0)
+    gain, left = regressed(needed, n)
     spread = np.asarray(np.sqrt(np.diag(scatter)[n:]), float)
-    return kept, middle[:n], Trimming(gain, slopes, spread, np.asarray(np.sqrt(left) * slopes[n:]))
+    return kept, middle[:n], Trimming(gain, slopes, spread, np.asarray(np.sqrt(np.maximum(left, 0.0)) * slopes[n:]))
 
 
 def _slopes(bench: PlanBench, tests: Sequence[PlanTest]) -> tuple[Floats, Floats]:
@@ -231,13 +230,5 @@ def _slopes(bench: PlanBench, tests: Sequence[PlanTest]) -> tuple[Floats, Floats
         for aside in (-ASIDE, 0.0, ASIDE)
         for test, time in zip(tests, times, strict=True)
     ]
-    low, middle, high = _at(bench, shifted)(drawn)[0].reshape(3, n)
+    low, middle, high = bench.at(shifted)(drawn)[0].reshape(3, n)
     return (high - low) / (2.0 * ASIDE), middle
-
-
-def _at(bench: PlanBench, tests: Sequence[PlanTest]) -> PlanBench:
-    """The bench at other tests."""
-    point = bench.data.points[0]
-    pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
-    named = tuple(replace(test, name=f"{test.name} ({i})") for i, test in enumerate(tests))
-    return replace(bench, data=PlanData.of(TestPlan("map", named), bench.injector, pressures, "map"))

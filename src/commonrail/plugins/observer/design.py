@@ -66,9 +66,8 @@ def observer_design(injector: Injector, settings: ObserverSettings | None = None
         if len(responses) < len(RAILS):
             raise SimulationError(f"{injector.name}: a shot of the design cannot be simulated.")
         at = simulator.averaged(time, time)
-        many = round(len(time) / len(at))
         for noise in NOISES:
-            accuracy = _accuracy(given, responses, at, noise / many**0.5)
+            accuracy = _accuracy(given, responses, at, noise / given.averaged_samples(time) ** 0.5)
             rows.append(DesignRow(rate, noise, *accuracy))
     return rows
 

@@ -172,7 +172,7 @@ def _drift_map(record: Record) -> HeatMap:
     kept = [k for k, shot in enumerate(record["shots"]) if shot["drift"] is not None]
     if len(kept) > MOST_COLUMNS:
         kept = [kept[i] for i in np.unique(np.linspace(0, len(kept) - 1, MOST_COLUMNS).round().astype(int))]
-    rows = [(i, state) for i, state in enumerate(record["states"])]
+    rows = list(enumerate(record["states"]))
     drift = np.array([record["shots"][k]["drift"] for k in kept])
     return HeatMap(
         "Map of the drift",

@@ -16,9 +16,8 @@ from commonrail.engine.status import which_failed
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.plugins.observer.study import DELAY, GAIN, OFFSET, SENSORS, ObserverSettings, ShotRecord
 
-WARMTH = (
-    5.0  # steps of the temperature at which the fuel is computed, which takes as long as a shot; linear between [K]
-)
+# Steps of the temperature at which the fuel is computed, which takes as long as a shot; linear between [K].
+WARMTH = 5.0
 STEP = 0.1  # difference of a state, in its standard deviation before the first shot
 LATER, LOWER = 1e-6, 0.1e6  # differences of the delay [s] and of the pressure at rest [Pa]
 OPEN = 0.02  # share of an injection's largest rate at which it opens and closes: where the slope is steep
@@ -183,7 +182,7 @@ class Simulator:
 
     def averaged(self, samples: Floats, time: Floats) -> Floats:
         """Means of so many samples that they cover the time over which is averaged."""
-        many = max(round(self.settings.averaged / float(time[1] - time[0])), 1)
+        many = self.settings.averaged_samples(time)
         whole = len(samples) // many * many
         return np.asarray(samples[:whole].reshape(-1, many).mean(axis=1))
 

@@ -121,11 +121,11 @@ class _Run:
     ) -> None:
         self.injector, self.settings, self.shots = injector, settings, shots
         self.simulator = Simulator(injector, settings, threads or 1)
-        spacing = float(shots[0].time[1] - shots[0].time[0])
-        many = max(round(settings.averaged / spacing), 1)
+        clock = shots[0].time
+        many = settings.averaged_samples(clock)
         quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
         noise = None if settings.noise is None else settings.noise / many**0.5
-        self.disturbance = learn(quiet, many * spacing, noise)
+        self.disturbance = learn(quiet, many * float(clock[1] - clock[0]), noise)
 
     def all(self, report: Callable[[Progress], None]) -> Observation:
         begin = time.perf_counter()

@@ -164,6 +164,10 @@ class ObserverSettings:
             states[names.index(name)] = state._replace(deviation=deviation)
         settle(self, states=tuple(state for state in states if state.deviation > 0.0), deviations={})
 
+    def averaged_samples(self, time: Floats) -> int:
+        """Samples that are averaged to one of those at even times (samples,) [s]."""
+        return max(round(self.averaged / float(time[1] - time[0])), 1)
+
 
 def check_model(injector: Injector) -> None:
     """Refuse an injector whose simulated rail pressure does not answer the injection."""

@@ -147,7 +147,6 @@ def _deviation(text: str) -> tuple[str, float]:
     from commonrail.base.errors import nearest
     from commonrail.plugins.observer.study import STATES
 
-    read = parse_difference  # of temperatures
     name, equals, value = (part.strip() for part in text.partition("="))
     units = {state.name: state.unit for state in STATES}
     if not (equals and value):
@@ -156,7 +155,7 @@ def _deviation(text: str) -> tuple[str, float]:
         raise InputError(
             f"--uncertain {text}: there is no such state{nearest(name, units)}; choose from {', '.join(units)}."
         )
-    return name, read(value, units[name], f"--uncertain {name}")
+    return name, parse_difference(value, units[name], f"--uncertain {name}")  # of a temperature: 2 degC are 2 K
 
 
 def _run(injector: Injector, read: Log, settings: ObserverSettings, threads: int | None) -> Observation:
