@@ -43,7 +43,7 @@ def part(injector: Injector) -> Injector:
 
 def quantities(injector: Injector, points: list[tuple[float, float]]) -> np.ndarray:
     """Injected volumes at rail pressures [Pa] and energising times [s], not by the code that trims."""
-    at = [OperatingPoint(p, t, 5e6, 0.5e6, horizon=t + 3e-3) for p, t in points]
+    at = [OperatingPoint(p, t, 0.5e6, 0.1e6, horizon=t + 3e-3) for p, t in points]
     return np.asarray(simulate_batch(injector, at, threads=1).injected_volume[0])
 
 

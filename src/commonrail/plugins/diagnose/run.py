@@ -35,7 +35,7 @@ from commonrail.plugins.diagnose.evidence import (
 )
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan, load_plan
+from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, TestPlan, load_plan
 
 DRAWS = 64  # sound parts that are simulated with each size of each fault
 NOISE, SOUND = 0.01, 0.5  # of a bench, as a share of a quantity; probability of a sound part before the measurement
@@ -231,8 +231,8 @@ def diagnose(
     sound: float | str = SOUND,
     nominal: bool = False,
     stroke_rate: Quantity | None = None,
-    cylinder_pressure: Quantity = 5e6,
-    return_pressure: Quantity = 0.5e6,
+    cylinder_pressure: Quantity = BENCH_PRESSURES[0],
+    return_pressure: Quantity = BENCH_PRESSURES[1],
     time_step: Quantity = DEFAULT_STEP,
     draws: int = DRAWS,
     threads: int | None = None,

@@ -33,7 +33,7 @@ from commonrail.plugins.diagnose.run import (
     sound_parts,
 )
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan, load_plan
+from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, TestPlan, load_plan
 
 STEP = 2e-6  # of a class [s]; chosen
 STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
@@ -128,8 +128,8 @@ def trim(
     faults: FaultTable | str | PathLike[str] | None = None,
     noise: float | str = NOISE,
     nominal: bool = False,
-    cylinder_pressure: Quantity = 5e6,
-    return_pressure: Quantity = 0.5e6,
+    cylinder_pressure: Quantity = BENCH_PRESSURES[0],
+    return_pressure: Quantity = BENCH_PRESSURES[1],
     time_step: Quantity = DEFAULT_STEP,
     threads: int | None = None,
 ) -> PartTrim:

@@ -72,14 +72,14 @@ def diagnose(
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.diagnose.page import diagnosis_html, diagnosis_lines, diagnosis_tables
     from commonrail.plugins.diagnose.run import diagnose as run
-    from commonrail.plugins.plans.study import load_plan
+    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
     check_file(report, "--report")
     tests = load_plan(file, read_form(None, decimal, None, [file]))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
-    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder, BENCH_PRESSURES)
     say(SIMULATING)
     record = run(
         injector,
@@ -142,14 +142,14 @@ def trim(
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.diagnose.page import corrections_text, trim_lines, trim_table
     from commonrail.plugins.diagnose.trim import trim as run
-    from commonrail.plugins.plans.study import load_plan
+    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
     check_file(out, "--out")
     tests = load_plan(file, read_form(None, decimal, None, [file]))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
-    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder, BENCH_PRESSURES)
     axes = {
         key: None if text is None else read_axis(text, unit, f"--{key.replace('_', '-')}").tolist()
         for key, text, unit in (("rail_pressure", rail_pressure, "Pa"), ("energising_time", energising_time, "s"))
