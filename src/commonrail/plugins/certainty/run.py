@@ -27,7 +27,6 @@ from commonrail.plugins.certainty.profile import Profile, Ripple, profiles_of, r
 from commonrail.plugins.certainty.verdict import Assessment, verdicts_of, withdrawal
 
 MEMBERS = 512  # of the library from which further starts are chosen: eight ensembles
-STARTS = 5  # after a fit: three must agree
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
 PROFILED = "profile likelihood"
 MOST_RESTARTS = 3  # from profile points that beat the optimum
@@ -150,14 +149,8 @@ def certify(
 
 
 def judge(fit: FinishedFit) -> None:
-    """Part "certainty" after a fit: standard errors and verdicts of `certify`, and its record.
-
-    Where the search from the calibrated values does not settle, or ends far from them, several starts follow.
-    """
-    calibration = fit.calibration
-    found = certify(calibration.study, calibration.best, threads=fit.threads)
-    if not found.estimate.settled or _unconfirmed(found.estimate, found.gain):
-        found = certify(calibration.study, calibration.best, threads=fit.threads, starts=STARTS)
+    """Part "certainty" after a fit: standard errors and verdicts of `certify`, and its record."""
+    found = certify(fit.calibration.study, fit.calibration.best, threads=fit.threads)
     record = found.record()
     fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = found, record
     for one in record["parameters"]:
