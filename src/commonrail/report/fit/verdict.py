@@ -229,6 +229,7 @@ def _left_out_table(found: Sequence[Record]) -> Table:
 GOOD, CARE, BAD = "good", "care", "bad"
 MISSED = 0.5  # half of what a model misses that injects nothing: our judgement
 SHOWN = 4  # parameters that a sentence names
+MANY_STARTS = 16  # from which further ones are not advised: ends then differ because the data do not tell them apart
 WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 
 
@@ -393,6 +394,8 @@ def _confirmed(record: Record) -> bool:
 
 def _full(folder: str, record: Record) -> Step:
     starts = (record.get("certainty") or {}).get("starts", 1)
+    if starts > MANY_STARTS:
+        return Step(f"Free fewer parameters, or give them priors: {starts} starts have confirmed no best fit.")
     if starts > 1:
         text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
         return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", SEARCH)
