@@ -68,6 +68,32 @@ def test_more_starts_than_candidates_are_refused() -> None:
         StagedSettings(members=8, starts=9)
 
 
+def finished(settings: StagedSettings, is_sound: bool) -> StagedLeastSquares:
+    """A search on the rippled valley, of which no candidate can be simulated unless `is_sound`."""
+    search = StagedLeastSquares(unit_box(2), np.random.default_rng(3), settings)
+    while not search.finished:
+        trials = search.ask()
+        values = rippled(trials.x) if is_sound else np.full((len(trials.x), 2), np.nan)
+        costs = trials.wanted in (Question.COSTS, Question.COSTS_AGAIN)
+        search.tell(np.sum(values**2, axis=1) if costs else values)
+    return search
+
+
+def test_ensembles_lead_to_the_floor_of_the_valley() -> None:
+    """After the screening, ten steps, and one in which descents begin from what the ensembles found."""
+    settings = StagedSettings(members=60, generations=11, inversions=10, starts=2)
+    assert finished(settings, True).best.cost < 1e-3 * finished(StagedSettings(60, 0, starts=2), True).best.cost
+
+
+def test_ensembles_of_which_nothing_can_be_simulated_end_the_search_without_a_fault() -> None:
+    assert finished(StagedSettings(members=40, generations=6, inversions=3), False).best.cost == np.inf
+
+
+def test_ensembles_that_nothing_follows_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="inversions = 9 must be less than generations = 9"):
+        staged.REGISTERED.checks["inversions"](StagedSettings(generations=9, inversions=9), unit_box(2))
+
+
 def two_valleys(x: Floats) -> Floats:
     """Residuals with minima near 0.2 and, a little higher, near 0.8."""
     return np.stack([20.0 * (x[:, 0] - 0.2) * (x[:, 0] - 0.8), 0.3 * x[:, 0], x[:, 1] - 0.5], axis=1)

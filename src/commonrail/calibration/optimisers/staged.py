@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -129,7 +130,8 @@ class StagedLeastSquares(Optimiser):
         """Screening at first, then the inversions that are wanted, then iterations."""
         if self.steps == 0:
             return self._screen()
-        return self._invert() if self.steps <= self.settings.inversions else self._descend()
+        inverting = self.steps <= self.settings.inversions and len(self._pool)
+        return self._invert() if inverting else self._descend()
 
     def _screen(self) -> Work:
         """Screen draws, and choose where descents start."""
@@ -146,6 +148,9 @@ class StagedLeastSquares(Optimiser):
         residuals = yield asked(self.space.from_unit(self._pool), Question.SCREENED)
         costs = capped(INVERSION_CAP, residuals)
         sound = np.isfinite(costs)
+        if not sound.any():  # descents go on from what was found before
+            self._pool, self._group = self._pool[:0], self._group[:0]
+            return
         pool, group, costs, residuals = (part[sound] for part in (self._pool, self._group, costs, residuals))
         rows = [np.flatnonzero(group == one) for one in np.unique(group)]
         best = np.array([members[int(np.argmin(costs[members]))] for members in rows], int)
@@ -248,4 +253,18 @@ def capped(cap: float, residuals: Floats) -> Floats:
     return np.where(np.all(finite, axis=1), np.sum(size**2, axis=1), np.inf)
 
 
-REGISTERED = Registered(StagedLeastSquares, StagedSettings, citation="Marquardt 1963; Transtrum & Sethna 2012")
+def _check_steps(settings: StagedSettings, space: Space) -> None:
+    """Refuse ensembles that no step would follow: their best members are never descended from."""
+    if settings.inversions and settings.inversions >= settings.generations:
+        raise ConfigurationError(
+            f"inversions = {settings.inversions} must be less than generations = {settings.generations}, the steps of "
+            "ensembles and descents together."
+        )
+
+
+REGISTERED = Registered(
+    StagedLeastSquares,
+    StagedSettings,
+    MappingProxyType({"inversions": _check_steps}),
+    "Marquardt 1963; Transtrum & Sethna 2012; Iglesias, Law & Stuart 2013",
+)

@@ -163,8 +163,8 @@ LEVEL_STEPS, LEVEL_MOVES, CLOSE, FARTHEST = 8, 3, AGREED**0.5, 20.0
 NEARBY, DISTANCE = 4, 2.0  # starts about the end of a single ascent, and their distance in standard errors
 CLOSEST = 40  # members of a library that are compared as starts
 # Members of an ensemble, or more where there are many parameters, and its steps: of nine parameters of a map and six
-# curves, 13 of 16 ensembles drawn between the bounds then were at the right top (`tools/walk_bench.py`).
-ENSEMBLE, INVERSIONS = 64, 10
+# curves, 12 of 12 ensembles drawn between the bounds then were at the right top (`tools/walk_bench.py`).
+ENSEMBLE, INVERSIONS = 64, 12
 
 
 @dataclass(frozen=True)
