@@ -22,7 +22,7 @@ from commonrail.cli.guard import check_paths, guarded, raise_interrupts
 
 HEADINGS = {
     "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "certainty", "next", "report"),
-    "Use a model": ("simulate", "map", "sweep", "features", "predict", "page", "export"),
+    "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
     "Many parts": ("fleet", "type", "adapt", "tolerance"),
     "Judge and look up": (
         "compare",
