@@ -100,6 +100,8 @@ class Column(NamedTuple):
         Whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan".
     otherwise : str
         Unit of a column that has none and for which none is stated; empty refuses it.
+    stating : str
+        Where a unit can be stated: words of a sentence, such as an option's.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Column(NamedTuple):
     domain: Domain = Domain.ANY
     required: bool = True
     otherwise: str = ""
+    stating: str = "the study"
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -128,12 +128,11 @@ def _example(column: Column) -> str:
 def _unit(column: Column, written: str, at: Place) -> str:
     """Unit of a column, of what is written in the file and what is stated elsewhere."""
     if written and column.stated and written != column.stated:
-        raise at.error(f'the file gives the unit "{written}", the study "{column.stated}"; keep one of them')
+        raise at.error(f'the file gives the unit "{written}", {column.stating} "{column.stated}"; keep one of them')
     if not (written or column.stated or column.otherwise):
         example = _example(column).split()[0]
-        raise at.error(
-            f'there is no unit; write it in the header, as in "{column.name} [{example}]", or state it in the study'
-        )
+        stating = "state it in the study" if column.stating == "the study" else f"give {column.stating}"
+        raise at.error(f'there is no unit; write it in the header, as in "{column.name} [{example}]", or {stating}')
     return written or column.stated or column.otherwise
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +18,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.design import observer_design
 from commonrail.plugins.observer.file import LogColumns, Observation, read_log
+from commonrail.plugins.observer.page import observer_html, warning_lines
 from commonrail.plugins.observer.response import Simulator, cuts_of, figures_of
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import DELAY, GAIN, OFFSET, ObserverSettings, ShotRecord, cut_log, states_of
@@ -214,6 +217,52 @@ def test_energisings_are_read_from_a_command_or_from_a_file(tmp_path: Path, log:
         read_log(written(tmp_path, still), columns)
 
 
+@pytest.mark.parametrize("head", ["I [A]", "I"])
+def test_a_current_whose_hold_lies_below_half_of_its_peak_gives_the_energisings(tmp_path: Path, head: str) -> None:
+    """Rises of 60 us to 20 A, a hold of 7 A and falls of 30 us: times, and those of rise and fall."""
+    time = np.arange(0.0, 60e-3, 1e-5)
+    pulses = np.array([[10e-3, 500e-6], [30e-3, 800e-6], [50e-3, 300e-6]])
+    current = 0.1 * np.random.default_rng(7).standard_normal(len(time))
+    for start, duration in pulses:
+        corners = start + np.array([0.0, 60e-6, 150e-6, duration, duration + 30e-6])
+        current += np.interp(time, corners, [0.0, 20.0, 7.0, 7.0, 0.0])
+    file = tmp_path / "log.csv"
+    table = np.array([time, np.full_like(time, 1e8), current]).T
+    np.savetxt(file, table, delimiter=",", header=f"time [s],p [Pa],{head}", comments="")
+    read = read_log(file, LogColumns(pressure="p", command="I"))
+    assert np.array(read.energisings) == pytest.approx(pulses, abs=20e-6)
+    assert read.edges == pytest.approx((24e-6, 30e-6), abs=15e-6)  # from a tenth to half of 60 us
+
+
+def test_a_log_of_few_samples_is_refused(rigid_volume: Injector) -> None:
+    for rate, words in ((19e3, "20 or more"), (20e3, "no whole shot")):
+        time = np.arange(0.0, 20e-3, 1.0 / rate)
+        with pytest.raises(ConfigurationError, match=words):
+            observe(rigid_volume, time, np.full_like(time, 1e8), [(19e-3, 5e-4)])
+
+
+def test_a_wrong_rail_volume_or_unit_is_told(observed: Observation, log: Logged, rigid_volume: Injector) -> None:
+    assert warning_lines(observed.record()) == []
+    larger = rigid_volume.with_values({"rail.volume": 3.0 * rigid_volume.values["rail.volume"]})
+    record = observe(larger, log.time, log.pressure, log.energisings, threads=1).record()
+    words = " ".join(warning_lines(record))
+    assert "standard deviations" in words or "no quantity" in words
+    assert f"{larger.values['rail.volume'] * 1e6:.4g} cm³" in words
+    assert "✓" not in re.sub("<script.*?</script>", "", observer_html(record), flags=re.S)
+    for shot in record["shots"]:
+        shot["rail_pressure"] *= 1e-2
+    assert "usual" in warning_lines(record)[0]
+
+
+def test_an_alarm_of_a_state_far_off_needs_more_than_four_deviations(observed: Observation) -> None:
+    record = observed.record()
+    names, last = [state["name"] for state in record["states"]], record["shots"][-1]
+    deviation = record["states"][names.index("valve lift")]["deviation"]
+    for share, told in ((3.9, 0), (-4.1, 1)):
+        last["drift"][names.index("valve lift")] = share * deviation
+        assert sum("Valve lift" in line for line in warning_lines(record)) == told
+
+
 def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged) -> None:
     file, folder = written(tmp_path, log), tmp_path / "out"
     options = ("--pressure", "p", "--command", "I", "--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa")
@@ -222,11 +271,16 @@ def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged)
     assert done.status == 0, done.err
     assert "4 shots with 4 injections" in done.out
     assert "fuel temperature" not in done.out
+    assert "--energisings" in done.err  # a current is no command
     rows = (folder / "observer.csv").read_text(encoding="utf-8").splitlines()
     assert len([row for row in rows if not row.startswith("#")]) == 5
     assert "Map of the drift" in (folder / "report.html").read_text(encoding="utf-8")
+    assert f"commonrail observe {file} --model {model}" in unescape((folder / "report.html").read_text("utf-8"))
     check_made_again(command, folder)
-    assert command("observe", "--design", file, "--model", model).status == 2
+    assert "takes no LOG" in command("observe", "--design", file, "--model", model).sentence
+    bare = tmp_path / "bare.csv"
+    bare.write_text(file.read_text("utf-8").replace("p [bar]", "p"), encoding="utf-8")
+    assert "--pressure-unit" in command("observe", bare, "--model", model, "--pressure", "p", "--command", "I").sentence
     assert "--noise" in command("observe", "--design", "--model", model, "--noise", "0.1MPa").err
     for wrong, words in (
         (("--model", "virtual-lino-2016"), "ideal rail"),

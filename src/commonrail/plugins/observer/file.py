@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import binary_closing
 
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
@@ -19,12 +21,16 @@ from commonrail.physics.law import Domain
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.kalman import Alarm
 from commonrail.plugins.observer.study import ObserverSettings
-from commonrail.readers.columns import PLAIN, Column, FileForm
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns
 
 SCHEMA = 1
 FIGURES = ("quantity", "opening", "closing")
 COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
+# A current shows an energising by its rise and fall, with a hold far below its peak. All are chosen [E].
+RISEN, SIGNIFICANT = 0.1, 5.0  # share of the range, and standard deviations of its noise, beyond which it flows
+HOLD, HOLDING = 0.75, 0.25  # share of the range below which a switch does not stay, and share of time of a current
+PAUSE = 50e-6  # shorter pauses of a current are its noise [s]
 
 
 class ObservedShot(NamedTuple):
@@ -78,6 +84,8 @@ class Observation(Shown):
     injections : int
         Single simulations that it took.
     seconds : float
+    origin : mapping
+        Of a log from a file: its name, the command line, source of the rail volume, rise and fall of a current [s].
     """
 
     presenter = "commonrail.plugins.observer.page:OBSERVATION"
@@ -89,6 +97,7 @@ class Observation(Shown):
     asked: int
     injections: int
     seconds: float
+    origin: Mapping[str, Any] = field(default_factory=dict)
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row for each injection, SI; ``pandas.DataFrame(rows)`` takes them."""
@@ -112,6 +121,9 @@ class Observation(Shown):
             "injector": {"title": self.injector.title, "variant": self.injector.variant.label},
             "status": "complete" if len(self.shots) == self.asked else "interrupted",
             "asked": self.asked,
+            "log": dict(self.origin),
+            "pressures": [settings.cylinder_pressure, settings.return_pressure],
+            "rail_volume": float(self.injector.values["rail.volume"]),
             "sensor": settings.sensor,
             "learning": settings.learning,
             "significance": settings.significance,
@@ -158,23 +170,27 @@ class LogColumns(NamedTuple):
 
 
 class Log(NamedTuple):
-    """Times (samples,) [s], pressure (samples,) [Pa], and (start, duration) of the energisings [s]."""
+    """Times (samples,) [s], pressure (samples,) [Pa], (start, duration) of the energisings [s]; edges of a current.
+
+    These are the times in which it rose to half of its range, and fell [s].
+    """
 
     time: Floats
     pressure: Floats
     energisings: list[tuple[float, float]]
+    edges: tuple[float, float] | None = None
 
 
 def read_log(path: Path, columns: LogColumns) -> Log:
     """Log of pressure and command.
 
-    An energising lasts while the command lies above the middle between its least and its largest value. A file of
-    energisings has the columns start and duration. Raises `InputError` if a file cannot be read, or the command has no
-    edge.
+    An energising lasts while the command lies above the middle between its least and its largest value, or
+    while a current flows, whose hold may lie below that. A file of energisings has the columns start and duration.
+    Raises `InputError` if a file cannot be read, or the command has no edge.
     """
     sheet = open_sheet(path, columns.form)
-    time = Column(columns.time, "s", columns.time_unit, increasing=True)
-    wanted = [Column(columns.pressure, "Pa", columns.pressure_unit, domain=Domain.POSITIVE)]
+    time = Column(columns.time, "s", columns.time_unit, increasing=True, stating="--time-unit")
+    wanted = [Column(columns.pressure, "Pa", columns.pressure_unit, domain=Domain.POSITIVE, stating="--pressure-unit")]
     if columns.energisings is None:
         wanted.append(Column(columns.command, COMMAND_UNITS, otherwise="1"))
     if sheet.apart:
@@ -183,7 +199,7 @@ def read_log(path: Path, columns: LogColumns) -> Log:
         tables = [take_columns(sheet, [time, *wanted])] * len(wanted)
     clock, pressure = tables[0].columns[columns.time], tables[0].columns[columns.pressure]
     if columns.energisings is None:
-        return Log(clock, pressure, _edges(path, columns.command, tables[1].columns, columns.time))
+        return Log(clock, pressure, *_edges(tables[1], columns.time, columns.command))
     pairs = take_columns(
         open_sheet(columns.energisings, columns.form),
         [Column("start", "s", increasing=True), Column("duration", "s", domain=Domain.POSITIVE)],
@@ -194,14 +210,38 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     )
 
 
-def _edges(path: Path, command: str, columns: dict[str, Floats], time: str) -> list[tuple[float, float]]:
-    """Energisings of a command, each complete."""
-    clock, value = columns[time], columns[command]
-    on = value > 0.5 * (value.min() + value.max())
+def _edges(table: Table, time: str, command: str) -> tuple[list[tuple[float, float]], tuple[float, float] | None]:
+    """Energisings of a command, each complete, and rise and fall of one that is a current, or stays between as one."""
+    clock, value, flows = table.columns[time], table.columns[command], table.units[command] == "A"
+    least, most = float(value.min()), float(value.max())
+    on = value > 0.5 * (least + most)
     if on.all() or not on.any():
-        raise InputError(f'{path}, column "{command}": the command is constant; name the channel with --command.')
+        raise InputError(
+            f'{table.path}, column "{command}": it is constant, so that nothing is energised; give the column of '
+            "the command by --command, or a file of its times by --energisings."
+        )
+    rest = float(np.median(value[~on]))
+    noise = 1.4826 * float(np.median(np.abs(value[~on] - rest)))  # of a normal distribution
+    high = value > rest + max(RISEN * (most - rest), SIGNIFICANT * noise)
+    inner = value[1:-1][high[:-2] & high[1:-1] & high[2:]]
+    flows = flows or (len(inner) > 0 and float(np.mean(inner < rest + HOLD * (most - rest))) > HOLDING)
+    if flows:  # without pauses of noise
+        wide = max(int(PAUSE / float(np.median(np.diff(clock)))), 1)
+        on = binary_closing(np.pad(high, wide), np.ones(wide))[wide:-wide]
     turns = np.flatnonzero(np.diff(on.astype(np.int8)))
     at = 0.5 * (clock[turns] + clock[turns + 1])  # between two samples
     if on[0]:
         at = at[1:]
-    return [(float(a), float(b - a)) for a, b in zip(at[::2], at[1::2], strict=False)]
+    pulses = [(float(a), float(b - a)) for a, b in zip(at[::2], at[1::2], strict=False)]
+    if not flows:
+        return pulses, None
+    times = []
+    for i, (start, duration) in enumerate(pulses):  # from zero along a straight line, to where the hold ends
+        first, last = np.searchsorted(clock, [start, start + duration])
+        course, now = value[first:last] - rest, clock[first:last]
+        held = np.flatnonzero(course >= HOLD * np.median(course[len(course) // 2 :]))
+        rise, end = float(now[np.argmax(course > 0.5 * (most - rest))]) - start, float(now[held[-1]])
+        times.append((rise, start + duration - end))
+        begin = start - rise * RISEN / (0.5 - RISEN)
+        pulses[i] = begin, end - begin
+    return pulses, tuple(np.median(times, axis=0).tolist()) if times else None

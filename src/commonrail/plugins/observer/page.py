@@ -12,6 +12,7 @@ from commonrail.base.chart import MARKERS, Band, Chart, Figure, HeatMap, Panel, 
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, counted, fixed, percent, quantity, signed, significant
 from commonrail.data.records import MICROSECOND, MM3, MPA, Record
+from commonrail.engine.operating_point import RAIL_PRESSURES
 from commonrail.plugins.observer.kalman import TRUSTED
 from commonrail.report.analysis import SHOWN, analysis_html
 from commonrail.report.draw.figure import figure_html
@@ -19,8 +20,10 @@ from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
-KEYS = ("title", "states", "shots", "disturbance", "sensor", "injections", "clock")
-MOST_COLUMNS = 24  # of the map of drift; between them shots are left out
+KEYS = ("title", "states", "shots", "disturbance", "sensor", "injections", "clock", "log", "rail_volume")
+MOST_COLUMNS = 16  # of the map of drift, wide enough for "−10.3"; between them shots are left out
+MOVED, OFTEN = 0.3, 0.1  # change of a quantity by the pressure that asks for a warning in a share of injections; chosen
+FAR = 4.0  # standard deviations before the first shot beyond which a state is doubted; chosen
 LEARNT = 0.8  # share of its first standard deviation below which a state counts as learnt from the pressure; chosen
 CONSISTENT = (0.5, 2.0)  # medians of the consistency within which the stated deviations can be believed; chosen
 TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distribution
@@ -39,6 +42,7 @@ def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
         _facts(record),
         kind="Observer",
         lines=observer_lines(record),
+        warnings=warning_lines(record),
         alarms=_alarm_lines(record),
         tiles=_tiles(record),
         first=drawn[0] if drawn else None,
@@ -57,22 +61,76 @@ def observer_lines(record: Record) -> list[str]:
     lines = [
         f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
         f"closing of {len(found)} follow from the pressure at the {_place(record)} and the command, by the model of "
-        f"{record['injector']['title']}."
+        f"{record['injector']['title']}.",
+        f"Rail volume {_volume(record)}.",
     ]
-    strange = sum((shot["consistency"] or 0.0) > TRUSTED for shot in record["shots"])
+    strange = _strange(record)
     if strange:
         lines.append(
             f"{counted(strange, 'shot')} changed no state, since the pressure is not what model and disturbance allow "
             "(consistency above 3), as where another injector injects at once; their figures are those of the states."
         )
     if found:
-        before, after = (np.array([row[key] for row in found], float) for key in ("quantity_open_loop", "quantity"))
-        moved = 100.0 * np.nanmedian(np.abs(after / np.where(before > 0.0, before, np.nan) - 1.0))
+        moved = 100.0 * np.nanmedian(_moved(found))
         lines.append(
             f"Median standard deviation of a quantity {_deviation(found)}; the pressure moved the model's quantities "
             f"by {fixed(moved, 1)} % (median)."
         )
     return lines
+
+
+def _strange(record: Record) -> int:
+    return sum((shot["consistency"] or 0.0) > TRUSTED for shot in record["shots"])
+
+
+def _moved(rows: list[Record]) -> Floats:
+    """Share (injections,) by which the pressure changed each quantity of the model alone."""
+    before, after = (np.array([row[key] for row in rows], float) for key in ("quantity_open_loop", "quantity"))
+    return np.asarray(np.abs(after / np.where(before > 0.0, before, np.nan) - 1.0))
+
+
+def _volume(record: Record) -> str:
+    source = record["log"].get("volume_source", "")
+    return f"{significant(record['rail_volume'] * 1e6, 4)} cm³" + (f" ({source})" if source else "")
+
+
+def warning_lines(record: Record) -> list[str]:
+    """Sentences on what makes the figures doubtful."""
+    shots, strange = record["shots"], _strange(record)
+    rest, (low, high) = float(np.median([shot["rail_pressure"] for shot in shots])), RAIL_PRESSURES.likely
+    moved = _moved([row for row in _injections(record) if row["quantity"] is not None])
+    found = {
+        f"{quantity(low, 'Pa', 3)} to {quantity(high, 'Pa', 3)} is usual before a shot.": not low <= rest <= high,
+        f"{strange} of {len(shots)} shots are not what the model allows: use no quantity.": 2 * strange > len(shots),
+        f"Over a tenth of the quantities lie over {100.0 * MOVED:g} % from those of the model alone.": bool(
+            np.sum(moved > MOVED) > OFTEN * len(moved)
+        ),
+    }
+    lines = [line for line, holds in found.items() if holds]
+    last = next((shot["drift"] for shot in reversed(shots) if shot["drift"] is not None), ())
+    for value, state in zip(last, record["states"], strict=False):
+        if (far := abs(value) / state["deviation"]) > FAR:
+            named = f"{state['name']} {_with_unit(value, state['unit'], True)}"
+            lines.append(
+                f"{named[0].upper()}{named[1:]} is {significant(far, 2)} standard deviations from where it began."
+            )
+    if lines:
+        lines.append(
+            f"Check rail.volume ({_volume(record).partition(' (')[0]}), the pressure's unit (--pressure-unit; "
+            f"{quantity(rest, 'Pa', 3)} before the shots, median), and whether the command is this injector's."
+        )
+    return lines + _edge_lines(record)
+
+
+def _edge_lines(record: Record) -> list[str]:
+    if not record["log"].get("edges"):
+        return []
+    rise, fall = (fixed(edge, 0, MICROSECOND) for edge in record["log"]["edges"])
+    return [
+        "Energising times are read from a current, which does not tell the command's end exactly. It rises to half of "
+        f"its range in {rise} µs and falls in {fall} µs: starts and ends may be off by a part of both; give "
+        "the command's times by --energisings where they are known."
+    ]
 
 
 def _place(record: Record) -> str:
@@ -115,15 +173,20 @@ def _tiles(record: Record) -> list[Tile]:
     tested = len(record["shots"]) > record["learning"]
     words = ", ".join(names) or ("none of the states has changed" if tested else "too few shots to tell")
     tiles = [Tile("Drift", counted(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
+    if warnings := warning_lines(record):
+        tiles[0] = tiles[0]._replace(level=BAD if names else "")
+        level = CARE if warnings == _edge_lines(record) else BAD
+        tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", level))
     if not rows:
         return tiles
     tiles.append(Tile("Quantity", _deviation(rows).partition(" (")[0], "median standard deviation"))
+    same = tiles[-1].words
     for key in ("opening", "closing"):
         deviations = [row[f"{key}_deviation"] for row in rows if row[key] is not None]
         if deviations:
-            tiles.append(Tile(key.title(), f"{fixed(np.median(deviations), 1, MICROSECOND)} µs", tiles[1].words))
+            tiles.append(Tile(key.title(), f"{fixed(np.median(deviations), 1, MICROSECOND)} µs", same))
     middle = float(np.median([s["consistency"] for s in record["shots"] if s["consistency"] is not None]))
-    level = GOOD if CONSISTENT[0] < middle < CONSISTENT[1] else CARE
+    level = "" if warnings else GOOD if CONSISTENT[0] < middle < CONSISTENT[1] else CARE
     words = "squared innovation over its expectation; 1 if model and noise are as assumed"
     return [*tiles, Tile("Consistency", significant(middle, 2), words, level)]
 
@@ -170,8 +233,7 @@ def _quantities(record: Record) -> Figure:
 
 def _drift_map(record: Record) -> HeatMap:
     kept = [k for k, shot in enumerate(record["shots"]) if shot["drift"] is not None]
-    if len(kept) > MOST_COLUMNS:
-        kept = [kept[i] for i in np.unique(np.linspace(0, len(kept) - 1, MOST_COLUMNS).round().astype(int))]
+    kept = kept[:: max(-(-len(kept) // MOST_COLUMNS), 1)]  # even steps
     rows = list(enumerate(record["states"]))
     drift = np.array([record["shots"][k]["drift"] for k in kept])
     return HeatMap(
@@ -275,7 +337,7 @@ def _shot_table(record: Record) -> Table:
         ("opening, µs", both("opening", MICROSECOND, 1)),
         ("closing, µs", both("closing", MICROSECOND, 1)),
     ]
-    more = f" {len(rows) - SHOWN} more are in observer.csv." if len(rows) > SHOWN else ""
+    more = f" The first {SHOWN} of {len(rows)} injections; all are in observer.csv." if len(rows) > SHOWN else ""
     note = f"± one standard deviation; times from the start of the shot.{more}"
     return tabulated("Injections", rows[:SHOWN], columns, note)
 
@@ -285,6 +347,9 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     return [
         ("Injector", record["injector"]["title"]),
         ("Variant", record["injector"]["variant"]),
+        *((name, record["log"][name.lower()]) for name in ("Command", "Log") if record["log"]),
+        ("Rail volume", _volume(record)),
+        ("Cylinder and return pressure", " and ".join(quantity(p, "Pa", 3) for p in record["pressures"])),
         ("Sensor", _place(record)),
         (
             "Disturbance",
@@ -297,7 +362,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
 
 
 OBSERVATION = Presenter(
-    lambda o: [o.record()["title"], *observer_lines(o.record()), *_alarm_lines(o.record())],
+    lambda o: [o.record()["title"], *observer_lines(o.record()), *warning_lines(o.record()), *_alarm_lines(o.record())],
     lambda o: observer_tables(o.record()),
     lambda o: observer_figures(o.record()),
 )

@@ -24,6 +24,7 @@ from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, cut_log, states_of
 
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
+SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
 
@@ -96,6 +97,11 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
     if not np.all(np.abs(steps - middle) <= UNEVEN * middle):
         raise ConfigurationError(
             "The times of a log must be evenly spaced; resample it, or cut it where samples are missing."
+        )
+    if SLOWEST * middle > 1.0 + UNEVEN:
+        raise ConfigurationError(
+            f"The log has {1e-3 / middle:.3g} samples a millisecond, and an observer needs {1e-3 * SLOWEST:g} or more; "
+            "sample the pressure faster, or check the unit of the time."
         )
     ends = [pulse.start + pulse.duration for pulse in pulses]
     for pulse, end in zip(pulses[1:], ends, strict=False):

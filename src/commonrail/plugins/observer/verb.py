@@ -44,7 +44,7 @@ def observe(
     ],
     time: Annotated[str, Option(help="Column of the time.")] = "time",
     pressure: Annotated[str, Option(help="Column of the pressure.")] = "pressure",
-    command: Annotated[str, Option(help="Column whose upper half energises, such as a coil current.")] = "command",
+    command: Annotated[str, Option(help="Column of the command, or of a coil current.")] = "command",
     energisings: Annotated[
         Path | None, Option(metavar="FILE", help="File with columns start and duration, instead of --command.")
     ] = None,
@@ -90,15 +90,21 @@ def observe(
       commonrail observe log.mf4 --model cri2-16 --pressure p_rail --command I_inj1 --noise 0.1MPa
       commonrail observe --design --model cri2-16 --uncertain "fuel temperature=2K"
     """
+    from dataclasses import replace
+
     from commonrail.base.hooks import held_interrupts
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.observer.file import LogColumns, read_log
-    from commonrail.plugins.observer.page import observer_lines, observer_tables
+    from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
     from commonrail.plugins.observer.study import ObserverSettings, check_model
+    from commonrail.readers.toml import UNSTATED
     from commonrail.report.analysis import run_into, synthetic_lines
 
     if design == (log is not None):
-        raise InputError("Name a LOG to observe, or give --design for a table without one.")
+        words = (
+            "--design takes no LOG; omit" if design else "Name a LOG, or give --design for a table without one; give"
+        )
+        raise InputError(f"{words} one of the two.")
     if design:
         of_log = "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
         refuse_unused({name: (False, "a LOG") for name in (*of_log.split(), "learning", "out")})
@@ -129,13 +135,22 @@ def observe(
         time, pressure, command, energisings, time_unit, pressure_unit, read_form(encoding, decimal, sheet, files)
     )
     read = read_log(log, columns)
+    source = injector.sources.get("rail.volume", UNSTATED)
+    origin = {
+        "log": log.name,
+        "command": _command_line(),
+        "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
+        "edges": read.edges,
+    }
     with held_interrupts():  # what is done is written whatever keys are pressed
-        found = run_into(out, "observer.csv", lambda: _run(injector, read, settings, threads))
+        found = run_into(out, "observer.csv", lambda: replace(_run(injector, read, settings, threads), origin=origin))
     record = found.record()
     if json:
         print_json(record)
     else:
         print_text([*synthetic_lines(record), *observer_lines(record)], observer_tables(record))
+    for line in warning_lines(record):
+        say(f"warning: {line}")
     if out is not None and not json:
         print_text([f"report: {out / 'report.html'}"])
     if record["status"] == "interrupted":
@@ -158,13 +173,28 @@ def _deviation(text: str) -> tuple[str, float]:
     return name, parse_difference(value, units[name], f"--uncertain {name}")  # of a temperature: 2 degC are 2 K
 
 
+def _command_line() -> str:
+    """The command line with all that was given but where it writes."""
+    import shlex
+
+    import click
+
+    context, words = click.get_current_context(), ["commonrail", "observe"]
+    for p in context.command.params:
+        if is_given(str(p.name)) and p.name not in ("out", "threads", "json"):
+            value = context.params[str(p.name)]
+            for one in value if isinstance(value, tuple) else (value,):
+                words += [str(one)] if isinstance(p, click.Argument) else [p.opts[0], str(one)]
+    return shlex.join([*words, "--out", "again"])
+
+
 def _run(injector: Injector, read: Log, settings: ObserverSettings, threads: int | None) -> Observation:
     from commonrail.plugins.observer.run import observe as run
 
     with Bar("shots") as bar:
         return run(
             injector,
-            *read,
+            *read[:3],
             settings,
             threads=threads,
             progress=lambda p: bar.show(Stage("observing", p.done, p.total, injector.name)),
