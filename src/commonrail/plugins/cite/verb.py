@@ -20,7 +20,7 @@ def cite(
     out: Annotated[Path | None, Option(metavar="FILE.bib", help="File for the works to be cited, as BibTeX.")] = None,
     json: Json = False,
 ) -> None:
-    """List the parts of a run with their sources, and the works to cite.
+    """List the parts of a run, and the works to cite.
 
     Parts are software, model, injector and fuel with the sources of their values, meters, data, priors and optimiser.
     Installed packages are cited as they state it themselves.
