@@ -58,6 +58,7 @@ def test_twenty_points(
         ("SES36", "1:2MPa", "1:20degC", "[Vv]iscosity"),
         ("Methanol", "50:1MPa", "20:40degC", "increase"),
         ("Methanol", "1MPa", "20:40degC", "LOW:HIGH"),
+        ("Methanol", "1:50MPa", "20degC", "such as 20:80degC"),
     ],
 )
 def test_what_cannot_be_had_is_refused(

@@ -33,6 +33,11 @@ def test_a_fuel_comes_back_from_its_own_table(command: Command, tmp_path: Path) 
     table = write_table(tmp_path / "t.csv", row, "density [kg/m3],sound_speed [m/s],viscosity [mm2/s]")
     done = command("fuel", table, "--out", tmp_path / "own.toml")
     assert done.status == 0, done.err
+    written = (tmp_path / "own.toml").read_bytes()
+    again = command("fuel", table, "--title", "another", "--out", tmp_path / "own.toml")
+    assert again.status == 2
+    assert "already exists" in again.sentence
+    assert (tmp_path / "own.toml").read_bytes() == written
     found = cr.load_fuel(tmp_path / "own.toml")
     p, t = np.meshgrid(np.linspace(1e6, 190e6, 12), np.linspace(295.0, 390.0, 7))
     assert found.density(p, t) == pytest.approx(known.density(p, t), rel=2e-5)

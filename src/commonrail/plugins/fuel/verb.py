@@ -27,9 +27,9 @@ def fuel(
         str | None, Option(metavar="NAME", help="Pure fluid of CoolProp in place of a table, e.g. Methanol.")
     ] = None,
     pressure: Annotated[
-        str | None, Option(metavar="LOW:HIGH", help="Range of the fluid, all of it liquid, e.g. 1:200MPa.")
+        str | None, Option(metavar="LOW:HIGH", help="Range of the fluid, all of it liquid, e.g. 0.5:200MPa.")
     ] = None,
-    temperature: Annotated[str | None, Option(metavar="LOW:HIGH", help="Range of the fluid, e.g. 20:100degC.")] = None,
+    temperature: Annotated[str | None, Option(metavar="LOW:HIGH", help="Range of the fluid, e.g. 20:80degC.")] = None,
     out: Annotated[Path, Option(metavar="FUEL.toml", help="Fuel file to be written.")],
     title: Annotated[str | None, Option(help="Title of the fuel. [default: the name of the file]")] = None,
     json: Json = False,
@@ -43,12 +43,14 @@ def fuel(
     \b
     Examples:
       commonrail fuel hvo.csv --out hvo.toml --title "HVO, batch 7"
-      commonrail fuel --coolprop Methanol --pressure 1:200MPa --temperature 20:100degC --out methanol.toml
+      commonrail fuel --coolprop Methanol --pressure 0.5:200MPa --temperature 20:80degC --out methanol.toml
     """
     from commonrail.plugins.fuel.file import document
     from commonrail.plugins.fuel.run import fit_fuel
     from commonrail.readers.fuel import load_fuel
 
+    if out.exists():
+        raise InputError(f"--out: {out} already exists; name another file, or remove it first.")
     check_file(out, "--out")
     if title is not None and not title.isprintable():
         raise InputError("--title: a title of printable characters on one line is expected.")
@@ -86,6 +88,7 @@ def _range(text: str | None, unit: str, option: str) -> tuple[float, float]:
     """Lowest and highest value of an option LOW:HIGH."""
     parts = [] if text is None else text.split(":")
     if len(parts) != 2:
-        raise InputError(f"{option}: a range LOW:HIGH with a unit is needed with --coolprop, such as 1:200MPa.")
+        example = {"Pa": "0.5:200MPa", "K": "20:80degC"}[unit]
+        raise InputError(f"{option}: a range LOW:HIGH with a unit is needed with --coolprop, such as {example}.")
     low, high = read_axis(",".join(parts), unit, option, increasing=True).tolist()
     return low, high
