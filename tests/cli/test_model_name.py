@@ -48,6 +48,11 @@ def test_a_file_is_taken_as_it_is_called(
     assert (model.label, model.injector.variant.body) == ("L", Body.RIGID)
 
 
+def test_a_part_number_leads_to_the_injector_whose_file_states_it() -> None:
+    with pytest.raises(InputError, match=r"did you mean cri2-0, "):
+        read_model_name("0445110343")
+
+
 def test_a_run_folder_gives_its_calibrated_injector(injector_file: Edit, tmp_path: Path) -> None:
     run = tmp_path / "run-1"
     run.mkdir()
