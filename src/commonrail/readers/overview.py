@@ -7,7 +7,7 @@ that are written down in `Survey.block`, to be checked.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,6 +46,7 @@ RATES = ("m3/s", "kg/s")
 _PLACEHOLDERS = {"rail_pressure": "{p}", "energising_time": "{et}"}
 _TRIGGER = re.compile(r"trig|ttl|sync", re.I)
 _SET = re.compile(r"set|soll|cmd|nominal", re.I)
+_PLAN = {"test", "rail_pressure", "energising_time"}  # columns that every test plan has, and no other file
 _SYNTHETIC = re.compile(r"\W*synth[eé]t", re.I)  # begin of a text by which a file says that nobody measured it
 
 
@@ -214,6 +215,9 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
         keys = {"encoding": form.encoding} if found.block else {}
         return replace(found, said=f"encoding {form.encoding}", block=found.block | keys)
     grid = read_grid(path, form)
+    if any({str(cell).partition("[")[0].strip() for cell in row} >= _PLAN for row in grid.rows):
+        taken = 'a test plan, for commonrail plan or a block with kind = "test plan"'
+        return replace(_columns(grid, form, given), taken_for=taken, block={}, synthetic=_synthetic(grid))
     reasons = []
     for way in (_map, _traces, _columns):
         try:
@@ -226,10 +230,13 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     return Survey(path, "a table, no quantity map and no trace", facts, "; ".join(grid.said))
 
 
+def synthetic_mark(texts: Iterable[str]) -> str:
+    """First text, of comments and cells, that opens with the word synthetic, in one of several languages."""
+    return next((text.strip() for text in texts if _SYNTHETIC.match(text)), "")
+
+
 def _synthetic(grid: Grid) -> str:
-    """First comment or cell that opens with the word synthetic, in one of several languages."""
-    cells = (cell for row in grid.rows for cell in row if isinstance(cell, str))
-    return next((text.strip() for text in (*grid.comments, *cells) if _SYNTHETIC.match(text)), "")
+    return synthetic_mark((*grid.comments, *(cell for row in grid.rows for cell in row if isinstance(cell, str))))
 
 
 def _detected(path: Path, form: FileForm) -> FileForm:

@@ -304,6 +304,15 @@ def test_why_a_file_is_no_data_of_a_study_is_said_and_a_unit_can_be_stated(bench
     assert 'quantity_unit = "mm3"' in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
 
 
+def test_a_test_plan_is_named(tmp_path: Path) -> None:
+    (tmp_path / "plan.csv").write_text(
+        "# SYNTHETIC\ntest,rail_pressure [MPa],energising_time [us],upper_limit [mm3]\nVL,160,700,60\nEM,80,500,20\n"
+    )
+    done = run_command("new", tmp_path / "study", "--injector", "cri2-16", "--from", tmp_path / "plan.csv")
+    assert done.status == 2
+    assert "a test plan" in done.sentence
+
+
 def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
     raw = bench / "raw" / "rates.csv"
     assert "Give --injector and one or more files" in run_command("new", tmp_path / "s", "--from", raw).sentence
