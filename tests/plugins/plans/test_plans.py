@@ -291,10 +291,28 @@ def test_a_test_that_fails_has_a_reason_and_the_others_a_number(regulated: Injec
         run_plan(weak, TestPlan("plan", TESTS[:1]), threads=1)
 
 
+@pytest.mark.parametrize(
+    ("pressure", "quantity", "words"),
+    [(0.1, 1.0, "ten times the rail"), (1.0, 1e3, "times 1000"), (1.0, 1e-3 * 0.83, "times 0.00083"), (1.0, 1.5, "")],
+)
+def test_a_wrong_unit_that_explains_all_deliveries_is_named(
+    pressure: float, quantity: float, words: str, regulated: Injector
+) -> None:
+    values = simulated(regulated, *TESTS[:2])
+    rows = [
+        PlanTest(test.name, pressure * test.rail_pressure, test.energisings, m, 0.9 * m, 1.1 * m)
+        for test, m in zip(TESTS[:2], (quantity * values).tolist(), strict=True)
+    ]
+    found = run_plan(regulated, TestPlan("plan", tuple(rows)), **ENGINE, threads=1)
+    assert words in found.hint
+    assert bool(words) == bool(found.hint)
+
+
 def test_the_verb_prints_json_and_writes_a_report(command: Command, tmp_path: Path) -> None:
     file = plan_file(
         tmp_path,
-        f"{HEAD},nominal [mm3],half_band [%],measure,bench [mm3]\nVL,160,700,52,9,,50\nR,160,700,9,50,return,\n",
+        f"# SYNTHETIC plan\n{HEAD},nominal [mm3],half_band [%],measure,bench [mm3]\n"
+        "VL,160,700,52,9,,50\nR,160,700,9,50,return,\n",
     )
     report = tmp_path / "plan.html"
     done = command(
@@ -304,7 +322,10 @@ def test_the_verb_prints_json_and_writes_a_report(command: Command, tmp_path: Pa
     rows = done.record["data"]["rows"]
     assert [row["measure"] for row in rows] == ["delivery", "return"]
     assert rows[1]["stroke_rate"] == pytest.approx(1000.0 / 60.0)
-    assert "Synthetic, not measured" in report.read_text(encoding="utf-8")
+    page = report.read_text(encoding="utf-8")
+    assert "Synthetic, not measured" in page
+    assert "SYNTHETIC plan" in page
+    assert done.record["synthetic"] == "SYNTHETIC plan"
     german = file.read_text(encoding="utf-8").replace(",", ";").replace("52", "52,0")
     file.write_text(german, encoding="utf-8")
     assert command("plan", "virtual-lino-2016@regulated", file).status == 2

@@ -119,7 +119,7 @@ def plan_figure(data: Record, models: Models) -> Figure:
     return Figure(
         f"Tolerance fields of {data['name']}",
         f"Bars are what passes, zero is the nominal quantity; a marker beyond {WIDEST:.0f} half bands is at the edge.",
-        "distance from the nominal quantity, half bands",
+        "distance, half bands",  # short, for a telephone
         (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=tuple(map(_name, rows))),),
     )
 
@@ -144,11 +144,12 @@ def plan_lines(record: Record) -> list[str]:
     ]
     if any(row["bench"] for row in rows):
         lines.append(part_verdict(rows)[1])
+    lines += [record["hint"]] if record["hint"] else []
     lines += [f"{_name(row)} has no number: {row['reason']}" for row in rows if row["reason"]]
     without = [_name(row) for row in rows if row["measure"] == Measure.RETURN.value and not row["stroke_rate"]]
     if without:
         lines.append(without_rate(without))
-    return lines
+    return lines + ([record["synthetic"]] if record["synthetic"] else [])
 
 
 def without_rate(names: Sequence[str]) -> str:
@@ -182,12 +183,17 @@ def plan_tables(record: Record) -> list[Table]:
 def _tiles(data: Record) -> list[Tile]:
     rows, inside = data["rows"], data["inside"][SIMULATED]
     tiles = [Tile("model", f"{inside} of {len(rows)}", "tests inside", GOOD if inside == len(rows) else BAD)]
-    far = max(rows, key=lambda row: abs(row["found"][SIMULATED]["distance"] or 0.0))
-    tiles.append(Tile("farthest", signed(far["found"][SIMULATED]["distance"], 2), f"half bands: {_name(far)}"))
-    if any(row["bench"] for row in rows):
+    tiles.append(_farthest("model", [(row, row["found"][SIMULATED]) for row in rows]))
+    if part := [(row, row["bench"]) for row in rows if row["bench"]]:
         word, words = part_verdict(rows)
         tiles.append(Tile("part", word, words, {"pass": GOOD, "fail": BAD, "open": CARE}[word]))
+        tiles.append(_farthest("part", part))
     return tiles
+
+
+def _farthest(whose: str, found: Sequence[tuple[Record, Record]]) -> Tile:
+    row, far = max(found, key=lambda pair: abs(pair[1]["distance"] or 0.0))
+    return Tile(f"{whose}, farthest", signed(far["distance"], 2), f"half bands: {_name(row)}")
 
 
 def plan_figures(record: Record) -> list[Figure]:
@@ -204,11 +210,11 @@ def plan_html(record: Record, command: str) -> str:
         package=__package__,
         record=record,
         kind="Test plan",
-        lines=plan_lines(record),
+        lines=plan_lines({**record, "synthetic": ""}),  # a banner of the page has it
         tiles=_tiles(data),
         first=drawings(plan_figures(record))[0],
         tables=plan_tables(record),
-        synthetic=[injector["synthetic"]] if injector["synthetic"] else [],
+        synthetic=[text for text in (injector["synthetic"], record["synthetic"]) if text],
         commands=[("Judge again", command)],
         facts=[
             ("Model", f"{injector['title'] or injector['name']} ({injector['variant']})"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 from commonrail.base.arguments import Quantity, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
-from commonrail.base.errors import SimulationError
+from commonrail.base.errors import CommonrailError, SimulationError
 from commonrail.compiler.target import package_versions
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import Status
@@ -19,7 +21,7 @@ from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.plugins.plans.data import PlanData, PlanScore
 from commonrail.plugins.plans.page import SIMULATED
-from commonrail.plugins.plans.study import BENCH_PRESSURES, TestPlan, load_plan
+from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, State, TestPlan, load_plan
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,6 +38,8 @@ class PlanResult(Shown):
         Why a test has no number; empty where it has one.
     time_step : float
         [s].
+    hint : str
+        Sentence on a wrong unit that would explain deliveries far off, empty if none would.
     """
 
     presenter = "commonrail.plugins.plans.page:PLAN"
@@ -44,6 +48,7 @@ class PlanResult(Shown):
     score: PlanScore
     reasons: tuple[str, ...]
     time_step: float
+    hint: str = ""
 
     @property
     def distances(self) -> Floats:
@@ -62,9 +67,38 @@ class PlanResult(Shown):
             "title": f"Test plan: {injector.name}",
             "software": package_versions(),
             "injector": texts | {"variant": injector.variant.label},
+            "synthetic": self.score.data.synthetic,
             "time_step": self.time_step,
+            "hint": self.hint,
             "data": {"name": self.score.data.name, **data},
         }
+
+
+# Factors of quantities that a wrong unit makes: of 1000, as of g for mg, and with the density of a usual diesel fuel,
+# 0.83 g/cm³, as of a mass for a volume.
+_WRONG_UNITS = tuple(power * density for power in (1e3, 1e-3) for density in (1.0, 0.83, 1.0 / 0.83))
+
+
+def _unit_hint(plan: TestPlan, score: PlanScore, pressures: tuple[Quantity, Quantity], simulator: Simulator) -> str:
+    """Sentence on a wrong unit that brings most deliveries inside their bands where none is; empty if none does."""
+    at = [i for i, test in enumerate(plan.tests) if test.measure is Measure.DELIVERY]
+    tests, values = [score.data.tests[i] for i in at], score.values[at]
+
+    def inside(found: Floats, own: Sequence[PlanTest]) -> int:
+        return sum(test.state(value) is State.INSIDE for test, value in zip(own, found.tolist(), strict=True))
+
+    if len(at) < 2 or inside(values, tests):
+        return ""
+    for factor in _WRONG_UNITS:
+        if 2 * inside(values * factor, tests) > len(at):
+            return f"The simulated deliveries times {factor:.4g} would be inside: check the unit of the quantities."
+    for factor, words in ((10.0, "ten times the"), (0.1, "a tenth of the")):
+        with suppress(CommonrailError):  # pressures that no model of it covers
+            moved = tuple(replace(plan.tests[i], rail_pressure=factor * plan.tests[i].rail_pressure) for i in at)
+            data = PlanData.of(replace(plan, tests=moved), simulator.injector, pressures, plan.name)
+            if 2 * inside(data.score(simulator).values, data.tests) > len(at):
+                return f"At {words} rail pressures most deliveries would be inside: check their unit, bar or MPa."
+    return ""
 
 
 def run_plan(
@@ -104,7 +138,8 @@ def run_plan(
     instance(injector, Injector, "injector")
     step = check_step(time_step)
     plan = load_plan(plan) if isinstance(plan, str | PathLike) else instance(plan, TestPlan, "plan")
-    data = PlanData.of(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure), plan.name)
+    plan, pressures = plan.at_stroke_rate(stroke_rate), (cylinder_pressure, return_pressure)
+    data = PlanData.of(plan, injector, pressures, plan.name, synthetic=plan.synthetic)
     simulator = Simulator(injector, (), step, thread_count(threads))
     score = data.score(simulator)
     failed = np.flatnonzero(np.isnan(score.values)).tolist()
@@ -112,4 +147,5 @@ def run_plan(
     reasons = {i: Status(int(status)).sentence for i, status in zip(failed, statuses, strict=True)}
     if len(failed) == len(data.tests):
         raise SimulationError(f"No test of {plan.name} could be simulated. {reasons[0]}")
-    return PlanResult(injector, score, tuple(reasons.get(i, "") for i in range(len(data.tests))), step)
+    hint = _unit_hint(plan, score, pressures, simulator)
+    return PlanResult(injector, score, tuple(reasons.get(i, "") for i in range(len(data.tests))), step, hint)

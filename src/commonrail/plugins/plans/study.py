@@ -21,6 +21,7 @@ from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, Operat
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.location import Place, located
+from commonrail.readers.overview import synthetic_mark
 from commonrail.readers.tables import open_sheet, take_columns
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising, as of a quantity map [s]
@@ -163,11 +164,12 @@ class PlanTest:
 
 @dataclass(frozen=True)
 class TestPlan:
-    """Test plan: its name, its tests, and the unit of their quantities, m3 or kg."""
+    """Test plan: its name, its tests, the unit of their quantities, m3 or kg, and what its file says is synthetic."""
 
     name: str
     tests: tuple[PlanTest, ...]
     unit: str = "m3"
+    synthetic: str = ""
 
     __test__ = False  # no test of pytest, whatever its name
 
@@ -176,7 +178,7 @@ class TestPlan:
         keys = [(test.name, test.measure) for test in self.tests]
         for i, key in enumerate(keys):
             if key in keys[:i]:
-                raise ConfigurationError(f"{self.name} has two tests {key[0]} of the {key[1]}; rename one.")
+                raise ConfigurationError(f"There are two tests {key[0]} of the {key[1]}; rename one.")
 
     def chosen(self, names: Sequence[str]) -> TestPlan:
         """The plan with some of its tests, by name; `ConfigurationError` if it has none of a name."""
@@ -287,8 +289,9 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     for name in table.columns:
         _warn_of_unusual(table, name)
     tests = tuple(_test(table, row) for row in range(len(table.rows)))
+    mark = synthetic_mark((*table.comments, *(cell for texts in table.texts.values() for cell in texts)))
     with located(Place(str(path))):
-        return TestPlan(Path(path).name, tests, next(iter(units.values()), "m3"))
+        return TestPlan(Path(path).name, tests, next(iter(units.values()), "m3"), mark)
 
 
 def _warn_of_unusual(table: Table, name: str) -> None:
