@@ -172,9 +172,13 @@ def test_a_planted_fault_is_found_with_its_size(
 
 def test_a_sound_part_is_sound_and_a_strange_one_unexplained(injector: Injector, table: FaultTable) -> None:
     assert next(iter(found(injector, table).probabilities)) == "sound"
-    assert (
-        found(injector, table, control_chamber__z_hole_diameter=1.2, nozzle__hole_diameter=1.2).verdict == "unexplained"
-    )
+    strange = found(injector, table, control_chamber__z_hole_diameter=1.2, nozzle__hole_diameter=1.2)
+    assert strange.verdict == "unexplained"
+    record = strange.record()
+    verdict, probabilities = diagnosis_lines(record)[:2]
+    assert "--nominal" in verdict
+    assert "not to be believed" in probabilities
+    assert "--nominal" not in diagnosis_lines(record | {"nominal": True})[0]
 
 
 def test_faults_that_look_alike_cannot_be_told_and_a_next_test_is_named(injector: Injector, table: FaultTable) -> None:
@@ -285,7 +289,7 @@ def test_the_verb_prints_json_writes_a_report_and_refuses(command: Command, tmp_
         f"{t.name},{p},{e},{m},100,{1e9 * (t.bench or 0.0)}"
         for t, (_, p, e, m) in zip(results(injector).tests, ROWS, strict=True)
     ]
-    file.write_text("\n".join([HEAD, *rows]), encoding="utf-8")
+    file.write_text("\n".join(["# SYNTHETIC part", HEAD, *rows]), encoding="utf-8")
     faults.write_text(f'format = "commonrail-faults/1"\n{LIFTED}{TOLERANCE}')
     how = ["virtual-lino-2016@regulated", file, "--stroke-rate", "1000/min", "--faults", faults]
     how += ["--cylinder-pressure", "0.5MPa", "--return-pressure", "0.1MPa"]
@@ -293,8 +297,14 @@ def test_the_verb_prints_json_writes_a_report_and_refuses(command: Command, tmp_
     assert done.status == 0, done.err
     assert done.record["verdict"] == "sound"
     assert len(done.record["tests"]) == 4
-    assert "Measured beside sound parts" in report.read_text(encoding="utf-8")
-    assert len(command("diagnose", *how).out.splitlines()) <= 20
+    page, said = report.read_text(encoding="utf-8"), command("diagnose", *how).out
+    assert "Measured beside sound parts" in page
+    assert "SYNTHETIC part" in page
+    assert "SYNTHETIC part" in said
+    assert len(said.splitlines()) <= 22
+    share = command("diagnose", *how, "--sound", "80")
+    assert share.status == 2
+    assert "80%" in share.sentence
     file.write_text("\n".join([HEAD, rows[0]]), encoding="utf-8")
     refused = command("diagnose", *how)
     assert refused.status == 2

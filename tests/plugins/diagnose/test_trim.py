@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.trim import trim
-from commonrail.plugins.plans.study import PlanTest, TestPlan
+from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
 from commonrail.readers.injector.file import load_injector
 from tests.cli.conftest import Command
 
@@ -83,10 +84,25 @@ def test_a_sound_part_as_drawn_has_the_code_zero(injector: Injector) -> None:
     np.testing.assert_array_equal(found.corrections, 0.0)
 
 
+def test_a_mistyped_result_is_warned_of_by_its_test(injector: Injector, part: Injector) -> None:
+    plan = results(part)
+    wrong = replace(plan.tests[2], bench=0.1 * (plan.tests[2].bench or 0.0))
+    at = {"rail_pressures": [60e6], "energising_times": [550e-6], "threads": 1}
+    with pytest.warns(RuntimeWarning, match=r"^plan: VL \(−\d.* more than 3 standard"):
+        found = trim(injector, replace(plan, tests=(*plan.tests[:2], wrong)), **at)
+    assert np.abs(found.distances[:2]).max() < 3.0 < -found.distances[2]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        trim(injector, plan, **at)
+
+
 def test_what_cannot_be_trimmed_is_refused(injector: Injector, part: Injector) -> None:
     plan = results(part)
-    with pytest.raises(InputError, match="1 of 1 tests have a result, and at least two"):
+    with pytest.raises(InputError, match=r"two deliveries .* not 1\."):
         trim(injector, replace(plan, tests=plan.tests[:1]))
+    returns = tuple(replace(test, measure=Measure.RETURN) for test in plan.tests)
+    with pytest.raises(InputError, match=r"two deliveries .* not 0\."):
+        trim(injector, replace(plan, tests=returns))
     short = replace(plan.tests[0], name="short", energisings=(Energising(0.0, 30e-6),))
     with pytest.raises(InputError, match="test short hardly rises"):
         trim(injector, replace(plan, tests=(*plan.tests, short)), threads=1)
@@ -100,11 +116,13 @@ def test_the_verb_writes_corrections(command: Command, tmp_path: Path, part: Inj
         f"{n},{p},{t},100,{1e9 * (test.bench or 0.0)}"
         for (n, p, t), test in zip(TESTS, results(part).tests, strict=True)
     ]
-    file.write_text("\n".join([HEAD, *rows]), encoding="utf-8")
+    file.write_text("\n".join(["# SYNTHETIC part", HEAD, *rows]), encoding="utf-8")
     how = ["virtual-lino-2016@regulated", file, "--rail-pressure", "60,100MPa", "--energising-time", "550us"]
     done = command("trim", *how, "--out", out, "--json")
     assert done.status == 0, done.err
-    lines = out.read_text(encoding="utf-8").splitlines()
+    assert done.record["synthetic"] == "SYNTHETIC part"
+    mark, *lines = out.read_text(encoding="utf-8").splitlines()
+    assert mark == "# SYNTHETIC part"
     assert lines[0] == "rail_pressure [MPa],energising_time [us],correction [us]"
     written = [float(line.split(",")[2]) for line in lines[1:]]
     assert written == pytest.approx([1e6 * point["correction"] for point in done.record["points"]], abs=1e-3)

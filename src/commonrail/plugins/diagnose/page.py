@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
+from commonrail.base.output import neutralised_note
 from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
 from commonrail.base.text import fixed, listed, megapascal, percent, signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
@@ -27,10 +28,11 @@ def diagnosis_lines(record: Record) -> list[str]:
     named = [d for d in record["diagnoses"] if d["probability"] >= LEAST]
     rest = sum(d["probability"] for d in record["diagnoses"] if d not in named)
     words = ", ".join(f"{d['name']} {_share(d['probability'])}" for d in named)
-    lines.append(f"Probabilities: {words}; all others together {_share(rest)}.")
+    trust = ", not to be believed since nothing fits" if record["verdict"] == "unexplained" else ""
+    lines.append(f"Probabilities{trust}: {words}; all others together {_share(rest)}.")
     if record["next"]:
         lines.append(_next_sentence(record["next"][0], record["nominal"]))
-    return lines
+    return lines + ([record["synthetic"]] if record["synthetic"] else [])
 
 
 def _share(value: float) -> str:
@@ -44,7 +46,8 @@ def _verdict(record: Record) -> str:
     if verdict == "unexplained":
         return (
             f"nothing in the table of faults explains these quantities; {best['name']} is nearest. Check plan, "
-            "pressures and noise, take the plan's nominal quantities (--nominal), or look for two faults at once."
+            f"pressures and noise,{'' if record['nominal'] else ' take nominal quantities of the plan (--nominal),'} "
+            "or look for two faults at once."
         )
     if verdict == "sound":
         return "sound."
@@ -149,9 +152,9 @@ def quantity_figure(record: Record) -> Figure:
 
     series = (at("leading"), at("measured")) if best != "sound" else (at("measured"),)
     band = Bars("95 % of sound parts", "level", points(-BAND for _ in rows), points(BAND for _ in rows))
-    caption = f"Distances from the mean of sound parts; a marker beyond {WIDEST:.0f} is at the edge."
+    caption = f"Distances from the mean of sound parts, with noise; a marker beyond {WIDEST:.0f} is at the edge."
     panel = Panel("", series, bars=(band,), rows=tuple(map(_name, rows)))
-    return Figure("Measured beside sound parts", caption, "standard deviations of sound parts, with noise", (panel,))
+    return Figure("Measured beside sound parts", caption, "standard deviations", (panel,))
 
 
 def diagnosis_figures(record: Record) -> list[Figure]:
@@ -162,9 +165,10 @@ def diagnosis_figures(record: Record) -> list[Figure]:
 def _tiles(record: Record) -> list[Tile]:
     best, verdict = record["diagnoses"][0], record["verdict"]
     level = CARE if verdict in ("cannot be told", "unexplained") else GOOD if verdict == "sound" else BAD
+    doubt = ", not to be believed" if verdict == "unexplained" else ""
     tiles = [
         Tile("diagnosis", verdict, listed(record["leading"]) if verdict == "cannot be told" else "", level),
-        Tile("probability", _share(best["probability"]), f"of {best['name']}"),
+        Tile("probability", _share(best["probability"]), f"of {best['name']}{doubt}"),
     ]
     if best["size"]:
         tiles.append(Tile("size", best["size"][0], best["parameter"]))
@@ -182,12 +186,12 @@ def diagnosis_html(record: Record, command: str) -> str:
         package=__package__,
         record=record,
         kind="Diagnosis",
-        lines=diagnosis_lines(record),
+        lines=diagnosis_lines({**record, "synthetic": ""}),  # a banner of the page has it
         tiles=_tiles(record),
         first=first,
         second=second,
         tables=[_test_table(record, record["tests"]), _fault_table(record)],
-        synthetic=[injector["synthetic"]] if injector["synthetic"] else [],
+        synthetic=[text for text in (injector["synthetic"], record["synthetic"]) if text],
         commands=[("Diagnose again", command)],
         facts=[
             ("Model of a sound part", f"{injector['title'] or injector['name']} ({injector['variant']})"),
@@ -214,7 +218,8 @@ def corrections_text(record: Record) -> str:
         f"{point['rail_pressure'] / 1e6:.10g},{point['energising_time'] * 1e6:.10g},{point['correction'] * 1e6:.3f}"
         for point in record["points"]
     ]
-    return "\n".join(["rail_pressure [MPa],energising_time [us],correction [us]", *rows, ""])
+    notes = [f"# {neutralised_note(record['synthetic'])}"] if record["synthetic"] else []
+    return "\n".join([*notes, "rail_pressure [MPa],energising_time [us],correction [us]", *rows, ""])
 
 
 def trim_lines(record: Record) -> list[str]:
@@ -225,8 +230,10 @@ def trim_lines(record: Record) -> list[str]:
     low, high = (signed(1e6 * value, 1) for value in ends)
     return [
         f"{record['plan']}: {record['code']}, in steps of {fixed(record['step'], 2, MICROSECOND)} µs.",
-        f"Corrections at {len(points)} points of the map: {low} to {high} µs. Parts within makers' tolerances scatter "
-        f"there by {fixed(after / before, 2)} of what they do without a trim, as far as all is linear.",
+        f"Corrections at {len(points)} points of the map: {low} to {high} µs. A linear model estimates that parts "
+        f"within makers' tolerances then scatter by {fixed(after / before, 2)} of what they do without a trim; "
+        "simulated ones scattered more in a trial.",
+        *([record["synthetic"]] if record["synthetic"] else []),
     ]
 
 
@@ -241,6 +248,7 @@ def trim_table(record: Record) -> Table:
             ("energising, µs", lambda t: fixed(t["energising_time"], 0, MICROSECOND)),
             ("nominal, mm³", lambda t: fixed(t["nominal"], 2, MM3)),
             ("measured, mm³", lambda t: fixed(t["measured"], 2, MM3)),
+            ("st. dev. off", lambda t: signed(t["distance"], 1)),
             ("class", lambda t: signed(t["class"], 0)),
             ("correction, µs", lambda t: signed(1e6 * t["correction"], 1)),
         ],

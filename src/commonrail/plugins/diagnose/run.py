@@ -189,6 +189,7 @@ class Diagnosis(Shown):
             "software": package_versions(),
             "injector": texts | {"variant": self.injector.variant.label},
             "plan": self.data.name,
+            "synthetic": self.data.synthetic,
             "noise": self.noise,
             "sound": self.sound,
             "nominal": bool(np.any(self.factors != 1.0)),
@@ -320,7 +321,10 @@ def share_of(value: float | str, what: str) -> float:
     """Share of 1, or of a text with %; `ConfigurationError` unless it lies between 0 and 100 %."""
     found = number(value, "1", what)
     if not 0.0 < found < 1.0:
-        raise ConfigurationError(f"{what} must lie between 0 and 100 %, both excluded, not {100.0 * found:g} %.")
+        example = found if 1.0 <= found < 100.0 else 50.0
+        raise ConfigurationError(
+            f"{what} must be a share between 0 and 100 %, both excluded, such as {example:g}%, not {found:g}."
+        )
     return found
 
 
@@ -329,13 +333,13 @@ def measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity
     there = tuple(test for test in plan.tests if test.bench is not None)
     if len(there) < 2:
         raise InputError(
-            f"{plan.name}: {len(there)} of {len(plan.tests)} tests have a result, and at least two are needed; add the "
-            "column bench with what the bench measured."
+            f"{plan.name}: {len(there)} of {len(plan.tests)} tests have a result in the column bench, and at least two "
+            "are needed."
         )
     if len(there) < len(plan.tests):
         left = [test.name for test in plan.tests if test.bench is None]
         note(f"{plan.name}: {listed(left)} {'has' if len(left) == 1 else 'have'} no result in the column bench.")
-    return PlanData.of(replace(plan, tests=there), injector, pressures, plan.name)
+    return PlanData.of(replace(plan, tests=there), injector, pressures, plan.name, synthetic=plan.synthetic)
 
 
 def visible_faults(injector: Injector, data: PlanData, known: FaultTable) -> tuple[Any, ...]:

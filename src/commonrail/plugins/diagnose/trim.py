@@ -18,6 +18,8 @@ import numpy as np
 from commonrail.base.arguments import Limits, Quantity, amount, array, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, SimulationError
+from commonrail.base.hooks import note
+from commonrail.base.text import listed, signed
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
@@ -39,6 +41,7 @@ STEP = 2e-6  # of a class [s]; chosen
 STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
 ASIDE = 20e-6  # of the energising time to either side for the nominal slope [s], above ripples; chosen
 LEAST_SLOPE = 1e-6  # of the quantity over the energising time [m³/s] where a part is trimmed: 1 mm³/ms; chosen
+FAR = 3.0  # standard deviations of measured sound parts beyond which a result is warned of; chosen
 DRAWS = 256  # sound parts behind the regression
 GRID = 5  # rail pressures, and energising times, of the map where none are stated
 
@@ -47,13 +50,15 @@ class Trimming(NamedTuple):
     """Regression of corrections over the map on those at the tests; it belongs to the type.
 
     `gain` (points, tests) [1]; `slopes` of tests and points (tests + points,) [m³/s]; `spread` and `left` (points,):
-    standard deviations of the quantities of sound parts before and after the trim [m³], as far as all is linear.
+    standard deviations of the quantities of sound parts before and after the trim [m³], as far as all is linear;
+    `deviation` (tests,): of measured quantities of sound parts [m³].
     """
 
     gain: Floats
     slopes: Floats
     spread: Floats
     left: Floats
+    deviation: Floats
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,8 @@ class PartTrim:
     corrections : (points,)
         To be added to the energising time there [s].
     trimming : Trimming
+    distances : (tests,)
+        Of the measured quantities from those of a sound part, in standard deviations of measured sound parts.
     """
 
     data: PlanData
@@ -84,6 +91,7 @@ class PartTrim:
     points: tuple[PlanTest, ...]
     corrections: Floats
     trimming: Trimming
+    distances: Floats
 
     @property
     def code(self) -> str:
@@ -99,6 +107,7 @@ class PartTrim:
                 "energising_time": test.energisings[0].duration,
                 "measured": test.bench,
                 "nominal": float(self.nominal[i]),
+                "distance": float(self.distances[i]),
                 "class": int(self.classes[i]),
                 "correction": float(self.classes[i] * self.step),
             }
@@ -115,6 +124,7 @@ class PartTrim:
             for i, test in enumerate(self.points)
         ]
         facts = {"schema": 1, "kind": "trim", "title": f"Trim: {self.data.name}", "plan": self.data.name}
+        facts["synthetic"] = self.data.synthetic
         return facts | {"step": self.step, "code": self.code, "tests": tests, "points": points}
 
 
@@ -160,6 +170,10 @@ def trim(
     size, deviation = amount(step, "s", "step of a class", STEPS), share_of(noise, "noise")
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     used = tuple(t for t in plan.tests if t.measure is Measure.DELIVERY and len(t.energisings) == 1)
+    if (count := sum(test.bench is not None for test in used)) < 2:
+        raise InputError(
+            f"{plan.name}: two deliveries of one energising with a result in the column bench are needed, not {count}."
+        )
     data = measured_tests(replace(plan, tests=used), injector, (cylinder_pressure, return_pressure))
     grid = _grid(data, rail_pressures, energising_times)
     bench = PlanBench(injector, data, check_step(time_step), thread_count(threads))
@@ -168,7 +182,14 @@ def trim(
     measured = np.array([test.bench for test in data.tests], float)
     classes = np.round((sound - measured) / (sound / drawn * trimming.slopes[: len(sound)]) / size)
     corrections = trimming.gain @ (classes * size)
-    return PartTrim(data, sound, classes, size, tuple(grid[k] for k in kept), corrections, trimming)
+    distances = (measured - sound) / (sound / drawn * trimming.deviation)
+    far = [f"{t.name} ({signed(d, 1)})" for t, d in zip(data.tests, distances.tolist(), strict=True) if abs(d) > FAR]
+    if far:
+        note(
+            f"{data.name}: {listed(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard deviations off "
+            "a sound part; a trim is for sound parts: check the results, or find the fault by diagnose."
+        )
+    return PartTrim(data, sound, classes, size, tuple(grid[k] for k in kept), corrections, trimming, distances)
 
 
 def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[float] | None) -> tuple[PlanTest, ...]:
@@ -217,8 +238,10 @@ def regression(
     needed = scatter / np.outer(slopes, slopes)
     needed[:n, :n] += np.diag((noise_of(mean[:n], noise) / slopes[:n]) ** 2 + step**2 / 12.0)
     gain, left = regressed(needed, n)
-    spread = np.asarray(np.sqrt(np.diag(scatter)[n:]), float)
-    return kept, middle[:n], Trimming(gain, slopes, spread, np.asarray(np.sqrt(np.maximum(left, 0.0)) * slopes[n:]))
+    spread = np.asarray(np.sqrt(np.diag(scatter)), float)
+    after = np.asarray(np.sqrt(np.maximum(left, 0.0)) * slopes[n:])
+    measured = np.asarray(np.hypot(spread[:n], noise_of(mean[:n], noise)))
+    return kept, middle[:n], Trimming(gain, slopes, spread[n:], after, measured)
 
 
 def _slopes(bench: PlanBench, tests: Sequence[PlanTest]) -> tuple[Floats, Floats]:

@@ -62,11 +62,11 @@ def diagnose(
 
     Sound parts within makers' tolerances, and parts with each fault at each size, are simulated at the tests of the
     plan. Probabilities over the faults and "sound" follow by Bayes' theorem. Where the results cannot tell, the next
-    test that would is named.
+    test that would is named. The answer depends on the model: one fitted to other data may name another fault.
 
     \b
     Examples:
-      commonrail diagnose cri2-16 examples/test-plan/plan.csv --stroke-rate 1000/min
+      commonrail diagnose cri2-16 examples/test-plan/results.csv --nominal
       commonrail diagnose runs/first results.csv --noise 2% --report diagnosis.html
     """
     from commonrail.cli.model_name import read_model_name
@@ -132,11 +132,12 @@ def trim(
     """Correct a part's energising time from a few tests.
 
     The corrections at the tests, in whole steps, are the part's code. Over the map follows what the code makes most
-    likely for parts within makers' tolerances; the spread of such parts is stated before and after.
+    likely for parts within makers' tolerances; what it leaves of their spread is estimated by a linear model. A result
+    far from sound parts is warned of, such as a fault's or a mistyped one.
 
     \b
     Examples:
-      commonrail trim cri2-16 examples/test-plan/results.csv --out corrections.csv
+      commonrail trim cri2-16 examples/test-plan/sound.csv --nominal --out corrections.csv
       commonrail trim runs/first results.csv --step 1us --rail-pressure 40:160:40MPa --energising-time 300,600,900us
     """
     from commonrail.cli.model_name import read_model_name
