@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import commonrail as cr
+from commonrail.engine.reference import simulate_reference
 from commonrail.physics.heating import heat_capacity, throttled
-from commonrail.plugins.heating.run import Heating
+from commonrail.plugins.heating.run import Heating, beside
 from tests.cli.conftest import Command
 
 POINT = cr.OperatingPoint(120e6, 500e-6)
@@ -113,6 +114,31 @@ def test_what_does_not_flow_has_no_temperature(cool: cr.Injector) -> None:
     assert np.isnan([nothing.jet, nothing.injected, nothing.sac]).all()
     assert nothing.returned > T
     assert nothing.record()["jet"] is None
+
+
+def test_without_a_flow_through_the_valve_there_is_no_effect_of_its_heat(cool: cr.Injector) -> None:
+    point = cr.OperatingPoint(40e6, 0.0)
+    closed = cr.heating(cool, point, cr.simulate(cool, point))
+    assert closed.returned > T
+    assert closed.effect is None
+
+
+def test_a_reference_solution_is_estimated_without_its_control_chamber(cool: cr.Injector) -> None:
+    """Of the temperatures that its channels give, each is that of a fast solution."""
+    point = cr.OperatingPoint(40e6, 20e-6, horizon=60e-6)
+    found = cr.heating(cool, point, simulate_reference(cool, point))
+    fast = cr.heating(cool, point, cr.simulate(cool, point))
+    assert (found.returned, found.leak_factor) == pytest.approx((fast.returned, fast.leak_factor))
+    assert np.isnan(found.control_chamber)
+    assert found.effect is None
+
+
+def test_a_failure_of_the_estimate_never_costs_the_simulation(cool: cr.Injector, solution: cr.Solution) -> None:
+    channels = {name: values for name, values in solution.channels.items() if name != "sac_pressure"}
+    shown = beside(cool, POINT, replace(solution, channels=channels), None)
+    assert shown.record == {"heating": None}
+    assert "not estimated" in shown.figures[0][1]
+    assert "sac_pressure" in shown.figures[0][1]
 
 
 def test_at_the_ends_of_the_fuels_range(cool: cr.Injector, solution: cr.Solution) -> None:

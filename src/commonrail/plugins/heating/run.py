@@ -11,6 +11,7 @@ import numpy as np
 from commonrail.base.arguments import Quantity, flag, instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Actuation
+from commonrail.base.errors import CommonrailError
 from commonrail.base.text import number, percent, pressure, signed
 from commonrail.cli.verbs.simulate import Beside
 from commonrail.engine.operating_point import OperatingPoint, values_at
@@ -53,7 +54,8 @@ class Heating:
     rail : float
         In the rail: that of the simulation, with adiabatic compression that behind the pump.
     control_chamber : float
-        Behind the Z-hole, mean of what leaves through the valve.
+        Behind the Z-hole, mean of what leaves through the valve; NaN too where the solution has no return pressure,
+        as of the reference engine.
     returned : float
         Behind valve and guides, at the return pressure.
     sac : float
@@ -69,7 +71,7 @@ class Heating:
     limits : tuple of str
         Where the fuel would boil, and which holes cavitate, in words.
     effect : Effect or None
-        None where it is not asked for, nothing is returned, or the control chamber is above the fuel's range.
+        None where it is not asked for, or the control chamber's temperature is not known or above the fuel's range.
     """
 
     rail: float
@@ -124,14 +126,14 @@ def heating(
     control = returned = factor = np.nan
     if injector.variant.actuation is not Actuation.DIRECT:
         low = point.at_start(point.return_pressure)
-        control, cavitation = _drain(c, solution, way)
+        control, cavitation = _drain(c, solution, way) if "return_pressure" in solution.channels else (np.nan, ())
         returned = way.at(low)
         factor = _leak_factor(injector.fuel, c.plunger_needle.guides, way, low)
         limits += cavitation + _boiling(injector.fuel, "returned fuel", returned, low, "return")
     rail, highest = float(way.temperatures[0]), injector.fuel.temperature_range[1]
     beyond = bool(np.nanmax([rail, injected, returned]) > highest)
     found = Heating(rail, control, returned, sac, jet, injected, factor, beyond, limits)
-    if not flag(effect, "effect") or np.isnan(returned) or np.fmax(control, rail) > highest:
+    if not flag(effect, "effect") or np.isnan(control) or max(control, rail) > highest:
         return found
     return replace(found, effect=_effect(injector, point, found, step))
 
@@ -231,7 +233,7 @@ def _effect(injector: Injector, point: OperatingPoint, found: Heating, step: flo
     """Changes by the heat, of three candidates of one batch."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
-    hot = start + float(np.nan_to_num(found.control_chamber - found.rail))
+    hot = start + found.control_chamber - found.rail
     leak = float(np.nan_to_num(found.leak_factor, nan=1.0))
     cold_film, hot_film = fuel.kinematic_viscosity(0.5 * (rail + low), np.array([start, hot])).tolist()
     lengths = np.array([injector.values[name] for name in _LENGTHS])
@@ -244,14 +246,18 @@ def _effect(injector: Injector, point: OperatingPoint, found: Heating, step: flo
 
 
 def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
-    """Figures and record beside a simulation; the figure says so where the fuel states no heat capacity.
+    """Figures and record beside a simulation; the figure says why where there is no estimate, whatever it fails by.
 
     `step`: time step [s] of the simulations that give the effect; None for none.
     """
     if injector.fuel.heat_capacity_law is None:
         text = f"not estimated: {injector.fuel.name} states no heat capacity (table [heat_capacity] of its file)"
         return Beside((("fuel temperatures", text),), {"heating": None})
-    found = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
+    try:
+        found = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
+    except Exception as error:  # an estimate beside a simulation never costs the simulation
+        text = f"not estimated: {error if isinstance(error, CommonrailError) else repr(error)}"
+        return Beside((("fuel temperatures", text),), {"heating": None})
     return Beside(tuple(_figures(found)), {"heating": found.record()})
 
 
