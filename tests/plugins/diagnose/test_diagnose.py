@@ -252,6 +252,7 @@ def test_sound_parts_scatter_as_the_table_says(injector: Injector, table: FaultT
 
 
 FAULT = '[[fault]]\nname = "f"\nmeaning = "m"\nchanges = [{{ name = "valve.lift", least = {}, most = {} }}]\n'
+CHANGE = '{ name = "valve.lift", least = "1 um", most = "5 um" }'
 LIFTED = FAULT.format('"10 %"', '"80 %"')
 TOLERANCE = '[[tolerance]]\nname = "valve.lift"\nsigma = "3 %"\n'
 
@@ -268,6 +269,11 @@ TOLERANCE = '[[tolerance]]\nname = "valve.lift"\nsigma = "3 %"\n'
         (FAULT.format('"5 %"', '"20 %"') * 2 + TOLERANCE, ('"f" is taken',)),
         (FAULT.format('"5 %"', '"20 %"') + TOLERANCE.replace("3 %", "60 %"), ("sigma", "50 %")),
         (FAULT.format('"5 %"', '"20 %"'), ("tolerance",)),
+        (LIFTED + TOLERANCE * 2, ("tolerance[2]", "valve.lift is there twice")),
+        (
+            LIFTED.replace("changes = [", "changes = [" + CHANGE + ", ") + TOLERANCE,
+            ("fault[1].changes[2]", "valve.lift is there twice"),
+        ),
     ],
 )
 def test_a_senseless_table_of_faults_is_refused(text: str, words: tuple[str, ...], tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from commonrail.base.text import quantity, signed
 from commonrail.calibration.study_file.keys import known_parameter
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import RETURN, unread_inputs, unread_parameters
+from commonrail.readers.location import Place
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, fault, read_model_file
 
 SEAT_LEAK = "valve.seat_leak"  # effective area through which the closed valve leaks [m²]; 0 of a sound part
@@ -166,6 +167,13 @@ class _FaultsModel(FileModel):
     tolerance: list[Annotated[_ToleranceModel, AfterValidator(_spread)]] = Field(min_length=1, max_length=200)
 
 
+def _refuse_twice(names: list[str], at: Place) -> None:
+    """Refuse a parameter that a list has twice."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise at[i].error(f"{name} is there twice; keep one of the two")
+
+
 @cache
 def shipped_faults() -> FaultTable:
     """Table that ships with the package."""
@@ -179,6 +187,8 @@ def load_faults(path: str | Path) -> FaultTable:
     for i, name in enumerate(names):
         if name in names[:i] or name == "sound":
             raise (at / "fault")[i].error(f'the name "{name}" is taken; give another')
+        _refuse_twice([change.name for change in model.fault[i].changes], (at / "fault")[i] / "changes")
+    _refuse_twice([item.name for item in model.tolerance], at / "tolerance")
     stated = Source(model.mark, UNSTATED.text)
     faults = tuple(
         Fault(m.name, m.meaning, tuple(c.change() for c in m.changes), m.origin(stated)) for m in model.fault
