@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -282,6 +283,17 @@ def test_a_senseless_table_of_faults_is_refused(text: str, words: tuple[str, ...
     with pytest.raises(CommonrailError) as caught:
         load_faults(file)
     assert all(word in str(caught.value) for word in ("faults.toml", *words)), str(caught.value)
+
+
+@pytest.mark.parametrize(("rate", "told"), [(None, 1), (RATE, 0)])
+def test_a_return_without_a_stroke_rate_is_told(
+    injector: Injector, table: FaultTable, rate: float | None, told: int
+) -> None:
+    without = replace(results(injector), tests=tuple(replace(t, stroke_rate=None) for t in results(injector).tests))
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        diagnosed(injector, without, table, stroke_rate=rate)
+    assert ["VL (return) lacks what the guides leak" in str(one.message) for one in notes] == [True] * told
 
 
 def test_a_plan_without_results_is_refused(injector: Injector) -> None:

@@ -35,6 +35,7 @@ from commonrail.plugins.diagnose.evidence import (
 )
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.plans.data import PlanData
+from commonrail.plugins.plans.page import without_rate
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, TestPlan, load_plan
 
 DRAWS = 64  # sound parts that are simulated with each size of each fault
@@ -275,6 +276,9 @@ def diagnose(
     step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
+    without = [t.name for t in data.tests if t.measure is Measure.RETURN and t.stroke_rate is None]
+    if without:
+        note(f"{data.name}: {without_rate([f'{name} (return)' for name in without])} State stroke_rate.")
     parts, centre = sound_parts(injector, known, count)
     bench = PlanBench(injector, data, step, thread_count(threads))
     found = responses(injector, parts, centre, visible_faults(injector, data, known), bench)
