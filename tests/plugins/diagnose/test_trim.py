@@ -15,7 +15,7 @@ from commonrail.base.errors import InputError
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.physics.injector import Injector
-from commonrail.plugins.diagnose.trim import trim
+from commonrail.plugins.diagnose.trim import _reasons, trim
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
 from commonrail.readers.injector.file import load_injector
 from tests.cli.conftest import Command
@@ -106,8 +106,27 @@ def test_what_cannot_be_trimmed_is_refused(injector: Injector, part: Injector) -
     short = replace(plan.tests[0], name="short", energisings=(Energising(0.0, 30e-6),))
     with pytest.raises(InputError, match="test short hardly rises"):
         trim(injector, replace(plan, tests=(*plan.tests, short)), threads=1)
-    with pytest.raises(InputError, match="no point of the map"):
+    with pytest.raises(InputError, match=r"No point of the map .* at 1 .* longer energising times"):
         trim(injector, plan, rail_pressures=[80e6], energising_times=[30e-6], threads=1)
+
+
+def test_points_that_cannot_be_trimmed_are_counted(injector: Injector, part: Injector) -> None:
+    with pytest.warns(RuntimeWarning, match=r"^1 of 2 points .* at 1 a sound part does not inject .* longer"):
+        found = trim(injector, results(part), rail_pressures=[80e6], energising_times=[30e-6, 600e-6], threads=1)
+    assert [point.energisings[0].duration for point in found.points] == [600e-6]
+
+
+def test_a_point_without_a_simulation_asks_for_no_longer_time() -> None:
+    text = _reasons(np.array([np.nan, 1.0, 0.0]), np.array([1e-8, 0.0, 1e-8]))
+    assert text.startswith("at 1 a sound part cannot be simulated (take shorter")
+    assert [f"at 1 {words}" in text for words in ("a sound part does not inject", "the nominal")] == [True, True]
+
+
+def test_a_correction_that_leaves_no_time_is_refused(injector: Injector, part: Injector) -> None:
+    plan = results(part)
+    wrong = replace(plan.tests[2], bench=10.0 * (plan.tests[2].bench or 0.0))
+    with pytest.raises(InputError, match=r"at VL the correction of −\d+ µs would leave no energising time"):
+        trim(injector, replace(plan, tests=(*plan.tests[:2], wrong)), threads=1)
 
 
 def test_the_verb_writes_corrections(command: Command, tmp_path: Path, part: Injector) -> None:

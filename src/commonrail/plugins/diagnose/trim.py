@@ -98,6 +98,16 @@ class PartTrim:
         """Classes in the order of the tests: VL −3, EM +1."""
         return ", ".join(f"{t.name} {int(c):+d}" for t, c in zip(self.data.tests, self.classes, strict=True))
 
+    def __post_init__(self) -> None:
+        """Refuse a correction that leaves no energising time."""
+        tests, added = (*self.data.tests, *self.points), (*(self.classes * self.step).tolist(), *self.corrections)
+        for test, correction in zip(tests, added, strict=True):
+            if correction + test.energisings[0].duration <= 0.0:
+                raise InputError(
+                    f"{self.data.name}: at {test.name} the correction of {signed(1e6 * correction, 0)} µs would leave "
+                    "no energising time; check the results in the column bench, or find the fault by diagnose."
+                )
+
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI units."""
         tests = [
@@ -227,7 +237,10 @@ def regression(
         )
     kept = [i for i in range(len(grid)) if good[n + i]]
     if not kept:
-        raise InputError("A sound part injects at no point of the map; take longer energising times.")
+        raise InputError(f"No point of the map can be trimmed: {_reasons(slopes[n:], middle[n:])}.")
+    if len(kept) < len(grid):
+        reasons = _reasons(slopes[n:], middle[n:])
+        note(f"{len(grid) - len(kept)} of {len(grid)} points of the map are left out: {reasons}.")
     use = [*range(n), *(n + i for i in kept)]
     parts, centre = sound_parts(injector, known, DRAWS)
     made = moments(parts, centre, bench.at([tests[i] for i in use])(parts))
@@ -242,6 +255,19 @@ def regression(
     after = np.asarray(np.sqrt(np.maximum(left, 0.0)) * slopes[n:])
     measured = np.asarray(np.hypot(spread[:n], noise_of(mean[:n], noise)))
     return kept, middle[:n], Trimming(gain, slopes, spread[n:], after, measured)
+
+
+def _reasons(slopes: Floats, middle: Floats) -> str:
+    """Why points cannot be trimmed, by nominal slopes and quantities (points,), with what helps."""
+    failed = ~np.isfinite(slopes + middle)
+    none = ~failed & (middle <= RESOLUTION)
+    flat = ~failed & ~none & (slopes <= LEAST_SLOPE)
+    words = {
+        "a sound part cannot be simulated (take shorter energising times or other pressures)": failed,
+        "a sound part does not inject (take longer energising times)": none,
+        "the nominal quantity hardly rises with the energising time": flat,
+    }
+    return listed([f"at {np.count_nonzero(which)} {text}" for text, which in words.items() if which.any()])
 
 
 def _slopes(bench: PlanBench, tests: Sequence[PlanTest]) -> tuple[Floats, Floats]:
