@@ -295,3 +295,12 @@ def test_the_mark_of_a_tile_is_that_of_its_own_figure(start: float, best: float,
     fit, unseen, *_ = tiles(record, found.levels)
     assert (fit.sign, unseen.sign) == (sign, "✓")
     assert (found.level == "bad") is (sign == "✗")
+
+
+def test_a_tile_without_a_figure_has_no_sign() -> None:
+    """A curve of zeros has no error in percent, however good the fit."""
+    record = rate_record()
+    for data in record["data"]:
+        data["J_relative"] = dict.fromkeys(data["J_relative"])
+    fit = tiles(record, {**verdict(record, "r").levels, "fit": "good"})[0]
+    assert (fit.head, fit.figure, fit.level, fit.sign) == ("fit", "– %", "", "")

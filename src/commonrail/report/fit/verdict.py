@@ -305,10 +305,12 @@ def _worst(points: Sequence[_Point]) -> str:
 
 
 def _own_level(level: str, view: View, data: Sequence[Record]) -> str:
-    """Level of a tile: that of the verdict, unless its own figure is worse.
+    """Level of a tile: that of the verdict, unless its own figure is worse; none where there is no figure.
 
     A fit is bad that misses `MISSED`, and none is good whose error is that of the start values, to a thousandth.
     """
+    if view.merit(data).figure.startswith(MISSING):
+        return ""
     errors = [[number(one.get(key)) for key in (JUDGED, "start")] for one in view.leading(data)[1]]
     known = [(best, start) for best, start in errors if best is not None and start is not None]
     if (view.missed(data) or 0.0) >= MISSED:
