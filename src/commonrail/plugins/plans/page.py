@@ -154,7 +154,8 @@ def plan_lines(record: Record) -> list[str]:
 
 def without_rate(names: Sequence[str]) -> str:
     """Sentence on returns without a stroke rate."""
-    return f"Without a stroke rate {listed(names)} lacks what the guides leak until the next stroke."
+    lack = "lacks" if len(names) == 1 else "lack"
+    return f"Without a stroke rate {listed(names)} {lack} what the guides leak until the next stroke."
 
 
 def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
