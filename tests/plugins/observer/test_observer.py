@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -18,10 +19,19 @@ from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.design import observer_design
 from commonrail.plugins.observer.file import LogColumns, Observation, read_log
-from commonrail.plugins.observer.page import observer_html, warning_lines
+from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
 from commonrail.plugins.observer.response import Simulator, cuts_of, figures_of
 from commonrail.plugins.observer.run import observe
-from commonrail.plugins.observer.study import DELAY, GAIN, OFFSET, ObserverSettings, ShotRecord, cut_log, states_of
+from commonrail.plugins.observer.study import (
+    DELAY,
+    GAIN,
+    OFFSET,
+    STATES,
+    ObserverSettings,
+    ShotRecord,
+    cut_log,
+    states_of,
+)
 from tests.cli.conftest import Command, check_made_again
 
 RATE, CYCLE = 50e3, 15e-3
@@ -170,7 +180,8 @@ def test_opening_and_closing_are_where_the_rate_crosses_its_level() -> None:
 def test_energisings_are_grouped_to_shots_and_what_is_not_whole_is_left_out() -> None:
     time = np.arange(0.0, 50e-3, 1e-5)
     pulses = tuple(Energising(a, 0.5e-3) for a in (1e-3, 10e-3, 11e-3, 30e-3, 48e-3))
-    shots = cut_log(time, time, pulses, ObserverSettings())
+    with pytest.warns(RuntimeWarning, match="^2 of 4 shots are not whole"):
+        shots = cut_log(time, time, pulses, ObserverSettings())
     assert [(shot.start, len(shot.energisings)) for shot in shots] == [(10e-3, 2), (30e-3, 1)]
     assert shots[0].energisings[1].start == pytest.approx(1e-3)
     assert shots[0].quiet.max() < 10e-3  # in this log the pressure is the time
@@ -188,6 +199,44 @@ def test_an_ideal_rail_and_an_uneven_log_are_refused(rigid: Injector, rigid_volu
         observe(rigid_volume, time, np.full_like(time, 1e8), [(19e-3, 5e-4)])
     with pytest.raises(ConfigurationError, match="nozzle flow"):
         ObserverSettings(deviations={"nozle flow": 0.1})
+
+
+@pytest.mark.parametrize(("start", "whole"), [(2e-3 - 0.4e-5, True), (2e-3 - 0.6e-5, False)])
+def test_half_a_sample_may_be_missing_before_the_first_shot(start: float, whole: bool) -> None:
+    time = np.arange(0.0, 20e-3, 1e-5)
+    assert bool(cut_log(time, time, (Energising(start, 0.5e-3),), ObserverSettings())) == whole
+
+
+def test_what_cannot_be_observed_is_refused_in_a_sentence(rigid_volume: Injector) -> None:
+    time = np.arange(0.0, 20e-3, 1e-5)
+    log = time, np.full_like(time, 1e8), [(5e-3, 5e-4)]
+    long, longer = ObserverSettings(averaged=1.1e-3), ObserverSettings(averaged=20e-3)
+    for settings in (long, longer, ObserverSettings(before=1e-6)):
+        with pytest.raises(ConfigurationError, match="two averaged samples"):
+            observe(rigid_volume, *log, settings)
+    with pytest.raises(ConfigurationError, match="two averaged samples"):
+        observer_design(rigid_volume, longer)
+    none = "drift state whose deviation is above zero"
+    with pytest.raises(ConfigurationError, match=none):
+        ObserverSettings(states=())
+    with pytest.raises(ConfigurationError, match=none):
+        ObserverSettings(deviations={state.name: 0.0 for state in STATES})
+    eddy = next(state for state in STATES if state.parameter == "solenoid.eddy_lag")
+    with pytest.raises(ConfigurationError, match="no drift state"):
+        states_of(rigid_volume.with_values({"solenoid.eddy_lag": 0.0}), ObserverSettings(states=(eddy,)))
+    with pytest.raises(ConfigurationError, match=r"at 0\.005 s lasts 1 ns"):
+        observe(rigid_volume, *log[:2], [(5e-3, 1e-9)])
+
+
+def test_a_log_without_an_injection_says_so(rigid_volume: Injector) -> None:
+    made = logged([rigid_volume] * 2, RAILS[:2], np.full(2, 20e-6))
+    found = observe(rigid_volume, made.time, made.pressure, made.energisings, threads=1)
+    record = found.record()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        observer_html(record)
+        (line,) = observer_lines(record)
+    assert "no injection follows from the 2 energisings" in line
 
 
 def written(folder: Path, log: Logged, command: bool = True) -> Path:
@@ -285,6 +334,7 @@ def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged)
     for wrong, words in (
         (("--model", "virtual-lino-2016"), "ideal rail"),
         (("--model", model, "--uncertain", "nozzle=3%"), "no such state"),
+        (("--model", model, *2 * ("--uncertain", "nozzle flow=3%")), "given twice"),
         (("--model", model, "--energisings", file, "--command", "I"), "keep one"),
     ):
         refused = command("observe", file, *wrong, *(options if "--energisings" not in wrong else options[:2]))
@@ -300,3 +350,5 @@ def test_a_design_is_worse_with_noise_and_better_where_the_sensor_is_known(rigid
         assert 0.0 < by_noise[0] < by_noise[-1]
     known = observer_design(rigid_volume, ObserverSettings(deviations={"sensor gain": 0.0, "fuel temperature": 0.0}))
     assert known[0].quantity < 0.9 * rows[0].quantity
+    fixed = observer_design(rigid_volume, ObserverSettings(deviations={"nozzle flow": 0.0}))
+    assert {row.nozzle_flow for row in fixed} == {0.0}

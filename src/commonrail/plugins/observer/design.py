@@ -59,6 +59,7 @@ def observer_design(injector: Injector, settings: ObserverSettings | None = None
     for rate in RATES:
         given = replace(settings, sensor="rail", states=states_of(injector, settings))
         time = np.arange(-round(given.before * rate), round((TIME + given.after) * rate)) / rate
+        many = given.averaged_samples(time)
         shot = ShotRecord(0.0, (Energising(0.0, TIME),), time, time, time)
         simulator = Simulator(injector, given)
         found = [simulator.at(shot, rail, np.zeros(len(given.states))) for rail in RAILS]
@@ -67,7 +68,7 @@ def observer_design(injector: Injector, settings: ObserverSettings | None = None
             raise SimulationError(f"{injector.name}: a shot of the design cannot be simulated.")
         at = simulator.averaged(time, time)
         for noise in NOISES:
-            accuracy = _accuracy(given, responses, at, noise / given.averaged_samples(time) ** 0.5)
+            accuracy = _accuracy(given, responses, at, noise / many**0.5)
             rows.append(DesignRow(rate, noise, *accuracy))
     return rows
 
@@ -82,9 +83,9 @@ def _accuracy(settings: ObserverSettings, responses: Sequence[Response], at: Flo
         assert done is not None
         belief = done.belief
         squares.append((done.deviations[:, 0] / [one.figures[0, 0], 1.0, 1.0]) ** 2)
-    flow = [state.name for state in settings.states].index("nozzle flow")
+    flow = [state.name == "nozzle flow" for state in settings.states]  # none where it is known
     found = np.sqrt(np.mean(squares[-len(responses) :], axis=0))
-    return [*found.tolist(), float(belief.covariance[flow, flow] ** 0.5)]
+    return [*found.tolist(), float(np.diag(belief.covariance)[flow].sum() ** 0.5)]
 
 
 def _same(response: Response, states: Floats) -> Response:

@@ -58,6 +58,11 @@ def observer_lines(record: Record) -> list[str]:
     """Sentences on the log as a whole."""
     rows = _injections(record)
     found = [row for row in rows if row["quantity"] is not None]
+    if found and not any((row["quantity_open_loop"] or 0.0) > 0.0 for row in found):
+        return [
+            f"By the model alone no injection follows from the {counted(len(rows), 'energising')} of the log, so that "
+            "the pressure moves no quantity; check energising times, command and pressure."
+        ]
     lines = [
         f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
         f"closing of {len(found)} follow from the pressure at the {_place(record)} and the command, by the model of "

@@ -15,6 +15,7 @@ from commonrail.base.arguments import array, function, instance, instances, thre
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import held_interrupts, note
+from commonrail.base.text import quantity
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
@@ -26,6 +27,7 @@ from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, chec
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
 SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
+SHORTEST = 1e-6  # energising time, the step of the simulations; no injector answers a shorter one [s]
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
 
 
@@ -107,6 +109,12 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
     for pulse, end in zip(pulses[1:], ends, strict=False):
         if pulse.start < end:
             raise ConfigurationError(f"The energising at {pulse.start:g} s begins before the one before it ends.")
+    for pulse in pulses:
+        if pulse.duration < SHORTEST:
+            raise ConfigurationError(
+                f"The energising at {pulse.start:g} s lasts {quantity(pulse.duration, 's', 3)}, less than "
+                f"{quantity(SHORTEST, 's', 3)}; check the unit of its duration."
+            )
 
 
 def with_discrepancy(disturbance: Disturbance, settings: ObserverSettings, at: Floats) -> Callable[[Response], Floats]:

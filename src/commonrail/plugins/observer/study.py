@@ -11,6 +11,8 @@ from commonrail.base.arguments import Limits, Quantity, amount, instances, mappi
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.hooks import note
+from commonrail.base.text import quantity
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
@@ -163,10 +165,22 @@ class ObserverSettings:
             deviation = amount(value, state.unit, f"deviation of {name}", Limits(0.0, 1e9))
             states[names.index(name)] = state._replace(deviation=deviation)
         settle(self, states=tuple(state for state in states if state.deviation > 0.0), deviations={})
+        if not self.states:
+            raise ConfigurationError("An observer needs a drift state whose deviation is above zero; leave some free.")
 
     def averaged_samples(self, time: Floats) -> int:
-        """Samples that are averaged to one of those at even times (samples,) [s]."""
-        return max(round(self.averaged / float(time[1] - time[0])), 1)
+        """Samples that are averaged to one of those at even times (samples,) [s].
+
+        `ConfigurationError` unless the time before a shot has two of the averaged ones, whose mean is that at rest.
+        """
+        interval = float(time[1] - time[0])
+        many = max(round(self.averaged / interval), 1)
+        if 2.0 * many * interval > self.before * (1.0 + 1e-6):
+            raise ConfigurationError(
+                f"The time before a shot, {quantity(self.before, 's', 3)}, is too short for two averaged samples of "
+                f"{quantity(many * interval, 's', 3)} each; give a longer `before`, or average over a shorter time."
+            )
+        return many
 
 
 def check_model(injector: Injector) -> None:
@@ -181,12 +195,15 @@ def check_model(injector: Injector) -> None:
 def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
     """States of which this injector has the parameter: its variant reads it, and it is not zero where it is scaled."""
     unread = unread_parameters(injector.variant)
-    return tuple(
+    found = tuple(
         state
         for state in settings.states
         if not state.parameter
         or (state.parameter not in unread and (state.power == 0.0 or injector.values[state.parameter] > 0.0))
     )
+    if not found:
+        raise ConfigurationError(f"{injector.name} reads the parameter of no drift state; leave others free.")
+    return found
 
 
 class ShotRecord(NamedTuple):
@@ -214,7 +231,7 @@ class ShotRecord(NamedTuple):
 def cut_log(
     time: Floats, pressure: Floats, energisings: tuple[Energising, ...], settings: ObserverSettings
 ) -> list[ShotRecord]:
-    """Shots of a log that are whole.
+    """Shots of a log that are whole, half a sample less at the beginning; a note tells how many are not.
 
     `time` (samples,): evenly spaced [s]; `pressure` (samples,): [Pa]; `energisings`: in order, in the time of the log.
     """
@@ -231,9 +248,15 @@ def cut_log(
         following = groups[i + 1][0].start if i + 1 < len(groups) else np.inf
         stop = min(end + settings.after, following - 50e-6)
         first, zero, last = np.searchsorted(time, [start - settings.before, start, stop])
-        if start - settings.before >= time[0] and stop <= time[-1]:
+        if start - settings.before >= time[0] - 0.5 * (time[1] - time[0]) and stop <= time[-1]:
             pulses = tuple(Energising(pulse.start - start, pulse.duration) for pulse in group)
             quiet = pressure[np.searchsorted(time, max(free, start - 2.0 * settings.before)) : zero]
             shots.append(ShotRecord(start, pulses, time[first:last] - start, pressure[first:last], quiet))
         free = stop
+    if 0 < len(shots) < len(groups):
+        before, after = (quantity(span, "s", 3) for span in (settings.before, settings.after))
+        note(
+            f"{len(groups) - len(shots)} of {len(groups)} shots are not whole in the log and have no figures: it needs "
+            f"the pressure from {before} before a shot to {after} behind it."
+        )
     return shots

@@ -120,7 +120,7 @@ def observe(
         return_pressure=back,
         noise=None if noise is None else parse(noise, "Pa", "--noise"),
         learning=learning,
-        deviations=dict(map(_deviation, uncertain)),
+        deviations=_deviations(uncertain),
     )
     if log is None:
         from commonrail.plugins.observer.design import design_table, observer_design
@@ -156,6 +156,15 @@ def observe(
     if record["status"] == "interrupted":
         say(f"commonrail: interrupted after {len(found.shots)} of {found.asked} shots.")
         raise SystemExit(INTERRUPTED)
+
+
+def _deviations(texts: tuple[str, ...]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for name, value in map(_deviation, texts):
+        if name in found:
+            raise InputError(f"--uncertain {name}: it is given twice; keep one of the two.")
+        found[name] = value
+    return found
 
 
 def _deviation(text: str) -> tuple[str, float]:
