@@ -80,7 +80,7 @@ def entries(problem: Problem) -> list[Entry]:
     return [
         Entry(PAPER, EvolutionSettings(generations=ENDLESS)),
         Entry("staged least squares", StagedSettings(generations=ENDLESS)),
-        Entry("staged least squares, ensembles", StagedSettings(generations=ENDLESS, inversions=12)),
+        Entry("Kalman ensembles, staged least squares", StagedSettings(generations=ENDLESS, inversions=12)),
         Entry("multi-start least squares, 8 starts", MultiStartSettings(128, ENDLESS, 8, wide)),
         Entry("multi-start least squares, 2 starts", MultiStartSettings(64, ENDLESS, 2, wide)),
     ]

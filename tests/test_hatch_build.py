@@ -103,7 +103,8 @@ def unpacked(tree: Path, tmp_path: Path) -> Path:
     """Source distribution as it is unpacked, with the metadata that were written into it."""
     archive = next(sources.SdistBuilder(str(tree)).build(directory=str(tmp_path / "source"), versions=["standard"]))
     with tarfile.open(archive) as packed:
-        packed.extractall(tmp_path, filter="data")
+        # Python 3.11.2 and 3.11.3 have no filters
+        packed.extractall(tmp_path, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))
     return tmp_path / Path(archive).name.removesuffix(".tar.gz")
 
 
