@@ -131,7 +131,7 @@ class Space:
         given = mapping(values, "values of the parameters", f'{{"{self.names[0]}": {self.reference[0]:g}}}')
         if missing := [name for name in self.names if name not in given]:
             raise ConfigurationError(
-                f"The values of the parameters have none for {missing[0]}; give one for each free parameter: "
+                f"The values of the parameters lack {missing[0]}; give one for each free parameter: "
                 f"{', '.join(self.names)}."
             )
         return np.array([number(given[p.name], p.unit, p.name) for p in self.parameters])

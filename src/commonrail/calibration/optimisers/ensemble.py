@@ -15,7 +15,7 @@ from commonrail.calibration.optimisers.least_squares import FeasibleSet
 FEWEST = 3  # members for each parameter and one: fewer span too few directions, which no step leaves
 # Residuals that all of them count as, for each parameter. Thousands of samples would contract an ensemble to a point in
 # one step, by the regression over its first spread alone: on a bench of nine parameters none of six ensembles then
-# came to the right place, with this six.
+# came to the right place, and all six with this number.
 COUNTED = 4
 
 

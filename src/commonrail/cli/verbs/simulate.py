@@ -219,7 +219,7 @@ _UNITS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N"}  # of a s
 
 
 class Beside(NamedTuple):
-    """What a plug-in estimates beside a simulation: figures with their texts, and its part of the record."""
+    """Estimate of a plug-in beside a simulation: figures with their texts, and its part of the record."""
 
     figures: tuple[tuple[str, str], ...] = ()
     record: Mapping[str, Any] = MappingProxyType({})

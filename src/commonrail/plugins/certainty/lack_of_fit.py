@@ -34,7 +34,6 @@ from commonrail.plugins.certainty.nuisance import with_uncertain_free
 # Slow drift of a record: what it explains of the residuals, and what it moves the estimates by.
 
 DRIFT, HALF_PERIODS = "drift", 3  # cosines of half a period to one and a half over the record
-MANY = 1e6  # degrees of freedom from which Student's t is a normal distribution
 LEAST_DRIFTING = 50  # samples, from which the asymptotic distribution is used; chosen
 
 
@@ -234,7 +233,7 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
     elif noise.power:
         whole = noise.whiten(noise.whole)
         off = abs(float(whole @ innovations)) / float(np.linalg.norm(whole)) / noise.density.deviation
-        if 2.0 * special.stdtr(min(block.noise.scatter_freedom, MANY), -off) < level:
+        if 2.0 * special.stdtr(block.noise.scatter_freedom, -off) < level:
             sentence = f"{block.name} is off as a whole by {off:.1f} times what shots and noise scatter by"
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
 

@@ -11,10 +11,8 @@ from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
-    CylinderPressure,
     DecimalSign,
     Json,
-    ReturnPressure,
     Settings,
     Threads,
     check_file,
@@ -24,6 +22,7 @@ from commonrail.cli.options import (
     refuse_return_pressure,
     with_overrides,
 )
+from commonrail.plugins.plans.verb import BenchCylinderPressure, BenchReturnPressure
 
 Model = Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")]
 Results = Annotated[Path, Argument(metavar="RESULTS.csv", help="Test plan with a column bench, as measured on a part.")]
@@ -49,8 +48,8 @@ def diagnose(
     stroke_rate: Annotated[
         str | None, Option(help="Stroke rate where the plan states none, e.g. 1000/min. [default: none]")
     ] = None,
-    cylinder_pressure: CylinderPressure = None,
-    return_pressure: ReturnPressure = None,
+    cylinder_pressure: BenchCylinderPressure = None,
+    return_pressure: BenchReturnPressure = None,
     decimal: DecimalSign = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),
@@ -120,8 +119,8 @@ def trim(
     noise: Noise = "1%",
     nominal: Nominal = False,
     faults: Faults = None,
-    cylinder_pressure: CylinderPressure = None,
-    return_pressure: ReturnPressure = None,
+    cylinder_pressure: BenchCylinderPressure = None,
+    return_pressure: BenchReturnPressure = None,
     decimal: DecimalSign = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),

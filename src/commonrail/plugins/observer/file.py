@@ -34,7 +34,7 @@ PAUSE = 50e-6  # shorter pauses of a current are its noise [s]
 
 
 class ObservedShot(NamedTuple):
-    """What is known of one shot; None where it could not be simulated.
+    """Figures of one shot; None where it could not be simulated.
 
     Attributes
     ----------

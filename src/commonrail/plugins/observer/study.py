@@ -1,4 +1,4 @@
-"""What an observer estimates and assumes: drift states with their priors, sensor, time windows."""
+"""States and assumptions of an observer: drift states with their priors, sensor, time windows."""
 
 from __future__ import annotations
 

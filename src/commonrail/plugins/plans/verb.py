@@ -22,6 +22,15 @@ from commonrail.cli.options import (
     with_overrides,
 )
 
+BenchCylinderPressure = Annotated[
+    str | None, Option(help="Pressure behind the nozzle. [default: that of the run's first data, else 0.5MPa]")
+]
+BenchReturnPressure = Annotated[
+    str | None,
+    Option(help="Pressure at the end of the return line. [default: that of the run's first data, else 0.1MPa]"),
+]
+"""Options whose defaults are `BENCH_PRESSURES`, of all verbs that judge by a test plan."""
+
 
 @verb
 def plan(
@@ -39,13 +48,8 @@ def plan(
         str | None,
         Option(help="Stroke rate where the plan states none, e.g. 1000/min; a return needs it. [default: none]"),
     ] = None,
-    cylinder_pressure: Annotated[
-        str | None, Option(help="Pressure behind the nozzle. [default: that of the run's first data, else 0.5MPa]")
-    ] = None,
-    return_pressure: Annotated[
-        str | None,
-        Option(help="Pressure at the end of the return line. [default: that of the run's first data, else 0.1MPa]"),
-    ] = None,
+    cylinder_pressure: BenchCylinderPressure = None,
+    return_pressure: BenchReturnPressure = None,
     decimal: DecimalSign = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),
