@@ -6,7 +6,6 @@ are measured with independent noise R. The evidence of a fault is
     p(y | fault) = ∫ t(y; m(s), C(s) + R) ds,    s uniform from 0, the least, to 1, the most,
 
 with Student's multivariate t: a covariance from few parts is not sure (Gelman et al., Bayesian Data Analysis, 3.6),
-
 and Bayes' theorem gives the probabilities from those before the measurement (Jaynes, Probability Theory, chapter 4).
 """
 

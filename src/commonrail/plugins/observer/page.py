@@ -26,6 +26,8 @@ MOVED, OFTEN = 0.3, 0.1  # change of a quantity by the pressure that asks for a 
 FAR = 4.0  # standard deviations before the first shot beyond which a state is doubted; chosen
 LEARNT = 0.8  # share of its first standard deviation below which a state counts as learnt from the pressure; chosen
 CONSISTENT = (0.5, 2.0)  # medians of the consistency within which the stated deviations can be believed; chosen
+# What the deviations are worth, `tools/observer_trial.py` and docs/howto/observer.md.
+HELD = "In a trial on virtual injectors intervals of 95 % by these deviations held 88 % of the quantities."
 TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distribution
 
 
@@ -79,7 +81,7 @@ def observer_lines(record: Record) -> list[str]:
         moved = 100.0 * np.nanmedian(_moved(found))
         lines.append(
             f"Median standard deviation of a quantity {_deviation(found)}; the pressure moved the model's quantities "
-            f"by {fixed(moved, 1)} % (median)."
+            f"by {fixed(moved, 1)} % (median). {HELD}"
         )
     return lines
 
