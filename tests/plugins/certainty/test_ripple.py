@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.estimate import CLOSE, Estimate, _level, estimate, estimate_at
+from commonrail.plugins.certainty.estimate import Estimate, _level, estimate, estimate_at
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.profile import MOST_RATIO, ripple_of
@@ -90,8 +90,37 @@ def test_starts_that_a_ripple_catches_lead_to_the_top_of_the_smooth_likelihood()
         caught, found = estimate(own, starts), estimate(own, starts, level=True)
         settled += found.settled - caught.settled
         if found.settled:
-            assert smooth.apart(found.unit) < CLOSE
-    assert settled >= 4
+            assert found.apart(smooth.unit) < 1.5  # of its own standard errors, of which their distance is a part
+    assert settled >= 7
+
+
+@pytest.mark.parametrize(("distance", "agree"), [(2.0, True), (4.0, False)])
+def test_the_distance_of_the_best_place_from_where_starts_meet_is_in_the_interval(distance: float, agree: bool) -> None:
+    """A likelihood with a well, far narrower than the interval and lower than all else, beside its smooth top."""
+    plain = likelihood([curve(1)], [design()], [STATED])
+    smooth = fitted(plain)
+    error = half_width(smooth) / 1.96
+    best = smooth.point + np.array([0.0, 0.0, distance * error])
+    best[:2] += np.linalg.lstsq(design()[:, :2], design()[:, 2])[0] * -distance * error  # along the least rise
+    across = np.random.default_rng(2).standard_normal(N)
+    across -= design() @ np.linalg.lstsq(design(), across)[0]
+    across -= smooth.errors * (smooth.errors @ across) / (smooth.errors @ smooth.errors)
+    across *= 0.2 * (distance**2 + 5.0) ** 0.5 / np.linalg.norm(across)
+
+    def rippled(points: Floats) -> Floats:
+        well = np.exp(-0.5 * np.square((points[:, 2] - best[2]) / (0.1 * error)))
+        return plain.residuals(points) + (1.0 - well)[:, None] * across
+
+    own = Likelihood(plain.space, plain.blocks, rippled).with_noises(smooth.likelihood.noises)
+    unit = own.space.to_unit(best)
+    there = estimate_at(own, unit, own.residuals(best[None])[0], smooth.slopes)
+    assert there.cost < own.block_costs(own.whiten(rippled(smooth.point[None])))[0] - 4.0
+    spread = np.sqrt(np.diag(smooth.covariance.total))
+    ends = smooth.unit + spread * np.random.default_rng(4).uniform(-3.0, 3.0, (6, 3))
+    found = _level(replace(there, starts=6, agreeing=1, ends=ends))
+    assert found.settled == agree
+    if agree:
+        assert half_width(found) == pytest.approx(np.hypot(1.0, distance) * half_width(smooth), rel=0.1)
 
 
 @pytest.mark.parametrize(("distance", "agree"), [(10.0, True), (40.0, False)])

@@ -156,10 +156,13 @@ LEAST_FALL = 5e-3  # of −2 ln L in a step of the last ascent
 SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
 NEAR = 15  # steps of one under noise that the last one's end showed
 # Ends of a search that do not agree go on by steps of the best one's linear model, whose derivatives over the interval
-# see no ripple. A smooth likelihood falls by `AGREED` where one parameter is `CLOSE` standard errors off.
+# see no ripple. A smooth likelihood falls by `AGREED` where one parameter is `CLOSE` standard errors off. Where they
+# meet may be up to `BESIDE` standard errors from the best one, which a ripple of some units of 2 ln L made the best:
+# their distance is part of the covariance, and what it leaves pinned is pinned at both places.
 # From farther than `FARTHEST` standard errors that model leads anywhere to one place, a wrong one too; ends of searches
 # of nine parameters about the right top lay up to 18 away (`tools/walk_bench.py`).
 LEVEL_STEPS, LEVEL_MOVES, CLOSE, FARTHEST = 8, 3, AGREED**0.5, 20.0
+BESIDE = REACH
 NEARBY, DISTANCE = 4, 2.0  # starts about the end of a single ascent, and their distance in standard errors
 CLOSEST = 40  # members of a library that are compared as starts
 # Members of an ensemble, or more where there are many parameters, and its steps: of nine parameters of a map and six
@@ -373,8 +376,8 @@ def _level(found: Estimate) -> Estimate:
         moved = estimate_at(own, unit[best], errors[best], found.slopes)
         moved = with_outliers(_over_intervals(moved))
         found = replace(moved, starts=found.starts, agreeing=found.agreeing, ends=found.ends)
-    close = np.asarray(found.apart(unit) <= CLOSE)
-    many = int(np.count_nonzero(close))
+    close = np.asarray(found.apart(unit, middle) <= CLOSE)
+    many = int(np.count_nonzero(close)) if found.apart(middle) <= BESIDE else 0
     # at a bound the other parameters take what the data ask for beyond it, all starts alike: with a valve lift fixed
     # 20 % wrong, four were pinned to wrong values that way
     if FeasibleSet.of(own.space).active(found.unit, near=1e-3).any():
