@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.stats import chi2
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
@@ -155,14 +156,12 @@ AGREEING = 0.2  # of the logarithm of a variance between two turns, at which the
 LEAST_FALL = 5e-3  # of −2 ln L in a step of the last ascent
 SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
 NEAR = 15  # steps of one under noise that the last one's end showed
-# Ends of a search that do not agree go on by steps of the best one's linear model, whose derivatives over the interval
-# see no ripple. A smooth likelihood falls by `AGREED` where one parameter is `CLOSE` standard errors off. Where they
-# meet may be up to `BESIDE` standard errors from the best one, which a ripple of some units of 2 ln L made the best:
-# their distance is part of the covariance, and what it leaves pinned is pinned at both places.
-# From farther than `FARTHEST` standard errors that model leads anywhere to one place, a wrong one too; ends of searches
-# of nine parameters about the right top lay up to 18 away (`tools/walk_bench.py`).
-LEVEL_STEPS, LEVEL_MOVES, CLOSE, FARTHEST = 8, 3, AGREED**0.5, 20.0
-BESIDE = REACH
+# A likelihood that ripples has many tops, of which some units of 2 ln L, an accident of the noise, make one the best.
+# Tops whose 2 ln L lies within the joint region of the best one's are as likely as it is: three of them are agreement,
+# and each must be inside the intervals. An interval of 95 % ends where 2 ln L has fallen by `SEEN`; a top that is
+# lower than that says, by a parabola, where it ends at least.
+JOINT, SEEN = 0.95, 3.84
+CLOSE = AGREED**0.5  # standard errors one parameter is off where a smooth likelihood has fallen by `AGREED`
 NEARBY, DISTANCE = 4, 2.0  # starts about the end of a single ascent, and their distance in standard errors
 CLOSEST = 40  # members of a library that are compared as starts
 # Members of an ensemble, or more where there are many parameters, and its steps: of nine parameters of a map and six
@@ -186,8 +185,8 @@ class Estimate:
         Floats  # (k, n), second changes, halved, for one standard deviation of each, the values moving with it
     )
     covariance: Covariance
-    # starts of the search, and how many of them ended within 0.5 of the largest 2 ln L, or beyond the ripple within
-    # `CLOSE` standard errors of every parameter
+    # starts of the search, and how many of them ended within 0.5 of the largest 2 ln L, or beyond the ripple within the
+    # joint region of the best one's
     starts: int
     agreeing: int
     gain: float  # fall of the cost that the last linear model still promises; zero where its step, tried, brings none
@@ -339,7 +338,7 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS, le
         if last == 0 and len(starts) > 1 and _heavier(likelihood, own):
             near, agreeing = _again(own, near, starts, turns)
     found = replace(_at_top(own, near), starts=len(starts), agreeing=agreeing, ends=ends.unit)
-    if level and not found.settled:
+    if level and (len(starts) > 1 or not found.settled):
         found = _level(found)
     covariance, refitted = with_refits(found.covariance, own, found.unit)
     simulated += own.simulated + refitted + likelihood.simulated - before
@@ -353,10 +352,10 @@ def _at_top(own: Likelihood, near: Ascent) -> Estimate:
 
 
 def _level(found: Estimate) -> Estimate:
-    """The estimate at the top that a likelihood without its ripple has, and how many ends of the search lead there.
+    """The estimate with what the ripple of its likelihood leaves open, and how many ends of the search it joins.
 
-    For a single start, points about its end are taken. The scatter of the ends that agree, which is what the ripple
-    leaves open, is part of the covariance.
+    All ends ascend under its noise; for a single one, points about it do. Those that the data cannot tell from the best
+    one by their cost lie inside the intervals, and if there are enough, the search has settled.
     """
     own, ends = found.likelihood, found.ends
     single = len(ends) == 1
@@ -364,44 +363,25 @@ def _level(found: Estimate) -> Estimate:
         draws = np.random.default_rng(0).normal(size=(NEARBY, len(found.unit)))
         ends = found.unit + DISTANCE * draws @ found.covariance.root.T
     unit = FeasibleSet.of(own.space).within(np.tile(found.unit, (len(ends), 1)), ends)
-    unit = unit[found.apart(unit) <= FARTHEST]
-    if len(unit) < min(LEAST_AGREEING, len(ends)):
-        return found
-    for _ in range(LEVEL_MOVES):
-        unit, errors, costs = _stepped_on(found, unit)
-        middle = np.median(unit, axis=0)
-        best = int(np.argmin(np.where(found.apart(unit, middle) <= CLOSE, costs, np.inf)))
-        if found.apart(middle) <= CLOSE or not costs[best] < found.cost + AGREED:
-            break
-        moved = estimate_at(own, unit[best], errors[best], found.slopes)
-        moved = with_outliers(_over_intervals(moved))
-        found = replace(moved, starts=found.starts, agreeing=found.agreeing, ends=found.ends)
-    close = np.asarray(found.apart(unit, middle) <= CLOSE)
-    many = int(np.count_nonzero(close)) if found.apart(middle) <= BESIDE else 0
+    tops = climb(own, unit, turns=NEAR, tolerance=0.1)
+    if tops.best.cost[0] < found.cost - AGREED:
+        found = replace(_at_top(own, tops.best), starts=found.starts, agreeing=found.agreeing, ends=found.ends)
     # at a bound the other parameters take what the data ask for beyond it, all starts alike: with a valve lift fixed
     # 20 % wrong, four were pinned to wrong values that way
     if FeasibleSet.of(own.space).active(found.unit, near=1e-3).any():
         return found
+    rise = np.maximum(tops.cost - found.cost, 0.0)
+    same = rise < chi2.ppf(JOINT, len(found.unit))
+    many = int(np.count_nonzero(same))
+    reach = (tops.unit[same] - found.unit) / np.sqrt(np.maximum(rise[same], SEEN))[:, None]
+    longest = np.abs(reach).max(axis=0, initial=0.0)
+    together = np.sqrt(np.sum(reach**2, axis=0))
+    found = found.with_errors(reach * longest / np.where(together > 0.0, together, 1.0))
+    if found.settled:
+        return found
     if many < min(LEAST_AGREEING, len(ends)):
         return found if single else replace(found, agreeing=max(many, 1))
-    found = found.with_errors((unit[close] - found.unit) / many**0.5)
     return replace(found, gain=0.0, agreeing=1 if single else many, beyond_ripple=True)
-
-
-def _stepped_on(found: Estimate, unit: Floats) -> tuple[Floats, Floats, Floats]:
-    """Positions (k, d) after steps of an estimate's linear model, residuals (k, n) and costs (k,) there."""
-    own, feasible, unit = found.likelihood, FeasibleSet.of(found.likelihood.space), unit.copy()
-    for turn in range(LEVEL_STEPS + 1):
-        points = own.space.from_unit(unit)
-        errors = own.residuals(points)
-        sound = np.asarray(np.isfinite(errors).all(axis=1))
-        if turn == LEVEL_STEPS or not sound.any():
-            break
-        for k in np.flatnonzero(sound):
-            step, _ = _promised(own, unit[k], found.slopes, errors[k], found.covariance)
-            unit[k] = feasible.within(unit[k : k + 1], unit[k : k + 1] + step)[0]
-    costs = own.block_costs(own.whiten(np.where(sound[:, None], errors, 0.0))).sum(axis=1) + own.priors.costs(points)
-    return unit, errors, np.where(sound, costs, np.inf)
 
 
 def _heavier(likelihood: Likelihood, own: Likelihood) -> bool:

@@ -302,4 +302,6 @@ def _added(found: Estimate) -> list[str]:
         parts.append("uncertain quantities added")
     if any(block.noise.discrepancy for block in found.likelihood.blocks):
         parts.append("discrepancy added")
+    if found.starts > 1:
+        parts.append("other tops of the search added")
     return parts
