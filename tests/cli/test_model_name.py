@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -48,9 +49,11 @@ def test_a_file_is_taken_as_it_is_called(
     assert (model.label, model.injector.variant.body) == ("L", Body.RIGID)
 
 
-def test_a_part_number_leads_to_the_injector_whose_file_states_it() -> None:
+@pytest.mark.parametrize("reader", [read_model_name, load_injector])
+@pytest.mark.parametrize("number", ["0445110343", "0 445 110 343"])
+def test_a_part_number_leads_to_the_injector_whose_file_states_it(reader: Callable[[str], object], number: str) -> None:
     with pytest.raises(InputError, match=r"did you mean cri2-0, "):
-        read_model_name("0445110343")
+        reader(number)
 
 
 def test_a_run_folder_gives_its_calibrated_injector(injector_file: Edit, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ the disk. Of several parts of one name the shipped one is used, else that of the
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -257,10 +258,15 @@ class Catalogue(NamedTuple):
             return (resources.files(self.package) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
         if found := installed_text(self.group, name):
             return found
-        known = self.names()
-        raise InputError(
-            f"{self.unknown.format(name)}{hint or nearest(name, known)}: choose one of {', '.join(known)}{self.cure}."
-        )
+        choice = f"choose one of {', '.join(self.names())}{self.cure}."
+        raise InputError(f"{self.unknown.format(name)}{hint or self.meant(name)}: {choice}")
+
+    def meant(self, name: str) -> str:
+        """The nearest name, or of a part number, as 0 445 110 191, the names of the files that state it."""
+        number = name.replace(" ", "")
+        if re.fullmatch(r"\d{6,}", number) and (named := [n for n in self.names() if number in self.text(n)]):
+            return f" (did you mean {' or '.join(named)}, whose file names this part?)"
+        return nearest(name, self.names())
 
 
 def installed_text(group: str, name: str) -> str | None:

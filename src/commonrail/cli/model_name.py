@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
-from commonrail.base.text import listed
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
 from commonrail.readers.injector.file import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
@@ -137,10 +135,9 @@ def _injector(source: str) -> Injector:
     if in_catalogue(source) or source.endswith(".toml"):
         return load_injector(source)
     if not _exists(source):
-        known = injector_catalogue()
         raise InputError(
-            f"{source}: there is no such file, run folder or injector of the catalogue{_meant(source, known)}; "
-            f"the catalogue has {', '.join(known)}."
+            f"{source}: there is no such file, run folder or injector of the catalogue{CATALOGUE.meant(source)}; "
+            f"the catalogue has {', '.join(injector_catalogue())}."
         )
     if not path.is_dir():
         return load_injector(path)
@@ -152,13 +149,6 @@ def _injector(source: str) -> Injector:
             "name of the catalogue."
         )
     return load_injector(path / CALIBRATED)
-
-
-def _meant(source: str, known: Sequence[str]) -> str:
-    """The nearest name, or of a part number the injectors whose titles or sources state it."""
-    if re.fullmatch(r"\d{6,}", source) and (named := [n for n in known if source in CATALOGUE.text(n)]):
-        return f" (did you mean {listed(named)}, whose file names this part?)"
-    return nearest(source, known)
 
 
 def _meters(source: str) -> tuple[Meter, ...]:
