@@ -108,6 +108,7 @@ def test_a_sheet_has_its_header_below_other_texts(tmp_path: Path, units: str) ->
         sheet.append([3 * i, i + 0.5])
     book.save(tmp_path / "a.xlsx")
     check(read_columns(tmp_path / "a.xlsx", WANTED))
+    assert read_columns(tmp_path / "a.xlsx", WANTED).comments == ("Injector 17",)
     with pytest.raises(InputError, match='there is no sheet "run 3"'):
         read_columns(tmp_path / "a.xlsx", WANTED, form=FileForm(sheet="run 3"))
     sheet.append([20, "n/a"])

@@ -261,7 +261,9 @@ class GridSheet:
                 texts[column.name] = [str(_at(row, i)) for row in self._texts]
         given = {column.name: self._units[i] for column, i in zip(columns, places, strict=True)}
         found = {name: np.array(values, np.float64) for name, values in numbers.items()}
-        return Table(self.path, found, texts, given, np.array(lines, np.intp), row="row")
+        above = (cell for row in self._grid.rows[: self._header] for cell in row if isinstance(cell, str) and cell)
+        comments = (*self._grid.comments, *above)
+        return Table(self.path, found, texts, given, np.array(lines, np.intp), comments, row="row")
 
     def _number(self, cell: str | float, column: Column, line: int) -> float:
         if isinstance(cell, float):

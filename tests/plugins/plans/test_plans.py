@@ -341,3 +341,11 @@ def test_a_study_tells_of_a_return_without_a_stroke_rate(
         warnings.simplefilter("always")
         Sample(keys, plan_table, 4).read(PlanData, regulated, tmp_path, np.full(4, 5e-8))
     assert ["test 3 (return)" in str(one.message) for one in notes] == [True] * told
+
+
+def test_a_synthetic_mark_above_the_head_of_a_workbook_is_carried_on(tmp_path: Path) -> None:
+    book = pytest.importorskip("openpyxl", reason="the extra excel is not installed").Workbook()
+    for row in (["Synthetisch: simuliert"], [*HEAD.split(","), "upper_limit [mm3]"], ["VL", 160, 700, 57]):
+        book.active.append(row)
+    book.save(tmp_path / "plan.xlsx")
+    assert load_plan(tmp_path / "plan.xlsx").synthetic == "Synthetisch: simuliert"
