@@ -2,6 +2,7 @@
 
     python -m tools.adapt_trial               # a hundred sound parts and five defective ones of a CRI2-16
     python -m tools.adapt_trial --sound 20
+    python -m tools.adapt_trial --sound 0 --z-hole 10   # and twenty parts whose Z-hole is 4 % too small or too large
 
 The type has the values of the catalogue and, as spreads, tolerances such as makers keep: those that `cases/tolerance`
 and `cases/family` assume, and estimates for the coil and the needle's seat. A part is drawn from them, simulated at
@@ -21,11 +22,12 @@ import numpy as np
 import commonrail as cr
 
 INJECTOR = "cri2-16"
+Z_HOLE = "control_chamber.z_hole_diameter"
 # Standard deviations between sound parts, as shares of the value.
 TOLERANCES = {
     "nozzle.discharge_maximum": 0.005,
     "control_chamber.a_hole_diameter": 0.008,
-    "control_chamber.z_hole_diameter": 0.008,
+    Z_HOLE: 0.008,
     "plunger_needle.plunger_diameter": 0.0005,
     "plunger_needle.spring_preload": 0.025,
     "needle_seat.diameter": 0.004,
@@ -89,7 +91,9 @@ def main() -> None:
     """Print what is doubted."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sound", type=int, default=100, help="number of sound parts")
-    count = parser.parse_args().sound
+    parser.add_argument("--z-hole", type=int, default=0, help="parts with a Z-hole 4 %% too small, and too large")
+    args = parser.parse_args()
+    count = args.sound
     injector = cr.load_injector(INJECTOR)
     known = type_of(replace(injector, sources=injector.sources | {"valve.lift": cr.Source("E", "not gauged")}))
     doubted, missed = 0, []
@@ -103,6 +107,10 @@ def main() -> None:
         sentences, change = verdict(known, 1000 + i, defect)
         missed += [] if sentences else [name]
         print(f"{name}: {'; '.join(sentences) or 'NO DOUBT'} [{change}]", flush=True)
+    for off in (0.96, 1.04):
+        parts = [verdict(known, 2000 + i, {Z_HOLE: off}) for i in range(args.z_hole)]
+        if parts:
+            print(f"Z-hole {off - 1.0:+.0%}: {sum(bool(found) for found, _ in parts)} of {len(parts)} are doubted")
     sys.exit(bool(missed) or doubted > 0.05 * count)
 
 

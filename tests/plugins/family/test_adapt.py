@@ -138,6 +138,18 @@ def test_a_part_that_no_scatter_of_the_type_explains_is_doubted() -> None:
     assert float(value) == pytest.approx(0.8e6 * lift, rel=0.02)
 
 
+def test_a_valve_that_sticks_at_half_lift_is_named_where_the_part_stays_shut() -> None:
+    lift = INJECTOR.values["valve.lift"]
+    known = replace(small_type(), fixed=(cr.FixedValue("valve.lift", lift, "E", "estimate"),))
+    points = injected(INJECTOR.with_values({"valve.lift": 0.5 * lift}), (80.0, 700.0), (160.0, 400.0), (160.0, 1000.0))
+    assert points.quantity[1] == 0.0
+    with pytest.raises(cr.InputError, match=r"nothing is measured at 160 MPa and 400 µs.*valve\.lift .* \(−50 %\)"):
+        cr.adapt(known, points)
+    with pytest.raises(cr.InputError, match="nothing is measured at 80 MPa") as refused:
+        cr.adapt(known, replace(points, quantity=np.zeros(3)))
+    assert "valve.lift" not in str(refused.value)  # whatever keeps a part shut explains it alike
+
+
 def test_one_quantity_beyond_the_band_is_doubted() -> None:
     """A flow factor meets any quantity: only the scatter of the type tells that 20 % more is no sound part."""
     sound, odd = (cr.adapt(small_type(), injected(with_flow(f), (160.0, 1000.0))) for f in (1.02, 1.2))

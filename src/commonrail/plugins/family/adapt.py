@@ -33,11 +33,13 @@ from commonrail.plugins.family.drawn import (
     FLOW,
     FLOW_SPREAD,
     Doubts,
+    at_point,
     doubts_of,
     flow_about_drawing,
     held_parameters,
     one_change,
     scattering,
+    stays_shut,
 )
 from commonrail.plugins.family.injector_type import InjectorType, load_type
 from commonrail.plugins.family.type import OF_PART
@@ -141,14 +143,16 @@ def adapt(
     found = calibrate(study, threads=threads, progress=progress)
     factor = (found.best[FLOW] / part.values[FLOW]) ** 2
     low, high = FACTORS
+    start, best = (np.asarray(found.scores[label][0].values) for label in ("start", "best"))
     if study.space.parameters[0].is_at_bound(found.best[FLOW]):
+        shut = stays_shut(points, start[None])
+        check = f"{shut}; take points with larger energising times" if shut else "check nozzle, units and pressures"
         raise InputError(
             f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
-            f"check nozzle, units and pressures{_or_change(one_change(known, part, points, threads, share))}."
+            f"{check}{_or_change(one_change(known, part, points, threads, share))}."
         )
-    _check_met(points, np.asarray(found.scores["best"][0].values))
+    _check_met(points, best)
     doubts = doubts_of(known, part, points, found, threads, share)
-    start, best = (np.asarray(found.scores[label][0].values) for label in ("start", "best"))
     return Adapted(_named(known, study, found, factor), factor, start, best, points, found, doubts)
 
 
@@ -168,11 +172,10 @@ def _check_met(points: QuantityData, best: Floats) -> None:
     """Refuse reference quantities that the adapted model does not come near: no flow factor can repair that."""
     for point, wanted, given in zip(points.points, points.quantity, best, strict=True):
         if not abs(given - wanted) <= max(FAR * wanted, ANYWAY):
-            duration = sum(pulse.duration for pulse in point.pulses)
-            at = f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} µs"
             raise InputError(
-                f"{points.name}: {wanted * 1e9:.3g} mm³ are measured at {at}, and the adapted type injects "
-                f"{given * 1e9:.3f} mm³; check units and pressures, or take a point with a larger energising time."
+                f"{points.name}: {wanted * 1e9:.3g} mm³ are measured at {at_point(point)}, and the adapted type "
+                f"injects {given * 1e9:.3f} mm³; check units and pressures, or take a point with a larger energising "
+                "time."
             )
 
 

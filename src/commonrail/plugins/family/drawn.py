@@ -142,7 +142,7 @@ def doubts_of(
     drawn = drawn_quantities(known, part, points.points, threads, flow_spread)
     random = np.random.default_rng(2)
     drawn = drawn + random.normal(size=drawn.shape) * np.nan_to_num(points.discrepancy(drawn))
-    low, high = np.quantile(drawn, BAND, axis=0)
+    low, high = np.quantile(np.maximum(drawn, 0.0), BAND, axis=0)
     pulls = {p.name: p.prior.residual(found.best[p.name]) for p in found.study.space.parameters if p.prior is not None}
     chi2, freedom, sentences = found.cost, int(np.count_nonzero(judged)) - (not pulls), []
     share = _share_as_far(drawn[:, judged], points.quantity[judged])
@@ -156,8 +156,27 @@ def doubts_of(
         far = [f"{name} by {pull:+.1f}" for name, pull in pulls.items() if abs(pull) > FAR]
         if far:
             sentences.append(f"standard deviations away from the type: {listed(far)}")
+    if shut := stays_shut(points, drawn):
+        sentences.append(shut)
     change = one_change(known, part, points, threads, flow_spread) if sentences else ""
     return Doubts(low, high, chi2, freedom, pulls, tuple(sentences), change)
+
+
+def stays_shut(points: QuantityData, injected: Floats) -> str:
+    """Words on the first point where nothing is measured and all parts (n, points) [m³] inject; empty without one."""
+    least, resolved = injected.min(axis=0), FAR * points.absolute
+    for i in np.flatnonzero(points.judged & (points.quantity <= resolved) & (least > 2.0 * resolved)).tolist():
+        return (
+            f"nothing is measured at {at_point(points.points[i])}, where the type injects at least "
+            f"{least[i] * 1e9:.3g} mm³"
+        )
+    return ""
+
+
+def at_point(point: OperatingPoint) -> str:
+    """Rail pressure and energising time in words."""
+    duration = sum(pulse.duration for pulse in point.pulses)
+    return f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} µs"
 
 
 def _share_as_far(drawn: Floats, measured: Floats) -> float:
@@ -179,9 +198,12 @@ def one_change(
     """The fault of a part, or the change of one value of the type, that explains reference quantities best, in words.
 
     Each is tried with all its sizes on parts drawn from the type (`plugins/diagnose/evidence.py`). Empty where none
-    explains them within the scatter of the type and the tolerance of the data, or a sound part is likelier. Those that
-    together have a probability of `TOLD` are named.
+    explains them within the scatter of the type and the tolerance of the data, or a sound part is likelier; also where
+    nothing is injected at any point, which all that keeps a part shut explains alike. Those that together have a
+    probability of `TOLD` are named.
     """
+    if not np.any(points.quantity[points.judged] > FAR * points.absolute):
+        return ""
     space = Space([flow_about_drawing(part, flow_spread), *scattering(known, part)])
     parts = Parts(tuple(space.names), sample_priors(space, space.dimension + PARTS, np.random.default_rng(3)))
     names = dict.fromkeys([FLOW, *(p.name for p in held_parameters(known, part)), *(v.name for v in known.fixed)])
