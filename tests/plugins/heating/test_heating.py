@@ -67,7 +67,7 @@ def test_the_jet_is_that_of_an_isentrope(cool: cr.Injector, solution: cr.Solutio
     state.update(
         coolprop.HmassP_INPUTS, enthalpy - share * (enthalpy - state.hmass()), float(point.initial_pressures()[1])
     )
-    steady = {"sac_pressure": rail, "discharge_coefficient": share**0.5}
+    steady = {"rail_pressure": rail, "sac_pressure": rail, "discharge_coefficient": share**0.5}
     channels = {**solution.channels, **{key: np.full_like(solution.time, value) for key, value in steady.items()}}
     warm = replace(cool.with_values({"fuel.temperature": start}), fuel=cr.load_fuel("n-dodecane"))
     found = cr.heating(warm, point, replace(solution, channels=channels), effect=False)
@@ -174,3 +174,11 @@ def test_a_fuel_without_heat_capacity_says_so(cool: cr.Injector, solution: cr.So
     said = beside(replace(cool, fuel=replace(cool.fuel, heat_capacity_law=None)), POINT, solution, None)
     assert "no heat capacity" in said.figures[0][1]
     assert said.record == {"heating": None}
+
+
+@pytest.mark.parametrize("other", [cr.OperatingPoint(119e6, 500e-6), cr.OperatingPoint(120e6, 600e-6)])
+def test_the_solution_of_another_point_is_refused(
+    cool: cr.Injector, solution: cr.Solution, other: cr.OperatingPoint
+) -> None:
+    with pytest.raises(cr.ConfigurationError, match="The solution is of another point"):
+        cr.heating(cool, other, solution, effect=False)

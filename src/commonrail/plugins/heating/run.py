@@ -11,8 +11,9 @@ import numpy as np
 from commonrail.base.arguments import Quantity, flag, instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Actuation
-from commonrail.base.errors import CommonrailError
+from commonrail.base.errors import CommonrailError, ConfigurationError
 from commonrail.base.text import number, percent, pressure, signed
+from commonrail.base.units import to_text
 from commonrail.cli.verbs.simulate import Beside
 from commonrail.engine.operating_point import OperatingPoint, values_at
 from commonrail.engine.plan import coefficients_at
@@ -114,11 +115,10 @@ def heating(
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or the fuel states no heat capacity.
+        If an argument is of another kind, the solution is one of another point, or the fuel states no heat capacity.
     """
     instance(injector, Injector, "injector")
-    instance(point, OperatingPoint, "point")
-    instance(solution, Solution, "solution")
+    _refuse_other(instance(point, OperatingPoint, "point"), instance(solution, Solution, "solution"))
     step = check_step(time_step)
     way = _way(injector, point)
     c = coefficients_at(injector, point, step)
@@ -136,6 +136,20 @@ def heating(
     if not flag(effect, "effect") or np.isnan(control) or max(control, rail) > highest:
         return found
     return replace(found, effect=_effect(injector, point, found, step))
+
+
+def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
+    """Refuse a solution whose length or rail pressure at rest is not that of the point."""
+    rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
+    for words, unit, own, found, slack in (
+        ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
+        ("rail pressure", "Pa", point.initial_pressures()[0], float(rail), 1e-6 * float(rail)),
+    ):
+        if abs(own - found) > slack:
+            raise ConfigurationError(
+                f"The solution is of another point: its {words} is {to_text(found, unit)}, and the point's "
+                f"{to_text(own, unit)}; give the point that was simulated."
+            )
 
 
 class _Way(NamedTuple):
