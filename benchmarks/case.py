@@ -15,7 +15,7 @@ from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.paper.run import measure
-from commonrail.readers.injector.file import (
+from commonrail.readers.injector import (
     load_injector,
 )
 

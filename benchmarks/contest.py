@@ -20,11 +20,11 @@ from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.search import goal_of, steps
 from commonrail.calibration.space import sample_feasible
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import of_role
-from commonrail.plugins.multistart.run import MultiStartSettings
+from commonrail.plugins.multistart import MultiStartSettings
 from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.bench_file import load_truth

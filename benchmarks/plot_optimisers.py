@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.contest import Trace
 from benchmarks.plot import STYLE
-from commonrail.report.draw.figure import FAMILIES
+from commonrail.report.figure import FAMILIES
 
 __all__ = ["draw_contest", "medians"]
 

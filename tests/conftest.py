@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, settings
 from commonrail.base.choices import Body, Boundary, Drive
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.workers.forked import forked
 
 # How long an example takes is the machine's business: no deadline, and nothing is called too slow.

@@ -33,7 +33,7 @@ from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.physics.model import Inputs, Setting, Waves
 from commonrail.physics.variants import EXTENDING, Variant, connections_of, wiring
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.dimensions import (
     UNIFORM,
     Law,

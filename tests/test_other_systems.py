@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.readers import guarded
 from commonrail.runs import lock
 from commonrail.runs.fit import calibrate_into

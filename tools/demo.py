@@ -70,7 +70,7 @@ def _prepare(out: Path) -> None:
 
 
 def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
-    from commonrail.calibration.study_file.file import load_study
+    from commonrail.calibration.study_file import load_study
 
     if case.name == "paper" and not any((case / "data").glob("*.csv")):
         from commonrail.plugins.paper.bench_file import write_bench_data

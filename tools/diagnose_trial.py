@@ -31,7 +31,7 @@ from commonrail.plugins.diagnose.faults import Fault, FaultTable, Parts, shipped
 from commonrail.plugins.diagnose.run import DRAWS, NOISE, SOUND, TOLD, PlanBench, sound_parts, visible_faults
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
-from commonrail.report.draw.figure import figure_svg
+from commonrail.report.figure import figure_svg
 
 INJECTOR, PRESSURES, RATE = "cri2-16", (0.5e6, 0.1e6), 1000.0 / 60.0
 # Name, rail pressure [MPa], energising time [us], measure: of the kinds of tests that workshops run.

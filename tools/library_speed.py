@@ -17,7 +17,7 @@ from typing import NamedTuple
 from commonrail.plugins.export.library import Library, write_library
 from commonrail.plugins.export.object_files import compiler_for, own_platform, target_named, vectors_of
 from commonrail.plugins.export.sources import named
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 MODEL = "virtual-lino-2016"
 STEPS = (0.25e-6, 0.5e-6, 1e-6, 1.5e-6, 2e-6)

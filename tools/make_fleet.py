@@ -23,7 +23,7 @@ from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import sampled_rates, simulate_batch
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector, parameter_quantities
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 Floats = NDArray[np.float64]
 

@@ -65,12 +65,12 @@ SYMBOLS = {
 # Files that users write: title, module and model of the whole file or of a block.
 MODELS = {
     "Study": [
-        ("calibration.study_file.keys", "StudyModel"),
-        ("calibration.study_file.keys", "ParameterModel"),
-        ("calibration.study_file.keys", "FixedModel"),
-        ("calibration.study_file.keys", "ConstraintsModel"),
-        ("calibration.study_file.keys", "ConditionModel"),
-        ("calibration.study_file.keys", "JudgementModel"),
+        ("calibration.study_keys", "StudyModel"),
+        ("calibration.study_keys", "ParameterModel"),
+        ("calibration.study_keys", "FixedModel"),
+        ("calibration.study_keys", "ConstraintsModel"),
+        ("calibration.study_keys", "ConditionModel"),
+        ("calibration.study_keys", "JudgementModel"),
         ("data.curves.samples", "RateModel"),
         ("data.curves.samples", "ShotsModel"),
         ("data.quantities.reading", "QuantitiesModel"),
@@ -80,7 +80,7 @@ MODELS = {
         ("plugins.features.targets_file", "TargetModel"),
         ("data.noise", "NoiseModel"),
     ],
-    "Injector": [("readers.injector.file", "_Head")],
+    "Injector": [("readers.injector", "_Head")],
     "Fuel": [("readers.fuel", "FuelModel")],
     "Type": [
         ("plugins.family.injector_type", "_TypeModel"),

@@ -28,7 +28,7 @@ from commonrail.plugins.paper.bench import Bench, Friction, Scatter, Sensor, Tru
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.paper.page import RESULT, verdicts
 from commonrail.plugins.paper.run import measure, search
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 Floats = NDArray[np.float64]
 Record = dict[str, Any]

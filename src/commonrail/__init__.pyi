@@ -36,8 +36,8 @@ from .calibration.study import LeaveOut as LeaveOut
 from .calibration.study import Method as Method
 from .calibration.study import Study as Study
 from .calibration.study import study as study
-from .calibration.study_file.file import load_meter as load_meter
-from .calibration.study_file.file import load_study as load_study
+from .calibration.study_file import load_meter as load_meter
+from .calibration.study_file import load_study as load_study
 from .data.base import Role as Role
 from .data.curves.data import RateData as RateData
 from .data.noise import Noise as Noise
@@ -63,8 +63,8 @@ from .physics.meters import Meter as Meter
 from .physics.variants import Variant as Variant
 from .plugins.certainty.file import Certainty as Certainty
 from .plugins.certainty.likelihood import Likelihood as Likelihood
-from .plugins.certainty.posterior.sample import Posterior as Posterior
-from .plugins.certainty.posterior.sample import sample_posterior as sample_posterior
+from .plugins.certainty.posterior import Posterior as Posterior
+from .plugins.certainty.posterior import sample_posterior as sample_posterior
 from .plugins.certainty.run import certify as certify
 from .plugins.compare.run import Comparison as Comparison
 from .plugins.compare.run import compare as compare
@@ -107,8 +107,8 @@ from .plugins.foreign_fmu.run import resume_fmu as resume_fmu
 from .plugins.foreign_fmu.study import FmuStudy as FmuStudy
 from .plugins.foreign_fmu.study import fmu_study as fmu_study
 from .plugins.foreign_fmu.study import load_fmu_study as load_fmu_study
-from .plugins.heating.run import Heating as Heating
-from .plugins.heating.run import heating as heating
+from .plugins.heating import Heating as Heating
+from .plugins.heating import heating as heating
 from .plugins.maps.axes import MapAxes as MapAxes
 from .plugins.maps.choices import Beyond as Beyond
 from .plugins.maps.choices import CellState as CellState
@@ -165,10 +165,10 @@ from .plugins.tolerance.study import Triangular as Triangular
 from .plugins.tolerance.study import Trim as Trim
 from .plugins.tolerance.study import Uniform as Uniform
 from .readers.fuel import load_fuel as load_fuel
-from .readers.injector.file import injector_catalogue as injector_catalogue
-from .readers.injector.file import load_injector as load_injector
-from .readers.injector.file import load_meters as load_meters
-from .readers.injector.writer import dump_injector as dump_injector
+from .readers.injector import injector_catalogue as injector_catalogue
+from .readers.injector import load_injector as load_injector
+from .readers.injector import load_meters as load_meters
+from .readers.injector_writer import dump_injector as dump_injector
 from .report.page import write_report as write_report
 from .report.simulation import simulation_figure as simulation_figure
 from .runs.fit import calibrate_into as calibrate_into

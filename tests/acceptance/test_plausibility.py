@@ -17,10 +17,10 @@ import pytest
 
 from commonrail.calibration.run import calibrate, check_study
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.new.study import write_new
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import dump_injector
 from tests.cli.conftest import run_command
 from tests.report.test_build import Page
 

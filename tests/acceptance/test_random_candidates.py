@@ -15,7 +15,7 @@ from commonrail.engine.status import Status
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.physics.law import Domain
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 BATCH = 1000
 RAILS = (1e6, 250e6)  # [Pa]

@@ -40,7 +40,7 @@ ALLOWED = {
     "runs/listing.py": "SQLite, a lock beside a journal that was read",
     "plugins/formats/parquet_child.py": "pyarrow on bytes of `read_plain`",
     "readers/guarded.py": "NumPy on what its child process has written, and the child's standard output",
-    "plugins/certainty/posterior/file.py": "NumPy on a stream of `opened`",
+    "plugins/certainty/posterior_file.py": "NumPy on a stream of `opened`",
     "report/page.py": "NumPy on a stream of `opened`",
     "plugins/export/fmu.py": "what it has just written into a temporary folder of its own",
     "plugins/export/sources.py": "files of the installed package",

@@ -14,8 +14,8 @@ from commonrail.base.errors import InputError, OutputError
 from commonrail.base.input import SUMS, check_sum
 from commonrail.base.output import summed
 from commonrail.cli.model_name import read_model_name
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.runs.folder import read_record, read_run, write_record
 from commonrail.runs.traces import write_traces
 

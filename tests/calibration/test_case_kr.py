@@ -11,11 +11,11 @@ import pytest
 
 from commonrail.base.choices import Actuation, Drive
 from commonrail.base.errors import InputError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
 from commonrail.physics.meters import LowPass
-from commonrail.readers.injector.file import load_injector, load_meters
+from commonrail.readers.injector import load_injector, load_meters
 
 CASE = Path(__file__).resolve().parents[2] / "cases" / "kr"
 TRACES = CASE / "data" / "kr_ET1000us.csv"

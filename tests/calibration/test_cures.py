@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import CommonrailError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.new.study import write_new
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from commonrail.report.page import write_report
 
 STUDY, INJECTOR, DATA = "study.toml", "injector.toml", "data/evi.csv"

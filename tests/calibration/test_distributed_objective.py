@@ -15,7 +15,7 @@ from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration import distributed_objective as module
 from commonrail.calibration.distributed_objective import BLOCK, LONGEST, SHORTEST, SpreadObjective, cut
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.workers.pool import Limits

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.new.study import write_new
 from tools import make_example
 

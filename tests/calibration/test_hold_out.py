@@ -12,7 +12,7 @@ from commonrail.base.errors import CommonrailError, ConfigurationError, InputErr
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import DataSet, Role
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import of_role

@@ -13,13 +13,13 @@ from pydantic import TypeAdapter
 
 from commonrail.calibration.objective import Loss
 from commonrail.calibration.parameter import Wanted
-from commonrail.calibration.study_file.keys import ConditionModel, ConstraintsModel, ParameterModel, read_optimisers
+from commonrail.calibration.study_keys import ConditionModel, ConstraintsModel, ParameterModel, read_optimisers
 from commonrail.data.curves.samples import RateModel
 from commonrail.data.quantities.reading import QuantitiesModel
 from commonrail.data.quantities.returned import ReturnsModel
 from commonrail.physics.injector import parameter_quantities
 from commonrail.readers.columns import Column
-from commonrail.readers.injector.file import component_quantities
+from commonrail.readers.injector import component_quantities
 from commonrail.readers.tables import read_columns
 from commonrail.readers.toml import ParameterTable, Quantities
 

@@ -16,11 +16,11 @@ from commonrail.calibration.parameter import Priors
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.search import goal_of
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.physics.injector import Source
 from commonrail.physics.meters import LowPass, Meter
-from commonrail.readers.injector.file import load_injector, load_meters
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import load_injector, load_meters
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.runs.fingerprint import content_of
 
 Edit = Callable[..., Path]

@@ -203,7 +203,7 @@ def test_zero_switches_an_effect_off_and_is_usual() -> None:
 @pytest.mark.parametrize("name", ["pwm", "cri2-16", "direct-acting-kr"])
 def test_a_unit_mistaken_by_a_thousand_leaves_the_usual_range(name: str, pwm: Injector) -> None:
     """Of every length, volume, force, stiffness, pressure, voltage and current of the catalogue."""
-    from commonrail.readers.injector.file import load_injector
+    from commonrail.readers.injector import load_injector
 
     injector = pwm if name == "pwm" else load_injector(name)
     judged = 0

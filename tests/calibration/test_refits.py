@@ -13,7 +13,7 @@ from commonrail.calibration import refits, scoring
 from commonrail.calibration.refits import refits_of
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.study import Judgement, LeaveOut, Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.quantities.baselines import interpolate
 from commonrail.data.quantities.data import QuantityData

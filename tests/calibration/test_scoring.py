@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.choices import Drive
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.scoring import check_drive
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateData
 from commonrail.engine.operating_point import OperatingPoint, Trace
 

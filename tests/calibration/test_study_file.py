@@ -11,7 +11,7 @@ import pytest
 from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.calibration.optimisers.evolution import InitialSampling, Treatment
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 
 Edit = Callable[..., Path]

@@ -12,7 +12,7 @@ import pytest
 
 from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.base.hooks import quiet
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import DataSet, widths_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData

@@ -11,7 +11,7 @@ from commonrail.base.errors import CommonrailError
 from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.parameter import Prior, Wanted
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.runs.fingerprint import content_of
 
 Edit = Callable[..., Path]

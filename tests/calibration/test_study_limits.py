@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import CommonrailError
-from commonrail.calibration.study_file import file as loader
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration import study_file as loader
+from commonrail.calibration.study_file import load_study
 from commonrail.data.quantities import reading
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.readers.conftest import Edit
 
 CASE = Path(__file__).resolve().parents[2] / "cases" / "cri2-16"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.quantities.data import QuantityData
 from tests.map_study import map_study
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import ConfigurationError, InputError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateData
 from commonrail.engine.operating_point import Energising, Trace
 

@@ -13,7 +13,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import of_settings
 from commonrail.calibration.study import longest_for_all, step_for_all
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.engine.status import Status

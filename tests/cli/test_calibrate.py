@@ -17,7 +17,7 @@ from commonrail.base.errors import StudyError
 from commonrail.base.hooks import _ask
 from commonrail.calibration.search import Progress
 from commonrail.cli.fit import print_card
-from commonrail.plugins.cluster import run as cluster
+from commonrail.plugins import cluster
 from commonrail.report.fit.verdict import verdict
 from commonrail.runs.listing import list_runs
 from tests.cli.conftest import Command, check_made_again, run_command, small_study

@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.choices import Body, Boundary, Drive
 from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.cli.model_name import check_labels, read_model_name, read_model_names
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.readers.conftest import Edit
 
 NAME = "virtual-lino-2016"

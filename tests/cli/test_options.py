@@ -9,7 +9,7 @@ import pytest
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.cli.options import open_workers, read_energisings, with_overrides
 from commonrail.engine.operating_point import Energising
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from tests.cli.conftest import Command
 from tests.runs.conftest import GENERATIONS, stopped_run, timeless, write_small
 

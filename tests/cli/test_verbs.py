@@ -12,7 +12,7 @@ import pytest
 from commonrail.physics.injector import parameter_quantities
 from commonrail.plugins.new.study import TEMPLATES
 from commonrail.plugins.verification.closed_forms import check
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command
 
 

@@ -61,7 +61,7 @@ import numpy as np
 from dataclasses import replace
 from commonrail.engine import cuda
 from commonrail.engine.simulate import simulate, simulate_batch
-from commonrail.readers.injector.file import (
+from commonrail.readers.injector import (
     load_injector,
 )
 from tests.engine import test_cuda as here

@@ -18,7 +18,7 @@ from commonrail.engine.time_step import (
     too_long,
 )
 from commonrail.physics.injector import Injector
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 POINT = OperatingPoint(20e6, 600e-6)
 

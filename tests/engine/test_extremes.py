@@ -11,7 +11,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 # Relative; what a step of 1 us may miss where the valve's switching is as coarse as here. Each test names what was
 # missed before.

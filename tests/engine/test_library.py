@@ -27,7 +27,7 @@ from commonrail.engine.job import VECTORS
 from commonrail.engine.machine_code import symbol_of
 from commonrail.engine.operating_point import Trace
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import injector_catalogue, load_injector
+from commonrail.readers.injector import injector_catalogue, load_injector
 from tests.conftest import wired
 from tools import wheel_libraries
 from tools.wheel_libraries import ALL, CATALOGUE, write_libraries

@@ -16,7 +16,7 @@ from commonrail.engine.status import Status
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.law import Domain
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 COARSE = Resolution((20, 10))
 

@@ -19,7 +19,7 @@ from commonrail.plugins.paper.bench import PAPER_OPTIMUM
 from commonrail.plugins.verification.external import load_outside
 from commonrail.plugins.verification.run import Compared, checks_of, compare, difference, verify
 from commonrail.plugins.verification.study import ENERGISING, HORIZON, RateLimits, Task, comparisons
-from commonrail.readers.injector.file import injector_catalogue, load_injector
+from commonrail.readers.injector import injector_catalogue, load_injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short
 # Kernels that no other test needs: measured current, the explicit method with regulated drive. The rigid body's stays:

@@ -14,7 +14,7 @@ from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
-from commonrail.readers.injector.file import injector_catalogue, load_injector
+from commonrail.readers.injector import injector_catalogue, load_injector
 
 TRAINS, SEED = 200, 20161201
 DWELLS = (0.2e-3, 2e-3)  # [s]

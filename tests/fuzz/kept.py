@@ -9,7 +9,7 @@ from pathlib import Path
 
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.search import Progress
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.fleet.file import write_results
 from commonrail.plugins.fleet.journal import Journal, entries_of
 from commonrail.plugins.fleet.member import read_shared, shared_files, write_study

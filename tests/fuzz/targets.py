@@ -18,7 +18,7 @@ from scipy.io import savemat
 
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.plan import candidate_matrix, make_job, prepare
@@ -27,8 +27,8 @@ from commonrail.physics.injector import Injector, parameter_paths
 from commonrail.plugins.family.injector_type import load_type
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.tolerance.file import load_tolerances
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import injector_text
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import injector_text
 from commonrail.readers.overview import survey
 from commonrail.report.page import write_report
 from commonrail.runs.folder import read_run

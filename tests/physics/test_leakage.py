@@ -12,7 +12,7 @@ from commonrail.physics.connections import guide_leak, widening_leak
 from commonrail.physics.flow import Guide, gap_conductance, guide_of, leakage_slope, widened
 from commonrail.physics.fuel_kernel import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 WIDENING = 4e-3 / (210e9 * (1.0 - (4.0 / 17.0) ** 2))  # Lamé: a guide of 4 mm in a steel body of 17 mm
 

@@ -10,7 +10,7 @@ from commonrail.base import registry
 from commonrail.calibration.identifiability import identify
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration, calibrate
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins import SHIPPED
 from commonrail.report.page import write_report
 from commonrail.runs.folder import read_run, write_run

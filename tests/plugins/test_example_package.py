@@ -17,7 +17,7 @@ from commonrail.base import registry
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.optimisers.base import Optimiser
 from commonrail.calibration.optimisers.registry import named, size_in_words
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.registry import kind_of
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector

@@ -11,11 +11,11 @@ import pytest
 from commonrail.base.choices import Actuation, Body
 from commonrail.base.errors import InputError
 from commonrail.base.registry import Catalogue
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateData
 from commonrail.physics.injector import parameter_quantities
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import dump_injector
 
 TEXT = Catalogue("commonrail.physics", "catalogue/injectors", "{}").text("direct-acting-kr", "")
 

@@ -12,8 +12,8 @@ from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import InputError
 from commonrail.physics.injector import Source, parameter_quantities
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import injector_catalogue, load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import injector_catalogue, load_injector
+from commonrail.readers.injector_writer import dump_injector
 
 from .conftest import TEMPLATES, changed
 

@@ -15,8 +15,8 @@ from commonrail.physics.fuel import Origin
 from commonrail.physics.injector import FUEL_TEMPERATURE, Source
 from commonrail.physics.law import Domain
 from commonrail.readers.fuel import fuel_catalogue, load_fuel
-from commonrail.readers.injector.file import injector_catalogue, load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import injector_catalogue, load_injector
+from commonrail.readers.injector_writer import dump_injector
 
 Edit = Callable[..., Path]
 BOUNDED = (Domain.UNIT, Domain.COEFFICIENT, Domain.CONE)

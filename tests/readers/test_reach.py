@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.paper.bench_file import load_truth
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.readers.conftest import TEMPLATES, Edit
 
 FILE = 'file = "data/evi.csv"'

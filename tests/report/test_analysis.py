@@ -13,7 +13,7 @@ from commonrail.base.chart import Bars, Figure, Panel
 from commonrail.base.errors import InputError
 from commonrail.plugins.sensitivity.page import sensitivity_html, sensitivity_lines, sensitivity_tables
 from commonrail.plugins.tolerance.page import tolerance_html, tolerance_lines, tolerance_tables
-from commonrail.report.draw.figure import figure_svg
+from commonrail.report.figure import figure_svg
 from commonrail.report.page import write_report
 from tests.report.analysis_samples import sensitivity_record, tolerance_record
 

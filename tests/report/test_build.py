@@ -13,7 +13,7 @@ import pytest
 from commonrail.base.errors import InputError, OutputError
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.optimisers.staged import StagedSettings
-from commonrail.plugins.multistart.run import MultiStartSettings
+from commonrail.plugins.multistart import MultiStartSettings
 from commonrail.report.page import report_html, write_report
 from tests.report.conftest import WriteRun
 from tests.report.samples import SYNTHETIC, map_record, rate_record, rate_traces

@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import pytest
 
 from commonrail.base.chart import MARKERS, Band, Bars, Boxes, Figure, HeatMap, Panel, Series
-from commonrail.report.draw.axis import SIZE, Axis, text_width
-from commonrail.report.draw.figure import _DARK, NARROW, RAMP, WIDE, colour_of, figure_html, figure_svg
-from commonrail.report.draw.heat_map import SMALLEST, heat_map_svg
+from commonrail.report.axis import SIZE, Axis, text_width
+from commonrail.report.figure import _DARK, NARROW, RAMP, WIDE, colour_of, figure_html, figure_svg
 from commonrail.report.fit.figures import figures_of
+from commonrail.report.heat_map import SMALLEST, heat_map_svg
 from tests.report.samples import map_record, rate_record, rate_traces
 
 SVG = "{http://www.w3.org/2000/svg}"

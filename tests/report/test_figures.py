@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.base.chart import Figure
 from commonrail.data.records import LABELS
-from commonrail.report.draw.figure import figure_svg
+from commonrail.report.figure import figure_svg
 from commonrail.report.fit.figures import convergence_figure, figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
 

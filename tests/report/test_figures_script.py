@@ -11,7 +11,7 @@ import pytest
 
 from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.errors import InputError
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.figure import figure_html
 from commonrail.report.html import render
 from commonrail.report.pdf import browser
 

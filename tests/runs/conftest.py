@@ -15,7 +15,7 @@ from commonrail.calibration.identifiability import Identified, identify
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.new.study import write_new
 from commonrail.runs.fingerprint import content_of
 from commonrail.runs.fit import Listener, calibrate_into

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from commonrail.base.errors import StudyError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.runs.checksums import seal
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.journal import JOURNAL, Journal, State, read_about

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.calibration import search
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into, resume
 from tests.runs.conftest import stopped_run, timeless

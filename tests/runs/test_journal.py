@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import StudyError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.engine.status import Status
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.journal import JOURNAL, Journal, read_about

@@ -9,7 +9,7 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError, InputError, StudyError
 from commonrail.calibration.optimisers import registry
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into, resume
 from commonrail.runs.listing import list_runs

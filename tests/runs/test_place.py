@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import OutputError, StudyError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.runs import lock as lock_module
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.journal import JOURNAL, LOCK, Journal

@@ -13,7 +13,7 @@ import pytest
 from commonrail.base.choices import Precision
 from commonrail.base.errors import StudyError
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateScore
 from commonrail.runs.fingerprint import content_of
 from commonrail.runs.fit import calibrate_into, resume

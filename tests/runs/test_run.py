@@ -25,7 +25,7 @@ from commonrail.base.errors import (
 )
 from commonrail.calibration.identifiability import identify
 from commonrail.calibration.space import Space
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.folder import read_fit
 from commonrail.runs.journal import Journal

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import pytest
 
 from commonrail.base.errors import StudyError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.compiler import target
 from commonrail.runs.fingerprint import content_of
 from commonrail.runs.fit import calibrate_into, resume

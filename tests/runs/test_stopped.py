@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from commonrail.cli.model_name import read_model_name
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.runs.folder import note_stopped
 
 

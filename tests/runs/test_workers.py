@@ -14,7 +14,7 @@ import pytest
 from commonrail.calibration import distributed_objective as module
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from tests.runs.conftest import GENERATIONS, stopped_run, timeless
 from tests.workers.crews import Crew, cluster, pids_of, processes

@@ -20,7 +20,7 @@ from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.direct_acting import volumes_of
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 # Peak and hold: up to 11 A in 280 us, down to 2.5 A, off at 600 us.
 CURRENT = Trace((0.0, 280e-6, 400e-6, 600e-6, 640e-6), (0.0, 11.0, 2.5, 2.5, 0.0))

@@ -13,7 +13,7 @@ from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import EXTENDING
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 SHAPE = {f"nozzle.shape_{i}": value for i, value in enumerate((-0.28, 0.07, -0.14, -0.2, -0.08), start=1)}
 LAWS = {

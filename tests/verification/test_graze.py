@@ -10,7 +10,7 @@ import pytest
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.physics.injector import Injector
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 # `crin` with random values within ± 40 %, whose needle first touches its seat, at 160 MPa, for 702 us of energising
 GRAZING = {

@@ -15,7 +15,7 @@ from commonrail.engine.plan import admissible
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_paths
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 Floats = NDArray[np.float64]
 

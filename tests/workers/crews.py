@@ -113,7 +113,7 @@ def pids_of(workers: Workers) -> list[int]:
     """Process numbers of workers on this machine as they are now."""
     if isinstance(workers.backend, ProcessPool):
         return workers.backend.pids
-    from commonrail.plugins.cluster.run import Cluster
+    from commonrail.plugins.cluster import Cluster
 
     assert isinstance(workers.backend, Cluster)
     return list(workers.backend._link.ask(lambda client: client.run(os.getpid)).values())

@@ -21,8 +21,8 @@ from typing import Any
 
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration import distributed_objective
-from commonrail.calibration.study_file.file import load_study
-from commonrail.plugins.cluster.run import Cluster
+from commonrail.calibration.study_file import load_study
+from commonrail.plugins.cluster import Cluster
 from commonrail.runs.fit import calibrate_into
 from commonrail.workers.workers import Workers
 from tools.attack.base import attack, command

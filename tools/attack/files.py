@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import commonrail as cr
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.fleet.run import run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.readers.columns import Column

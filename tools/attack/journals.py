@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 
 from commonrail.base.errors import CommonrailError, StudyError
 from commonrail.calibration.search import Progress
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.fleet import journal as fleet_journal
 from commonrail.plugins.new.study import write_new
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import injector_text
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import injector_text
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.folder import read_run
 from commonrail.runs.journal import JOURNAL, Journal, read_about

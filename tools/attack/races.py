@@ -13,7 +13,7 @@ from pathlib import Path
 
 import commonrail as cr
 from commonrail.base.errors import StudyError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.fleet.run import run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.runs.fit import calibrate_into

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from commonrail.base.errors import CommonrailError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.new.study import write_new
 from commonrail.runs.fit import Listener, calibrate_into
 from tools.make_fleet import make_fleet

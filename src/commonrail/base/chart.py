@@ -1,4 +1,4 @@
-"""Figure as plain numbers: panels of series over a common axis. `report.draw` turns it into a picture."""
+"""Figure as plain numbers: panels of series over a common axis. `report.figure` turns it into a picture."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Figure:
     panels: tuple[Panel, ...]
 
 
-# Heat map as plain numbers: cells over two axes of named places. `report.draw_map` turns it into a picture.
+# Heat map as plain numbers: cells over two axes of named places. `report.heat_map` turns it into a picture.
 
 
 @dataclass(frozen=True)

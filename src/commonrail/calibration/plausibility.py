@@ -24,7 +24,7 @@ from commonrail.engine.time_step import step_advice
 from commonrail.physics.elementary import exp, log
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.meters import known_quantity
-from commonrail.readers.injector.file import idle_words
+from commonrail.readers.injector import idle_words
 
 
 class Finding(NamedTuple):

@@ -12,7 +12,7 @@ from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
-from commonrail.readers.injector.file import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
+from commonrail.readers.injector import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
 from commonrail.readers.location import Place, located
 
 if TYPE_CHECKING:

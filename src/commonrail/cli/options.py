@@ -270,7 +270,7 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     cannot be read. Raises `ConfigurationError` if a value lies outside its domain.
     """
     from commonrail.cli.console import say
-    from commonrail.readers.injector.file import idle_words
+    from commonrail.readers.injector import idle_words
 
     if not settings:
         return injector

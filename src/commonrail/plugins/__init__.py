@@ -6,7 +6,7 @@ from __future__ import annotations
 ELSEWHERE = {
     "features": "commonrail.plugins.features.table:FEATURES",
     "fuels": "commonrail.readers.fuel:shipped_fuels",
-    "injectors": "commonrail.readers.injector.file:shipped_injectors",
+    "injectors": "commonrail.readers.injector:shipped_injectors",
     "optimisers": "commonrail.calibration.optimisers.registry:shipped_methods",
 }
 SHIPPED: dict[str, dict[str, str]] = {
@@ -17,7 +17,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "features": "commonrail.plugins.features.targets:FeatureData",
         "test plan": "commonrail.plugins.plans.data:PlanData",
     },
-    "optimisers": {"multi-start least squares": "commonrail.plugins.multistart.run:REGISTERED"},
+    "optimisers": {"multi-start least squares": "commonrail.plugins.multistart:REGISTERED"},
     "readers": {  # by the ending of a file's name; all else is CSV
         "csv": "commonrail.readers.csv:CsvFile",
         "txt": "commonrail.readers.csv:CsvFile",
@@ -46,16 +46,16 @@ SHIPPED: dict[str, dict[str, str]] = {
         "fmu-study": "commonrail.plugins.foreign_fmu.verb:STUDY",
     },
     "study_keys": {"type": "commonrail.plugins.family.injector_type:with_type"},
-    "workers": {"cluster": "commonrail.plugins.cluster.run:Cluster"},
+    "workers": {"cluster": "commonrail.plugins.cluster:Cluster"},
     "pages": {"bench.html": "commonrail.plugins.page.page:page_of_run"},
     "live": {"page": "commonrail.plugins.page.live:live_chart"},
     "inspectors": {"dcm": "commonrail.plugins.maps.dcm:facts_of"},
     "simulations": {
         "page": "commonrail.plugins.features.anatomy:anatomy_html",
         "figure": "commonrail.plugins.features.anatomy:anatomy_figure",
-        "heating": "commonrail.plugins.heating.run:beside",
-        ".foam": "commonrail.plugins.cfd.file:write_foam",
-        ".dat": "commonrail.plugins.cfd.file:write_dat",
+        "heating": "commonrail.plugins.heating:beside",
+        ".foam": "commonrail.plugins.cfd:write_foam",
+        ".dat": "commonrail.plugins.cfd:write_dat",
         "section": "commonrail.plugins.features.anatomy:still_section",
         "moving section": "commonrail.plugins.features.anatomy:moving_section",
     },

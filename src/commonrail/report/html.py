@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from commonrail.base.table import Table
 from commonrail.base.text import MISSING
-from commonrail.report.draw.figure import dark_rules
+from commonrail.report.figure import dark_rules
 
 # Letters of a table beside one another: on a telephone 390 px wide, and times the size [pt] on A4 between its margins.
 TELEPHONE, PAPER = 50.0, 930.0

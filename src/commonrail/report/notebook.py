@@ -22,7 +22,7 @@ from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch, Solution
 from commonrail.physics.injector import Injector
-from commonrail.report.draw.figure import svg
+from commonrail.report.figure import svg
 from commonrail.report.fit.figures import convergence_figure, error_maps, figures_of
 from commonrail.report.fit.tables import parameter_table, tables_of
 from commonrail.report.html import render

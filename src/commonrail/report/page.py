@@ -19,7 +19,7 @@ from commonrail.base.input import check_sum, opened
 from commonrail.base.output import write_text
 from commonrail.base.text import significant
 from commonrail.data.records import Record, Traces
-from commonrail.report.draw.figure import drawings, figure_html, small_drawings
+from commonrail.report.figure import drawings, figure_html, small_drawings
 from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
 from commonrail.report.fit.diagnostics import (
     autocorrelation_figure,

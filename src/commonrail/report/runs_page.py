@@ -19,7 +19,7 @@ from commonrail.base.table import Table, tabulated
 from commonrail.base.text import MISSING, duration, listed, quantity_range, significant
 from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record, Traces
-from commonrail.report.draw.figure import drawings
+from commonrail.report.figure import drawings
 from commonrail.report.fit.record import short_names
 from commonrail.report.fit.verdict import merits
 from commonrail.report.html import render

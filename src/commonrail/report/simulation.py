@@ -15,7 +15,7 @@ from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Solution
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.figure import figure_html
 from commonrail.report.html import render
 
 # Title, factor from SI, and the channels with their names.

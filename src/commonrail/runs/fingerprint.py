@@ -15,7 +15,7 @@ from commonrail.calibration.plausibility import Finding, found
 from commonrail.calibration.search import Searched
 from commonrail.calibration.study import Study
 from commonrail.compiler.target import differences, package_versions
-from commonrail.readers.injector.writer import injector_text
+from commonrail.readers.injector_writer import injector_text
 from commonrail.runs.journal import Journal
 
 # Fingerprint of a study: equal fingerprints mean identical searches.

@@ -27,7 +27,7 @@ from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched, objective_of
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.runs.copies import check_files, copy_files, copy_paths, set_in_text
 from commonrail.runs.fingerprint import content_of, other_targets
 from commonrail.runs.folder import (

@@ -17,11 +17,11 @@ from commonrail.base.output import summed, write_text, writing
 from commonrail.calibration.result import CERTAINTY, result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import DataSet, Score
 from commonrail.data.records import LABELS, MEAN, MEASURED
 from commonrail.physics.meters import is_of_meter
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import read_text
 from commonrail.readers.toml import read_toml
 from commonrail.runs.journal import JOURNAL

@@ -9,7 +9,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.plugins.catalogue.page import SERVO, Exhibit, exhibit, gallery_html
-from commonrail.readers.injector.file import injector_catalogue
+from commonrail.readers.injector import injector_catalogue
 from tests.cli.conftest import run_command
 from tests.report.test_build import Page
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.posterior.sample import PosteriorDensity
+from commonrail.plugins.certainty.posterior import PosteriorDensity
 from tests.plugins.certainty.linear import TRUTH, Uncertain, design, fitted, likelihood, linear
 
 SIGMA = 0.5

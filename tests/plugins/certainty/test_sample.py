@@ -13,7 +13,7 @@ from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.data.noise import Law, Noise
 from commonrail.plugins.certainty.estimate import Estimate, estimate
-from commonrail.plugins.certainty.posterior.sample import Posterior, Surrogate, _agreement, sample_posterior
+from commonrail.plugins.certainty.posterior import Posterior, Surrogate, _agreement, sample_posterior
 from tests.plugins.certainty.linear import TRUTH, design, fitted, likelihood
 
 SIGMA = 0.5

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.certainty.posterior.file import RefusedDrawsError, read_posterior
+from commonrail.plugins.certainty.posterior_file import RefusedDrawsError, read_posterior
 from commonrail.plugins.new.study import write_new
 from tests.cli.conftest import run_command
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.cite.run import read_bibtex, references_of, uses_of
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from commonrail.runs.fit import calibrate_into
 from tests.cli.conftest import Command, small_study
 from tests.distribution import distribution
@@ -121,7 +121,7 @@ def test_a_package_is_cited_as_it_asks_for(asked: str, key: str, tmp_path: Path)
     parts = "[commonrail.injectors]\ncri2-16-own = makers_parts:FILE\n"
     file = tmp_path / "own.toml"
     module = f"__citation__ = {asked!r}\nFILE = {str(file)!r}\n"
-    from commonrail.readers.injector.file import CATALOGUE
+    from commonrail.readers.injector import CATALOGUE
 
     file.write_text(CATALOGUE.text("cri2-16"), encoding="utf-8")
     with distribution(tmp_path, {"makers_parts": module}, parts, "makers"):

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError, StudyError
-from commonrail.plugins.cluster import run as cluster_module
-from commonrail.plugins.cluster import run as link_module
+from commonrail.plugins import cluster as cluster_module
+from commonrail.plugins import cluster as link_module
 from commonrail.workers.pool import Limits
 from commonrail.workers.task import pack
 from commonrail.workers.workers import Workers
@@ -157,7 +157,7 @@ def test_a_scheduler_that_is_halted_in_the_middle_is_told_of(monkeypatch: pytest
 
 def scheduler_of(workers: Workers) -> int:
     """Process number of the scheduler."""
-    from commonrail.plugins.cluster.run import Cluster
+    from commonrail.plugins.cluster import Cluster
 
     assert isinstance(workers.backend, Cluster)
     return int(workers.backend._link.ask(lambda client: client.run_on_scheduler(os.getpid)))

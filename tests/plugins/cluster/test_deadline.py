@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from commonrail.plugins.cluster.run import Late, within
+from commonrail.plugins.cluster import Late, within
 from tests.waiting import PATIENCE
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from commonrail.base.chart import Figure
 from commonrail.plugins.compare.page import comparison_figures
-from commonrail.report.draw.figure import figure_svg
+from commonrail.report.figure import figure_svg
 from commonrail.report.fit.record import shown_of
 from tests.plugins.compare.samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
 

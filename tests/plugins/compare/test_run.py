@@ -14,7 +14,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.result import data_records
 from commonrail.calibration.scoring import score_all
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector

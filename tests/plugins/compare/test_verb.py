@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from commonrail.base.choices import Drive
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import dump_injector
 from tests.cli.conftest import Command, check_made_again, run_command
 
 NAME = "virtual-lino-2016"

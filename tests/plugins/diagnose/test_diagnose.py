@@ -26,7 +26,7 @@ from commonrail.plugins.diagnose.run import Diagnosis, PlanBench, diagnose, soun
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.run import run_plan
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command
 
 RATE, CYLINDER, BACK = 1000.0 / 60.0, 0.5e6, 0.1e6

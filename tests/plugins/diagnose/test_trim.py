@@ -17,7 +17,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.trim import _reasons, trim
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command
 
 TESTS = (("LL", 40, 600), ("EM", 80, 500), ("VL", 160, 700))

@@ -10,7 +10,7 @@ import pytest
 from commonrail.plugins.export.fmu import write_fmu
 from commonrail.plugins.export.library import Library, write_library
 from commonrail.plugins.export.object_files import target_named
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.cli.conftest import command  # noqa: F401
 from tests.conftest import DRAWN
 from tests.exporting import usable_platform

@@ -17,7 +17,7 @@ import pytest
 
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.fmi2 import DISCARD, ERROR, OK, Binary
 from tests.plugins.export.test_fmu import Memory, run

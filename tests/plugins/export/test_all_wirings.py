@@ -24,7 +24,7 @@ from commonrail.plugins.export.description import AT_REST
 from commonrail.plugins.export.fmu import write_fmu
 from commonrail.plugins.export.library import write_library
 from commonrail.plugins.export.object_files import target_named
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.native import BlockRun, Floats, Native, Run
 from tests.plugins.export.test_library import ROUNDING, inputs_of

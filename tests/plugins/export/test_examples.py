@@ -13,7 +13,7 @@ from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.plugins.export.library import Library
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.native import Native
 

@@ -16,7 +16,7 @@ import pytest
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.variants import unread_parameters
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.test_library import ROUNDING
 

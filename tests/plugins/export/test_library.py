@@ -21,7 +21,7 @@ from commonrail.engine.status import Status
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.export.library import write_library
 from commonrail.plugins.export.object_files import target_named
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.native import Native, Run
 

@@ -11,7 +11,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.export import library
 from commonrail.plugins.export.library import placed, write_library
 from commonrail.plugins.export.object_files import target_named
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.run import calibrate
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.data.study_block import Context
@@ -24,7 +24,7 @@ from commonrail.plugins.features import targets as module
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.table import find_feature
 from commonrail.plugins.features.targets import FeatureData
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import Place, Reach
 from tests.data.samples import PRESSURES, STEP, curve_table
 

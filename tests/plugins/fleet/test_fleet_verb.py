@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.plugins.cluster import run as cluster
+from commonrail.plugins import cluster
 from tests.cli.conftest import Command
 from tests.plugins.fleet.conftest import edited
 from tools.make_fleet import make_fleet

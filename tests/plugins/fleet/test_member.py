@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateData
 from commonrail.plugins.fleet.file import units_of
 from commonrail.plugins.fleet.member import folders_of, seed_of, shared_files, write_study

@@ -17,7 +17,7 @@ import pytest
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.hooks import _ask
 from commonrail.calibration.run import calibrate
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
 from commonrail.plugins.fleet import journal as begun_module
 from commonrail.plugins.fleet.journal import FAILED, JOURNAL, Journal

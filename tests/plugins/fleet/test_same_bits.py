@@ -9,12 +9,12 @@ import pytest
 
 from commonrail.base.choices import Body, Drive
 from commonrail.base.errors import StudyError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.physics.variants import Variant
 from commonrail.plugins.fleet.member import calibrate_study, write_study
 from commonrail.plugins.fleet.run import run_fleet
 from commonrail.plugins.fleet.study import load_fleet
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector_writer import dump_injector
 from tests.conftest import wired
 from tests.plugins.fleet.conftest import SEARCH, edited
 from tests.runs.test_same_bits import LEVEL_3

@@ -8,7 +8,7 @@ import pytest
 import commonrail as cr
 from commonrail.plugins.export.fmu import write_fmu
 from commonrail.plugins.export.object_files import target_named
-from commonrail.plugins.multistart.run import MultiStartSettings
+from commonrail.plugins.multistart import MultiStartSettings
 from tests.conftest import DRAWN
 from tests.exporting import usable_platform
 

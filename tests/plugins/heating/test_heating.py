@@ -10,7 +10,7 @@ import pytest
 import commonrail as cr
 from commonrail.engine.reference import simulate_reference
 from commonrail.physics.heating import heat_capacity, throttled
-from commonrail.plugins.heating.run import Heating, beside
+from commonrail.plugins.heating import Heating, beside
 from tests.cli.conftest import Command
 
 POINT = cr.OperatingPoint(120e6, 500e-6)
@@ -169,7 +169,7 @@ def test_simulate_shows_and_records_it(command: Command) -> None:
 
 
 def test_a_fuel_without_heat_capacity_says_so(cool: cr.Injector, solution: cr.Solution) -> None:
-    from commonrail.plugins.heating.run import beside
+    from commonrail.plugins.heating import beside
 
     said = beside(replace(cool, fuel=replace(cool.fuel, heat_capacity_law=None)), POINT, solution, None)
     assert "no heat capacity" in said.figures[0][1]

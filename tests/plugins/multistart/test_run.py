@@ -12,7 +12,7 @@ from commonrail.calibration.optimisers.base import AGREEING, Question, noise_of
 from commonrail.calibration.optimisers.least_squares import DescentLoss, recognised
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
-from commonrail.plugins.multistart.run import MultiStartLeastSquares, MultiStartSettings
+from commonrail.plugins.multistart import MultiStartLeastSquares, MultiStartSettings
 
 Floats = np.ndarray
 Residuals = Callable[[Floats], Floats]

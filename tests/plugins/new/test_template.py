@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.new.study import write_new
 
 

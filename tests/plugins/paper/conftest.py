@@ -14,7 +14,7 @@ from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.paper.run import Reproduction, measure, reproduce
 from commonrail.plugins.paper.study import Configuration
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.cli.conftest import command, study  # noqa: F401
 from tests.readers.conftest import injector_file, study_file  # noqa: F401
 

@@ -12,7 +12,7 @@ from commonrail.base.errors import InputError
 from commonrail.plugins.paper.bench import Truth, bench_curve
 from commonrail.plugins.paper.bench_file import ENERGISING_TIME, load_truth, write_bench_data
 from commonrail.readers.columns import Column
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from commonrail.readers.tables import read_columns
 
 SEED = 7

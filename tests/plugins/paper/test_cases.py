@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.calibration.optimisers.staged import StagedSettings
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
@@ -19,7 +19,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.plugins.family.study import load_family
 from commonrail.plugins.paper.bench import bench_curve
 from commonrail.plugins.paper.bench_file import ENERGISING_TIME, load_truth
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tools.make_fleet import QUANTITY_NOISE
 
 CASES = Path(__file__).resolve().parents[3] / "cases"

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.plugins.paper import study as paper
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 CASE = Path(__file__).parents[3] / "cases" / "paper" / "study.toml"
 

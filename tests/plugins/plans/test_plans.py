@@ -19,7 +19,7 @@ from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.page import part_verdict
 from commonrail.plugins.plans.run import run_plan
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command
 from tests.data.samples import Sample, plan_table
 

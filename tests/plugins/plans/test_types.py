@@ -8,7 +8,7 @@ import pytest
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 TYPES = {"cri1-0": 135, "cri2-0": 145, "cri2-1": 160, "cri2-2": 160, "crin1": 160, "crin2": 160, "crin3": 180}
 DRIVE = {"boost_voltage", "peak_current", "peak_duration", "hold_current"}

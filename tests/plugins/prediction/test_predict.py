@@ -11,7 +11,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import ConfigurationError, SimulationError
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.noise import Law, Noise
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.run import certify

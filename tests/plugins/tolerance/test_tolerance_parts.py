@@ -25,7 +25,7 @@ from commonrail.plugins.tolerance.study import (
     Trim,
     Uniform,
 )
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 Floats = NDArray[np.float64]
 

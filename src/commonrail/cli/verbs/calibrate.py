@@ -57,7 +57,7 @@ def calibrate(
     Example:
       commonrail calibrate cases/paper/study.toml --out runs/paper --seed 1
     """
-    from commonrail.calibration.study_file.file import load_study
+    from commonrail.calibration.study_file import load_study
     from commonrail.cli.fit import print_outcome, run_study
     from commonrail.cli.study_kind import RunOptions, kind_of_study
 

@@ -161,7 +161,7 @@ def _meter(model: NamedModel, name: str | None, study: Path | None) -> Meter | N
         return None
     if study is None:
         return _meter_of(model, name)
-    from commonrail.calibration.study_file.file import load_meter
+    from commonrail.calibration.study_file import load_meter
 
     return load_meter(study, name)
 

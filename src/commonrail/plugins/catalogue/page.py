@@ -16,7 +16,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
 from commonrail.plugins.features.anatomy import end_of_motion
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.figure import figure_html
 from commonrail.report.fit.tables import MARKS
 from commonrail.report.html import render
 from commonrail.report.simulation import course_figure

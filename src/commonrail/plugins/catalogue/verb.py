@@ -78,7 +78,7 @@ def _write_injector(name: str, json: bool) -> None:
     """Write the file of an injector, comments and sources included, into the current folder."""
     from commonrail.base.output import write_text
     from commonrail.cli.options import check_file
-    from commonrail.readers.injector.file import CATALOGUE
+    from commonrail.readers.injector import CATALOGUE
 
     text, path = CATALOGUE.text(name), Path(f"{name}.toml")
     if path.exists():
@@ -98,7 +98,7 @@ def _write_gallery(path: Path, search: str, json: bool) -> None:
     from commonrail.base.output import write_text, writing
     from commonrail.cli.options import check_file
     from commonrail.plugins.catalogue.page import exhibit, gallery_html
-    from commonrail.readers.injector.file import load_injector
+    from commonrail.readers.injector import load_injector
 
     names = [entry["name"] for entry in _injectors() if _matches(entry, search)]
     if not names:
@@ -121,7 +121,7 @@ def _fuels() -> list[dict[str, Any]]:
 
 
 def _injectors() -> list[dict[str, Any]]:
-    from commonrail.readers.injector.file import injector_catalogue, load_injector
+    from commonrail.readers.injector import injector_catalogue, load_injector
 
     return [
         {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic}
@@ -131,7 +131,7 @@ def _injectors() -> list[dict[str, Any]]:
 
 def _meters() -> list[dict[str, Any]]:
     from commonrail.base import registry
-    from commonrail.readers.injector.meters import installed_meter
+    from commonrail.readers.meters import installed_meter
 
     return [
         {"name": name, "law": f"{m.law.value}, order {m.order}", "quantities": ", ".join(m.values)}

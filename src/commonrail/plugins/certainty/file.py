@@ -23,7 +23,7 @@ from commonrail.plugins.certainty.lack_of_fit import LackOfFit
 from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.profile import Profile, Ripple
 from commonrail.plugins.certainty.verdict import Assessment, sensitivity_records
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.runs.folder import CALIBRATED, LIKELY, POSTERIOR, RESULT, TRACES, members_of, read_result, write_record
 
 

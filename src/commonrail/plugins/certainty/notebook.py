@@ -11,8 +11,8 @@ from commonrail.base.text import counted, fixed, significant
 from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.data.records import Record
 from commonrail.plugins.certainty.file import Certainty
-from commonrail.plugins.certainty.posterior.file import posterior_record
-from commonrail.plugins.certainty.posterior.sample import Posterior
+from commonrail.plugins.certainty.posterior import Posterior
+from commonrail.plugins.certainty.posterior_file import posterior_record
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables, posterior_table
 from commonrail.report.presenter import Array, Arrays, Presenter
 

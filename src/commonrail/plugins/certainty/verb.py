@@ -117,8 +117,8 @@ def _shown_by(bar: Bar) -> Listener:
 
 def _posterior(run: Path, found: Certainty, seed: int, most: int) -> dict[str, Any]:
     """Record of the posterior, whose draws are written to the run folder."""
-    from commonrail.plugins.certainty.posterior.file import posterior_record, write_posterior
-    from commonrail.plugins.certainty.posterior.sample import sample_posterior
+    from commonrail.plugins.certainty.posterior import sample_posterior
+    from commonrail.plugins.certainty.posterior_file import posterior_record, write_posterior
 
     drawn = sample_posterior(found.within.whole, seed=seed, most=most, note=say).of_first(found.estimate)
     write_posterior(run, drawn)

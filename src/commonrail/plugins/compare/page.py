@@ -11,7 +11,7 @@ from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
 from commonrail.data.records import MICROSECOND, Plotted, Record, Traces
 from commonrail.plugins.compare.file import RECORD
-from commonrail.report.draw.figure import drawings
+from commonrail.report.figure import drawings
 from commonrail.report.fit.record import by_kind, shown_of
 from commonrail.report.fit.verdict import Tile, synthetic_notes
 from commonrail.report.html import render

@@ -71,7 +71,7 @@ def compare(
 def _compared(
     named: Sequence[NamedModel], files: Sequence[Path], threads: int | None
 ) -> tuple[Comparison, dict[str, Any]]:
-    from commonrail.calibration.study_file.file import load_study
+    from commonrail.calibration.study_file import load_study
     from commonrail.plugins.compare.file import comparison_record
     from commonrail.plugins.compare.run import compare as compare_models
 

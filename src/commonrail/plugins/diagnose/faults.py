@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Val
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.text import quantity, signed
-from commonrail.calibration.study_file.keys import known_parameter
+from commonrail.calibration.study_keys import known_parameter
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import RETURN, unread_inputs, unread_parameters
 from commonrail.readers.location import Place

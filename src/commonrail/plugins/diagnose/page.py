@@ -9,7 +9,7 @@ from commonrail.base.output import neutralised_note
 from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
 from commonrail.base.text import fixed, listed, megapascal, percent, signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
-from commonrail.report.draw.figure import drawings
+from commonrail.report.figure import drawings
 from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter

@@ -28,8 +28,8 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, usable_threads
 from commonrail.plugins.features.table import find_feature
 from commonrail.readers.fuel import load_fuel
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.meters import installed_meter
+from commonrail.readers.injector import load_injector
+from commonrail.readers.meters import installed_meter
 
 # A module in a fresh process of the same Python.
 

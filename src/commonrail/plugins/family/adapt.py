@@ -44,7 +44,7 @@ from commonrail.plugins.family.drawn import (
 from commonrail.plugins.family.injector_type import InjectorType, load_type
 from commonrail.plugins.family.type import OF_PART
 from commonrail.readers.columns import Column
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from commonrail.readers.location import Place, Reach
 from commonrail.readers.tables import read_columns
 

@@ -72,7 +72,7 @@ def adapt(
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.family.adapt import adapt as run
     from commonrail.plugins.family.adapt import share_of
-    from commonrail.readers.injector.writer import dump_injector
+    from commonrail.readers.injector_writer import dump_injector
 
     named = None if injector is None else read_model_name(injector)
     part = None if named is None else named.injector

@@ -15,8 +15,8 @@ from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.output import write_text
 from commonrail.base.units import to_text
 from commonrail.calibration.parameter import Mark, Prior
-from commonrail.calibration.study_file.file import named_injector
-from commonrail.calibration.study_file.keys import (
+from commonrail.calibration.study_file import named_injector
+from commonrail.calibration.study_keys import (
     MOST_PARAMETERS,
     FixedModel,
     InItsUnit,
@@ -28,7 +28,7 @@ from commonrail.calibration.study_file.keys import (
 from commonrail.data.study_block import Name
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import unread_parameters
-from commonrail.readers.injector.file import in_catalogue, load_injector
+from commonrail.readers.injector import in_catalogue, load_injector
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import UNSTATED, FileModel, Text, read_model, read_toml
 from commonrail.readers.toml import Mark as MarkField

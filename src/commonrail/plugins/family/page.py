@@ -11,7 +11,7 @@ from commonrail.base.text import fixed, listed, quantity, significant
 from commonrail.data.records import Record, Traces
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
-from commonrail.report.draw.figure import drawings, small_drawings
+from commonrail.report.figure import drawings, small_drawings
 from commonrail.report.fit.figures import figures_of
 from commonrail.report.fit.record import short_names
 from commonrail.report.fit.search import convergence_section, search_facts

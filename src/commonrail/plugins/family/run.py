@@ -14,7 +14,7 @@ from commonrail.plugins.family.file import family_record
 from commonrail.plugins.family.fit import FamilyFit, fit_family, objective_of_parts
 from commonrail.plugins.family.injector_type import dump_type
 from commonrail.plugins.family.study import Family, load_family
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.runs.fingerprint import content_of, fingerprint_of
 from commonrail.runs.fit import FitKind, Listener, Work, warn_of_targets
 from commonrail.runs.folder import TRACES, rate_curves, write_record

@@ -23,8 +23,8 @@ from commonrail.calibration.parameter import Parameter, Prior, Priors
 from commonrail.calibration.search import goal_of
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
-from commonrail.calibration.study_file.file import load_study, method_of
-from commonrail.calibration.study_file.keys import Optimisers, read_optimisers
+from commonrail.calibration.study_file import load_study, method_of
+from commonrail.calibration.study_keys import Optimisers, read_optimisers
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 from commonrail.data.study_block import Name

@@ -16,7 +16,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
 from commonrail.base.input import check_sum, fingerprint
 from commonrail.base.units import to_text
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.meters import is_of_meter
 from commonrail.plugins.family.injector_type import FixedValue, InjectorType, TypeParameter, TypePart

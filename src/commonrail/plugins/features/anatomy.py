@@ -21,7 +21,7 @@ from commonrail.engine.solution import Solution
 from commonrail.plugins.features.result import Features, Injection
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.settings import FeatureSettings
-from commonrail.report.draw.figure import svg
+from commonrail.report.figure import svg
 from commonrail.report.fit.verdict import Tile
 from commonrail.report.html import render
 

@@ -17,7 +17,7 @@ from commonrail.plugins.certainty.linear import ESTIMATOR
 from commonrail.plugins.fleet.journal import FAILED, FINISHED, Entry
 from commonrail.plugins.fleet.population import population_record
 from commonrail.plugins.fleet.study import Fleet
-from commonrail.readers.injector.meters import free_names
+from commonrail.readers.meters import free_names
 from commonrail.runs.folder import write_record
 
 SCHEMA = 1

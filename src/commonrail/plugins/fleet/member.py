@@ -18,13 +18,13 @@ from commonrail.calibration.result import warning_records
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.scoring import scores_of
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.data.base import DataSet, Score
 from commonrail.physics.injector import Injector
 from commonrail.plugins.certainty.linear import Near, certify_near
 from commonrail.plugins.family.injector_type import load_type
 from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 from commonrail.readers.location import ALLOW, Place, Reach, located
 
 _COURSES = ("rail_pressure", "cylinder_pressure", "return_pressure", "drive")  # of a curve; tables if they are measured

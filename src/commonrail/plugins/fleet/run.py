@@ -16,7 +16,7 @@ from commonrail.base.errors import CommonrailError, StudyError
 from commonrail.base.hooks import held_interrupts, note
 from commonrail.calibration.search import objective_of
 from commonrail.calibration.study import Study
-from commonrail.calibration.study_file.file import load_study
+from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
 from commonrail.engine.simulate import usable_threads
 from commonrail.plugins.fleet.file import write_results

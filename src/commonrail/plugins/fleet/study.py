@@ -17,7 +17,7 @@ from commonrail.base.arrays import IndexArray
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.input import LARGEST_FILE, fingerprint, sha256
 from commonrail.base.output import write_text
-from commonrail.calibration.study_file.keys import StudyModel
+from commonrail.calibration.study_keys import StudyModel
 from commonrail.data.study_block import DataModel
 from commonrail.plugins.formats.parquet import ParquetFile
 from commonrail.readers import columns as sheet

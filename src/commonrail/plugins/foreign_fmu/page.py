@@ -11,7 +11,7 @@ from commonrail.base.text import number, quantity, significant
 from commonrail.data.records import Record, origin_of, present
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD
-from commonrail.report.draw.figure import drawings
+from commonrail.report.figure import drawings
 from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.verdict import CARE, GOOD, Tile
 from commonrail.report.html import render

@@ -22,8 +22,8 @@ from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.parameter import Parameter, Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method
-from commonrail.calibration.study_file.file import method_of
-from commonrail.calibration.study_file.keys import (
+from commonrail.calibration.study_file import method_of
+from commonrail.calibration.study_keys import (
     MOST_CONSTRAINTS,
     MOST_PARAMETERS,
     MOST_SETS,

@@ -248,7 +248,7 @@ def _fit(model: NamedModel, wanted: Bands | None) -> tuple[Study, dict[str, floa
         return None
     if model.run is None:
         raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
-    from commonrail.plugins.certainty.posterior.file import read_draws
+    from commonrail.plugins.certainty.posterior_file import read_draws
     from commonrail.runs.folder import read_fit
 
     try:

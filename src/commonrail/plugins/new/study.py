@@ -28,8 +28,8 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.law import Domain
 from commonrail.physics.variants import unread_parameters
 from commonrail.readers.columns import PLAIN, TIME, Column, FileForm, Sheet
-from commonrail.readers.injector.file import load_injector
-from commonrail.readers.injector.writer import dump_injector
+from commonrail.readers.injector import load_injector
+from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import Place, Reach
 from commonrail.readers.operating_points import pattern_of
 from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey

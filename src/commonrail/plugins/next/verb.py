@@ -77,7 +77,7 @@ def next_(
       commonrail next runs/first --criterion d --parameter nozzle.discharge_maximum --rail-pressure 40:160:20MPa
     """
     from commonrail.base.arguments import chosen
-    from commonrail.plugins.certainty.posterior.file import read_posterior
+    from commonrail.plugins.certainty.posterior_file import read_posterior
     from commonrail.plugins.next.file import plan_record, write_plan
     from commonrail.plugins.next.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.next.run import DesignSettings, candidates_of, next_measurements

@@ -21,7 +21,7 @@ from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.page.module import wasm_module
 from commonrail.plugins.page.page import FIRST_POINT, bench_numbers, curve_numbers, embedded, map_numbers, packed
 from commonrail.plugins.page.subject import Subject, limits_of, read_subject, stable_sliders, variant_of
-from commonrail.report.draw.figure import LOOKS, colour_of
+from commonrail.report.figure import LOOKS, colour_of
 from commonrail.report.fit.record import by_kind
 from commonrail.report.html import render
 

@@ -39,9 +39,9 @@ from commonrail.physics.meters import Meter, given_values, is_of_meter, low_pass
 from commonrail.plugins.export.entry_points import channels, sizes
 from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
 from commonrail.plugins.page.subject import ONE, Slider, Subject, limits_of, read_subject, stable_sliders, variant_of
-from commonrail.readers.injector.writer import injector_text
-from commonrail.report.draw.axis import INK
-from commonrail.report.draw.figure import DASHES, LOOKS, colour_of, figure_html, line_of, small_html
+from commonrail.readers.injector_writer import injector_text
+from commonrail.report.axis import INK
+from commonrail.report.figure import DASHES, LOOKS, colour_of, figure_html, line_of, small_html
 from commonrail.report.html import render
 from commonrail.report.simulation import DASHES as CHANNEL_DASHES
 from commonrail.report.simulation import ORDER

@@ -31,7 +31,7 @@ from commonrail.engine.time_step import DEFAULT_STEP, longest_step, medium_of, s
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import is_of_meter
 from commonrail.physics.variants import Variant
-from commonrail.plugins.certainty.posterior.file import RefusedDrawsError, read_posterior
+from commonrail.plugins.certainty.posterior_file import RefusedDrawsError, read_posterior
 from commonrail.runs.folder import POSTERIOR, RESULT, read_fit, read_result
 
 # Fan of a page: several fits that explain the data almost as well as the best one, or parts that scatter.

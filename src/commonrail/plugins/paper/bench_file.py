@@ -35,7 +35,7 @@ from commonrail.plugins.paper.bench import (
     Truth,
     bench_curve,
 )
-from commonrail.readers.injector.file import component_quantities, components_of, load_injector
+from commonrail.readers.injector import component_quantities, components_of, load_injector
 from commonrail.readers.location import Place, Reach, located, read_text
 from commonrail.readers.toml import (
     LARGEST_TOML,

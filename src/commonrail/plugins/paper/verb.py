@@ -96,7 +96,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.plugins.paper.file import reproduction_record, write_reproduction
     from commonrail.plugins.paper.page import draw_plates
     from commonrail.plugins.paper.run import reproduce
-    from commonrail.readers.injector.file import load_injector
+    from commonrail.readers.injector import load_injector
     from commonrail.report.page import write_report
     from commonrail.runs.folder import new_run_folder
 

@@ -11,7 +11,7 @@ from commonrail.base.text import MISSING, counted, fixed, listed, megapascal, nu
 from commonrail.data.base import Merit, View
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Models, Plotted, Record, Shown, Texts
 from commonrail.plugins.plans.study import Measure, State
-from commonrail.report.draw.figure import drawings
+from commonrail.report.figure import drawings
 from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter

@@ -71,7 +71,7 @@ def predict(
       commonrail predict runs/first
       commonrail predict runs/first --rail-pressure 40:160:20MPa --energising-time 200:1400:100us --out bands.csv
     """
-    from commonrail.plugins.certainty.posterior.file import read_draws
+    from commonrail.plugins.certainty.posterior_file import read_draws
     from commonrail.plugins.prediction.file import write_bands
     from commonrail.plugins.prediction.page import coverage_table, points_table, prediction_html
     from commonrail.plugins.prediction.run import predict as run_prediction

@@ -10,7 +10,7 @@ from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import counted, field_unit, percent, quantity, significant
 from commonrail.data.records import Record
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.figure import figure_html
 from commonrail.report.fit.verdict import Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind

@@ -183,7 +183,7 @@ def _with_settings(subject: Injector | Study, settings: Sequence[str]) -> Inject
 
 def _subject(source: str) -> Injector | Study:
     """Injector, study, or study at the values of a run."""
-    from commonrail.calibration.study_file.file import load_study
+    from commonrail.calibration.study_file import load_study
     from commonrail.cli.model_name import read_model_name
     from commonrail.readers.toml import read_toml
 
@@ -206,7 +206,7 @@ def _injector(subject: Injector | Study) -> Injector:
 def _of_run(run: Path) -> Study:
     """The study of a run folder about its calibrated values."""
     from commonrail.calibration.space import Space
-    from commonrail.readers.injector.file import load_injector
+    from commonrail.readers.injector import load_injector
     from commonrail.runs.folder import read_fit
 
     study, best = read_fit(run)

@@ -13,8 +13,8 @@ from commonrail.base.arguments import file_path
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.study_file.file import named_injector
-from commonrail.calibration.study_file.keys import InItsUnit, known_parameter
+from commonrail.calibration.study_file import named_injector
+from commonrail.calibration.study_keys import InItsUnit, known_parameter
 from commonrail.compiler.target import describe, package_versions
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point

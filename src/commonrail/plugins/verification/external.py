@@ -31,7 +31,7 @@ from commonrail.plugins.paper.bench import PAPER_OPTIMUM
 from commonrail.plugins.verification.closed_forms import Check, check
 from commonrail.readers.columns import Column
 from commonrail.readers.csv import CsvFile
-from commonrail.readers.injector.file import load_injector
+from commonrail.readers.injector import load_injector
 
 INTERVAL = 3e-6  # of its samples [s]
 SHORT = 399e-6  # longest energising time of what counts as a short injection [s]

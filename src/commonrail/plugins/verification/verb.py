@@ -34,7 +34,7 @@ def verify(
     """
     from commonrail.plugins.verification.external import load_outside
     from commonrail.plugins.verification.run import verify as run_checks
-    from commonrail.readers.injector.file import injector_catalogue, load_injector
+    from commonrail.readers.injector import injector_catalogue, load_injector
 
     further = [load_injector(name) for name in injector_catalogue()]
     checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside(), catalogue=further)

@@ -11,7 +11,7 @@ from commonrail.base.chart import Figure
 from commonrail.base.text import duration, significant
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.data.records import Record
-from commonrail.report.draw.figure import figure_html
+from commonrail.report.figure import figure_html
 from commonrail.report.fit.diagnostics import COURSE_CAPTION, course_panel
 from commonrail.report.fit.figures import convergence_figure
 

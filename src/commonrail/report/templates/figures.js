@@ -1,4 +1,4 @@
-// Charts of reports and pages: zoom, a cursor over all panels with the same horizontal axis, legend, files. `report/draw`
+// Charts of reports and pages: zoom, a cursor over all panels with the same horizontal axis, legend, files. `figure.py`
 // draws them; its rules hold here: coordinates within a pane are tenths of a pixel, ticks are those of `axis.py`. Ends of
 // a logarithmic axis are powers of ten.
 const charts = (() => {

@@ -130,7 +130,7 @@ class _Definition(FuelModel):
 
 
 def _meter_tables(item: Any) -> Any:
-    from commonrail.readers.injector.meters import meter_tables  # of which most files have none
+    from commonrail.readers.meters import meter_tables  # of which most files have none
 
     return meter_tables(item)
 
@@ -202,7 +202,7 @@ def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
 
     Raises `InputError` and `ConfigurationError` as `load_meters`.
     """
-    from commonrail.readers.injector.meters import MeterHead, meters_of_tables
+    from commonrail.readers.meters import MeterHead, meters_of_tables
 
     tables: Mapping[str, MeterHead] = _checked(document, at).meters
     for name, table in tables.items():

@@ -22,7 +22,7 @@ from commonrail.calibration.study import LeaveOut
 from commonrail.data.registry import find_kind
 from commonrail.data.study_block import DataModel, Name
 from commonrail.physics.injector import parameter_quantities
-from commonrail.readers.injector.file import MeterTables
+from commonrail.readers.injector import MeterTables
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
 
 # Far above what anybody calibrates; below what would fill the memory. The loader counts samples and rows.

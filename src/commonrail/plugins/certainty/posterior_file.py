@@ -16,7 +16,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.input import check_sum, opened, read_plain, sha256
 from commonrail.base.output import replacing
 from commonrail.base.text import listed, number
-from commonrail.plugins.certainty.posterior.sample import Posterior
+from commonrail.plugins.certainty.posterior import Posterior
 from commonrail.runs.folder import POSTERIOR
 
 # Posterior as the JSON-able record that result.json keeps under "certainty", "posterior".

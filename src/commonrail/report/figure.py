@@ -11,8 +11,8 @@ from markupsafe import Markup, escape
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Bars, Boxes, Chart, Figure, HeatMap, Panel, Points, Series
-from commonrail.report.draw.axis import FONT, INK, LONGEST, NARROW, SIZE, WIDE, Axis, cut, span, text_width, upright
-from commonrail.report.draw.heat_map import heat_map_svg
+from commonrail.report.axis import FONT, INK, LONGEST, NARROW, SIZE, WIDE, Axis, cut, span, text_width, upright
+from commonrail.report.heat_map import heat_map_svg
 
 # Content of one panel of a figure as SVG: bands, boxes, bars, lines and markers.
 

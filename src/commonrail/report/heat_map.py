@@ -9,7 +9,7 @@ from markupsafe import escape
 
 from commonrail.base.chart import HeatMap
 from commonrail.base.text import significant
-from commonrail.report.draw.axis import FONT, INK, LONGEST, SIZE, WIDE, cut, text_width, upright
+from commonrail.report.axis import FONT, INK, LONGEST, SIZE, WIDE, cut, text_width, upright
 
 # Light enough throughout for dark numbers; they differ in lightness, so that they are told apart in grey too.
 _SEQUENTIAL = ("#f7fbff", "#a6cde4", "#5b9fcd")

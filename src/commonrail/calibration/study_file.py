@@ -18,7 +18,7 @@ from commonrail.calibration.objective import Loss
 from commonrail.calibration.parameter import Condition, Parameter, Prior, percent_bounds
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Judgement, Method, Study, step_for_all
-from commonrail.calibration.study_file.keys import (
+from commonrail.calibration.study_keys import (
     MOST_CONSTRAINTS,
     ConditionModel,
     ConstraintsModel,
@@ -36,9 +36,9 @@ from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Domain, Q
 from commonrail.physics.meters import QUANTITIES, Meter, parameter_name
-from commonrail.readers.injector.file import load_injector, load_meters
-from commonrail.readers.injector.meters import Amount, MeterHead, installed_meters, meters_of_tables
+from commonrail.readers.injector import load_injector, load_meters
 from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.meters import Amount, MeterHead, installed_meters, meters_of_tables
 from commonrail.readers.toml import UNSTATED, read_model, read_model_file, read_toml
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each

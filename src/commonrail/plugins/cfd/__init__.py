@@ -1,1 +1,0 @@
-"""Rate of injection as a boundary condition of flow simulations (CFD)."""

@@ -1,1 +1,0 @@
-"""Heating of the fuel on its way through an injector, estimated beside a simulation."""

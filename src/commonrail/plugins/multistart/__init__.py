@@ -1,1 +1,0 @@
-"""Optimiser: damped least squares from many starts."""

@@ -1,1 +1,0 @@
-"""Files of injectors and of their catalogue."""
