@@ -96,24 +96,27 @@ def columns(names: tuple[str, ...], actuation: Actuation = Actuation.SERVO) -> I
     return np.array([paths.index(name) for name in names], np.intp)
 
 
-def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> Bools:
+def admissible(
+    names: Sequence[str], values: Floats, fuel: Fuel | None = None, actuation: Actuation | None = None
+) -> Bools:
     """True for candidates in the domain of their parameters, and in the fuel's range of temperature: (candidates,).
 
-    `fuel` (Fuel, optional): its range of temperature is not asked where it is left out.
+    `fuel` (Fuel, optional): its range of temperature is not asked where it is left out;
+    `actuation` (Actuation, optional): that has the parameters, by default any.
     """
     inside = np.isfinite(values)
     if fuel is not None and FUEL_TEMPERATURE in names:
         column = list(names).index(FUEL_TEMPERATURE)
         inside[:, column] &= fuel.defined_at(values[:, column])
-    for domain, where in _domains(tuple(names)):
+    for domain, where in _domains(tuple(names), actuation):
         inside[:, where] &= domain.admits(values[:, where])
     return np.asarray(inside.all(axis=1))
 
 
 @functools.lru_cache(maxsize=64)
-def _domains(names: tuple[str, ...]) -> list[tuple[Domain, list[int] | slice]]:
+def _domains(names: tuple[str, ...], actuation: Actuation | None) -> list[tuple[Domain, list[int] | slice]]:
     """Domains of parameters, and the places of those that lie in each."""
-    known = parameter_quantities()
+    known = parameter_quantities(actuation)
     found: dict[Domain, list[int]] = {}
     for column, name in enumerate(names):
         found.setdefault(known[name].domain, []).append(column)

@@ -302,7 +302,7 @@ def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
 def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
     """A part of a population that is small enough to have all its parameters in memory."""
     prepared, injector, points = how.prepared, how.prepared.injector, how.prepared.points
-    inside = admissible(names, candidates, injector.fuel)
+    inside = admissible(names, candidates, injector.fuel, injector.variant.actuation)
     if not inside.all():
         own = np.array([injector.values[name] for name in names])
         candidates = np.where(inside[:, None], candidates, own)

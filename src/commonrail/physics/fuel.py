@@ -203,7 +203,7 @@ class Fuel:
         isothermal one in volumes and in the density that is integrated from it.
     heat_capacity_law : Law or None
         One polynomial: the isobaric specific heat capacity [J/(kg K)], the same at all pressures; None where it is not
-        stated. No simulation reads it: see `commonrail.physics.heating`.
+        stated. No simulation reads it: see `commonrail.plugins.heating`.
     """
 
     name: str

@@ -9,8 +9,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.engine.reference import simulate_reference
-from commonrail.physics.heating import heat_capacity, throttled
-from commonrail.plugins.heating import Heating, beside
+from commonrail.plugins.heating import Heating, beside, heat_capacity, throttled
 from tests.cli.conftest import Command
 
 POINT = cr.OperatingPoint(120e6, 500e-6)

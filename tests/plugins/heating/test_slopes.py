@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.physics.heating import compressed, density_and_expansivity, heat_capacity, throttled
+from commonrail.plugins.heating import compressed, density_and_expansivity, heat_capacity, throttled
 from commonrail.readers.fuel import load_fuel
 
 # CoolProp 8.0.0: p [MPa], T [K], rho [kg/m3], alpha [1/K], c_p [J/(kg K)].
