@@ -13,11 +13,10 @@ import pytest
 
 from commonrail.base.errors import StudyError
 from commonrail.calibration.study_file import load_study
-from commonrail.runs.checksums import seal
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.journal import JOURNAL, Journal, State, read_about
 from commonrail.runs.listing import list_runs
-from commonrail.runs.tables import RUN
+from commonrail.runs.tables import RUN, seal
 from tests.runs.conftest import Stop, Stopped, Whole, timeless
 
 TABLES = sorted(RUN.tables)

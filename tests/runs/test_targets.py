@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from commonrail.compiler.target import describe
-from commonrail.runs.checksums import put
 from commonrail.runs.fit import Listener, resume
 from commonrail.runs.journal import Journal
+from commonrail.runs.tables import put
 from tests.runs.conftest import Stop, Stopped, Whole, stop_after, timeless
 
 OTHER = describe()._replace(cpu="znver9", features="+avx9,-avx")

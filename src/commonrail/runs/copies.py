@@ -17,10 +17,9 @@ from commonrail.base.input import SUMS, fingerprint, listed, read_plain, sha256
 from commonrail.base.output import replacing, write_text, writing
 from commonrail.readers.location import read_text
 from commonrail.readers.toml import LARGEST_TOML
-from commonrail.runs.checksums import rows_of
 from commonrail.runs.folder import LIKELY, MEMBER, RESULT, STUDY, TRACES
 from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, opened_to_read
-from commonrail.runs.tables import RUN
+from commonrail.runs.tables import RUN, rows_of
 
 # Changes of a run's files since it was begun.
 

@@ -21,9 +21,8 @@ from commonrail.base.input import check_plain
 from commonrail.base.output import PART, check_target
 from commonrail.calibration.search import Checkpoint, Generation, Stage, Step
 from commonrail.compiler.target import describe
-from commonrail.runs.checksums import Statement, put, rows_of
 from commonrail.runs.lock import UNTRUE, Lock, explained, trusted
-from commonrail.runs.tables import RUN, Schema, digest, number_bytes, pack, unpack
+from commonrail.runs.tables import RUN, Schema, Statement, digest, number_bytes, pack, put, rows_of, unpack
 
 # An SQLite file in a folder that one process holds and others read: what all journals have in common.
 

@@ -15,10 +15,9 @@ from commonrail.base.input import fingerprint, sha256
 from commonrail.compiler.target import package_versions
 from commonrail.plugins.fleet.member import Attempt, shared_files
 from commonrail.plugins.fleet.study import MISSING_FILE, Fleet, Supply
-from commonrail.runs.checksums import put
 from commonrail.runs.journal import JournalFile, facts, now
 from commonrail.runs.lock import trusted
-from commonrail.runs.tables import Schema
+from commonrail.runs.tables import Schema, put
 
 # Fingerprints under which an injector's result is booked: those of what its worker read.
 
@@ -78,7 +77,7 @@ CREATE TABLE injector (
     record TEXT NOT NULL,       -- JSON: see task.calibrate_file
     seconds REAL NOT NULL,      -- processor time
     ended TEXT NOT NULL,        -- UTC
-    seal TEXT NOT NULL          -- in every table: see runs/checksums.py
+    seal TEXT NOT NULL          -- in every table: see runs/tables.py
 );""",
     "{path} is not the journal of a fleet: it holds other tables; name the fleet's own folder.",
 )
