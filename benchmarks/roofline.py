@@ -26,10 +26,11 @@ import numpy as np
 from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, time_best
 from commonrail.base.choices import Precision
-from commonrail.compiler.target import own_processor
+from commonrail.compiler.lower import optimised, texts
+from commonrail.compiler.target import System, own_processor
 from commonrail.engine import lanes, plan
 from commonrail.engine.job import VECTORS
-from commonrail.engine.machine_code import assembly
+from commonrail.engine.machine_code import source_of, symbol_of
 from commonrail.engine.plan import candidate_matrix
 from commonrail.plugins.paper import study
 
@@ -203,8 +204,9 @@ def measure(precision: Precision) -> dict[str, Any]:
     lanes.run(job, variant, precision=precision)
     seconds = _best(lambda: lanes.run(job, variant, precision=precision), 30)
     hertz = clock()
-    text = assembly(variant, vector, own_processor())
-    block = step_block(text)
+    names = {"lanes": symbol_of(variant, vector.precision)}
+    machine, code = optimised(texts(source_of(variant, vector, False)), names, System.of(own_processor()))
+    block = step_block(str(machine.emit_assembly(code)))
     times = Times(seconds, measured_bound(block), hertz)
     return {
         "precision": precision.value,

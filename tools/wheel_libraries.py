@@ -1,6 +1,7 @@
 """Libraries of lane loops for a wheel or clone: ``python -m tools.wheel_libraries [FOLDER] [all]``.
 
-Each level of x86-64 gets one library, of the same objects that the cache of kernels holds. `engine.library` uses them.
+Each level of x86-64 gets one library, of the same objects that the cache of kernels holds.
+`engine.machine_code` uses them.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from typing import NamedTuple
 
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.base.errors import ConfigurationError
+from commonrail.base.input import digest
 from commonrail.compiler.cache import files_stamp, sources_stamp
 from commonrail.compiler.target import LEVEL_3, LEVEL_4, Processor, package_version
 from commonrail.engine.job import VECTORS
-from commonrail.engine.machine_code import COMPILERS, FOLDER, STAMP, digest, file_of, object_of, symbol_of
+from commonrail.engine.machine_code import COMPILERS, FOLDER, STAMP, file_of, object_of, symbol_of
 from commonrail.engine.simulate import usable_threads
 from commonrail.physics.variants import Variant
 from commonrail.plugins.export.object_files import compiler_for, link_shared, target_named

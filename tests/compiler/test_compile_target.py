@@ -103,7 +103,7 @@ def test_without_llvmlite_the_level_is_what_the_system_states(
 ) -> None:
     if text is not None:
         (tmp_path / "cpuinfo").write_text(text, encoding="ascii")
-    monkeypatch.setattr(target, "CPU_FLAGS", tmp_path / "cpuinfo")
+    monkeypatch.setattr(target, "CPU_FACTS", tmp_path / "cpuinfo")
     monkeypatch.setattr(target, "_llvm", lambda: None)
     monkeypatch.setenv(target.SWITCH, switch)
     assert target.own_processor() == target.Processor(name)

@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 
 from commonrail.base.choices import Precision
-from commonrail.compiler.target import exact_processor, own_processor
+from commonrail.compiler import lower
+from commonrail.compiler.target import System, exact_processor, own_processor
 from commonrail.engine import machine_code
 from commonrail.engine.job import VECTORS
 from commonrail.physics.variants import Variant
@@ -19,7 +20,9 @@ from commonrail.physics.variants import Variant
 def assembly(precision: Precision, same_bits: bool = False) -> str:
     """Return the text of the regulated variant's kernel."""
     processor = exact_processor() if same_bits else own_processor()
-    return machine_code.assembly(Variant(), VECTORS[precision], processor)
+    texts = lower.texts(machine_code.source_of(Variant(), VECTORS[precision], same_bits))
+    machine, code = lower.optimised(texts, {"lanes": "lanes"}, System.of(processor))
+    return str(machine.emit_assembly(code))
 
 
 if __name__ == "__main__":

@@ -75,11 +75,6 @@ def write(path: Path, payload: bytes) -> None:
         raise
 
 
-def damaged(folder: Path) -> list[Path]:
-    """Return the kernels of a folder that would not be loaded."""
-    return [path for path in sorted(folder.glob(f"*{ENDING}")) if read(path)[0] is None]
-
-
 def kept_or_made(name: str, make: Callable[[], bytes]) -> bytes:
     """Return the payload of a file beside the kernels; it is made and kept where there is none.
 
@@ -126,11 +121,16 @@ def turn(path: Path) -> Iterator[None]:
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles)."""
+    """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles).
+
+    It is named by all that decides over machine code beside the processor: physics, Python, Numba and llvmlite.
+    """
     home = _home()
     if home is None:
         return None
-    folder = home / f"kernels-{physics_stamp()[:20]}"
+    versions = " ".join((package_version("numba"), package_version("llvmlite"), platform.python_version()))
+    stamp = hashlib.sha256(f"{versions} {sources_stamp()}".encode()).hexdigest()
+    folder = home / f"kernels-{stamp[:20]}"
     return folder if _is_usable(folder) else None
 
 
@@ -212,13 +212,6 @@ def _objection(found: os.stat_result, is_kind: Callable[[int], bool], kind: str)
     if _is_open(found):
         return "may be written by others (chmod go-w makes it private)"
     return ""
-
-
-@functools.cache
-def physics_stamp() -> str:
-    """Digest of all that decides over machine code beside the processor: the physics, Python, Numba and llvmlite."""
-    versions = " ".join((package_version("numba"), package_version("llvmlite"), platform.python_version()))
-    return hashlib.sha256(f"{versions} {sources_stamp()}".encode()).hexdigest()
 
 
 @functools.cache

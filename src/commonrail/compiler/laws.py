@@ -19,7 +19,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
-from commonrail.compiler.table import REAL, Array
+from commonrail.compiler.load import REAL, Array
 from commonrail.physics.law import CACHE_LINE, in_single, offer_laws, physics
 
 # What the compiler may do with sums and products, by the kind of a kernel. No "nnan"/"ninf": a candidate that blows up
@@ -126,21 +126,22 @@ def number(typing: Any, bits: Any) -> Any:
 # left the processor. As loops over lanes the three cost 8 % in double precision and 30 % in single (Zen 3).
 
 
+def _row(context: Any, builder: Any, kind: Any, array: Any, first: Any, lanes: int) -> Any:
+    """Pointer to `lanes` numbers of an array from the index `first` on, as one vector."""
+    data = context.make_array(kind)(context, builder, array).data
+    vector = ir.VectorType(context.get_value_type(kind.dtype), lanes)
+    return builder.bitcast(builder.gep(data, [first]), vector.as_pointer())
+
+
 def row_copier(lanes: int) -> Callable[..., None]:
     """Function (target, to, source, first) that copies `lanes` numbers as one vector."""
 
     @intrinsic
     def copy(typing: Any, target: Any, to: Any, source: Any, first: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            number = context.get_value_type(target.dtype)
-            vector, size = ir.VectorType(number, lanes), context.get_abi_sizeof(number)
-
-            def place(kind: Any, array: Any, index: Any) -> Any:
-                data = context.make_array(kind)(context, builder, array).data
-                return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
-
-            row = builder.load(place(source, arguments[2], arguments[3]), align=size)
-            builder.store(row, place(target, arguments[0], arguments[1]), align=size)
+            size = context.get_abi_sizeof(context.get_value_type(target.dtype))
+            row = builder.load(_row(context, builder, source, arguments[2], arguments[3], lanes), align=size)
+            builder.store(row, _row(context, builder, target, arguments[0], arguments[1], lanes), align=size)
             return context.get_dummy_value()
 
         return types.none(target, types.intp, source, types.intp), generate
@@ -159,20 +160,19 @@ def row_gatherer(lanes: int) -> Callable[..., None]:
     def gather(typing: Any, target: Any, to: Any, source: Any, where: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             number, whole = context.get_value_type(target.dtype), context.get_value_type(types.intp)
-            vector, size = ir.VectorType(number, lanes), context.get_abi_sizeof(number)
             into, drawn = (
                 context.make_array(kind)(context, builder, value).data
                 for kind, value in ((target, arguments[0]), (source, arguments[2]))
             )
             place, first, now, mask = cgutils.unpack_tuple(builder, arguments[3], 4)
-            row = ir.Constant(vector, ir.Undefined)
+            row = ir.Constant(ir.VectorType(number, lanes), ir.Undefined)
             for lane in range(lanes):
                 delay = builder.fptosi(builder.load(builder.gep(into, [builder.add(place, whole(lane))])), whole)
                 slot = builder.add(builder.and_(builder.sub(now, delay), mask), first)
                 found = builder.load(builder.gep(drawn, [builder.add(builder.mul(slot, whole(lanes)), whole(lane))]))
                 row = builder.insert_element(row, found, ir.IntType(32)(lane))
-            there = builder.bitcast(builder.gep(into, [arguments[1]]), vector.as_pointer())
-            builder.store(row, there, align=size)
+            there = _row(context, builder, target, arguments[0], arguments[1], lanes)
+            builder.store(row, there, align=context.get_abi_sizeof(number))
             return context.get_dummy_value()
 
         return types.none(target, types.intp, source, types.UniTuple(types.intp, 4)), generate  # type: ignore[attr-defined]
@@ -190,18 +190,13 @@ def clock_reader(lanes: int) -> Callable[..., None]:
     def read(typing: Any, target: Any, to: Any, origins: Any, first: Any, now: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             double, number = (context.get_value_type(kind.dtype) for kind in (origins, target))
-            given, kept = (ir.VectorType(kind, lanes) for kind in (double, number))
-            into, begun = (
-                context.make_array(kind)(context, builder, value).data
-                for kind, value in ((target, arguments[0]), (origins, arguments[2]))
-            )
-            place = builder.bitcast(builder.gep(begun, [arguments[3]]), given.as_pointer())
-            all_now = ir.Constant(given, ir.Undefined)
+            all_now = ir.Constant(ir.VectorType(double, lanes), ir.Undefined)
             for lane in range(lanes):
                 all_now = builder.insert_element(all_now, arguments[4], ir.IntType(32)(lane))
-            since = builder.fsub(all_now, builder.load(place, align=context.get_abi_sizeof(double)))
-            row = since if number == double else builder.fptrunc(since, kept)
-            there = builder.bitcast(builder.gep(into, [arguments[1]]), kept.as_pointer())
+            begun = _row(context, builder, origins, arguments[2], arguments[3], lanes)
+            since = builder.fsub(all_now, builder.load(begun, align=context.get_abi_sizeof(double)))
+            row = since if number == double else builder.fptrunc(since, ir.VectorType(number, lanes))
+            there = _row(context, builder, target, arguments[0], arguments[1], lanes)
             builder.store(row, there, align=context.get_abi_sizeof(number))
             return context.get_dummy_value()
 
@@ -216,7 +211,7 @@ TABLE = types.int64(types.CPointer(types.int64))  # type: ignore[attr-defined]
 def of_table(function: Callable[..., Any], described: tuple[Any, ...], real: type = np.float64) -> Callable[..., Any]:
     """Function of a table in place of the arguments that are described; its signature is `TABLE`.
 
-    `described`: of each argument, see `table`; `real`: of arrays of kind "real".
+    `described`: of each argument, see `load`; `real`: of arrays of kind "real".
     """
     read, law = _reader(described, real), physics(function)
 

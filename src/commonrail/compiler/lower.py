@@ -185,12 +185,6 @@ def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, vis
     return bytes(machine.emit_object(whole))
 
 
-def assembly(texts: Mapping[str, str], names: Mapping[str, str], system: System) -> str:
-    """Assembly text of what `emit` makes of the same arguments."""
-    machine, whole = optimised(texts, names, system)
-    return str(machine.emit_assembly(whole))
-
-
 def optimised(
     texts: Mapping[str, str],
     names: Mapping[str, str],
@@ -206,19 +200,6 @@ def optimised(
     import llvmlite.binding as llvm
 
     machine = _machine(system)
-    whole = linked(texts, names, machine, visibility)
-    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
-    tuning.loop_vectorization = tuning.slp_vectorization = vectors
-    tuning.loop_unrolling = True
-    builder = llvm.create_pass_builder(machine, tuning)
-    builder.getModulePassManager().run(whole, builder)
-    return machine, whole
-
-
-def linked(texts: Mapping[str, str], names: Mapping[str, str], machine: Any, visibility: str = "default") -> Any:
-    """One module of functions for LLVM's machine; arguments as of `emit`."""
-    import llvmlite.binding as llvm
-
     whole: Any = None
     for name, text in texts.items():
         module = llvm.parse_assembly(text)
@@ -230,7 +211,12 @@ def linked(texts: Mapping[str, str], names: Mapping[str, str], machine: Any, vis
         else:
             whole.link_in(module)
     whole.verify()
-    return whole
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+    tuning.loop_vectorization = tuning.slp_vectorization = vectors
+    tuning.loop_unrolling = True
+    builder = llvm.create_pass_builder(machine, tuning)
+    builder.getModulePassManager().run(whole, builder)
+    return machine, whole
 
 
 @functools.cache

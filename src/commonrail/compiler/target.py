@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from commonrail.base.errors import ConfigurationError
 
 PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
-CPU_FLAGS = Path("/proc/cpuinfo")
+CPU_FACTS = Path("/proc/cpuinfo")
 MOST = 6  # features that a sentence names
 SWITCH = "COMMONRAIL_KERNELS"
 
@@ -104,24 +104,25 @@ class System(NamedTuple):
     features: str = ""
 
     @classmethod
-    def here(cls, processor: Processor) -> System:
-        """This machine's system with a processor; its widest vectors are used, where LLVM would prefer half of them."""
+    def of(cls, processor: Processor, triple: str = "") -> System:
+        """System with a processor; its widest vectors are used, where LLVM would prefer half of them."""
         wide = "-prefer-256-bit" if processor.is_wide else ""
-        return cls("", processor.name, ",".join(filter(None, (processor.features, wide))))
+        return cls(triple, processor.name, ",".join(filter(None, (processor.features, wide))))
 
 
 def own_processor() -> Processor:
     """Processor that this process compiles for; without llvmlite, which it loads, the level that the system states."""
     llvm = _llvm()
     if llvm is None:
-        return _stated_level()
+        other_names = {"abm": "lzcnt", "bmi1": "bmi"}  # Linux's for LLVM's
+        stated = {other_names.get(flag, flag) for flag in _stated("flags").split()}
+        return _level(stated) or Processor("unknown")
     named, features = os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES")
     has: Mapping[str, bool] = llvm.get_host_cpu_features()
     if named is None and features is None:
-        levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
-        for level, needed in levels[1:] if kernels_switch() == "v3" else levels:
-            if is_x86() and all(has.get(name, False) for name in needed):
-                return level
+        level = _level({name for name, on in has.items() if on})
+        if level and is_x86():
+            return level
     if features is None:
         features = "" if named == "generic" else ",".join(f"{'+' if on else '-'}{name}" for name, on in has.items())
     return Processor(named or llvm.get_host_cpu_name(), features)
@@ -136,17 +137,20 @@ def _llvm() -> Any:
     return llvm
 
 
-def _stated_level() -> Processor:
-    """Level of x86-64 by the flags that Linux states; "unknown" where it states none."""
+def _stated(field: str) -> str:
+    """What Linux states of the processor under a name; "" where it does not."""
     with suppress(OSError):
-        lines = CPU_FLAGS.read_text(encoding="ascii", errors="replace").splitlines()
-        flags = next((line.partition(":")[2].split() for line in lines if line.startswith("flags")), [])
-        has = {"lzcnt" if flag == "abm" else "bmi" if flag == "bmi1" else flag for flag in flags}
-        levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
-        for level, needed in levels[1:] if kernels_switch() == "v3" else levels:
-            if has.issuperset(needed):
-                return level
-    return Processor("unknown")
+        for line in CPU_FACTS.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith(field):
+                return line.partition(":")[2].strip()
+    return ""
+
+
+def _level(has: set[str]) -> Processor | None:
+    """Highest level that `kernels_switch` allows whose instruction sets are all there."""
+    levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
+    allowed = levels[1:] if kernels_switch() == "v3" else levels
+    return next((level for level, needed in allowed if has.issuperset(needed)), None)
 
 
 def kernels_switch() -> str:
@@ -186,16 +190,6 @@ def may_compile() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 
 
-def missing() -> str | None:
-    """Sentence on why no bits are promised on this machine; None where they are."""
-    if is_x86():
-        return None
-    return (
-        f"The same bits are promised for x86-64 processors, and this machine is of kind {platform.machine()}; "
-        "omit same_bits."
-    )
-
-
 def exact_processor() -> Processor:
     """This machine's processor, for kernels whose bits are those of every other; loads llvmlite.
 
@@ -208,16 +202,19 @@ def exact_processor() -> Processor:
     ConfigurationError
         If this machine is of another kind.
     """
-    fault = missing()
-    if fault is not None:
-        raise ConfigurationError(fault)
+    if not is_x86():
+        raise ConfigurationError(
+            f"The same bits are promised for x86-64 processors, and this machine is of kind {platform.machine()}; "
+            "omit same_bits."
+        )
     return own_processor()._replace(exact=True)
 
 
 def package_versions() -> dict[str, str]:
     """Versions of commonrail, Python and the packages that compute; "" for one that is not installed."""
-    found = {name: package_version(name) for name in PACKAGES}
-    return {"commonrail": found.pop("commonrail"), "python": platform.python_version(), **found}
+    first, *others = PACKAGES
+    own = {first: package_version(first), "python": platform.python_version()}
+    return own | {name: package_version(name) for name in others}
 
 
 def package_version(package: str) -> str:
@@ -229,25 +226,13 @@ def package_version(package: str) -> str:
 
 def processor() -> str:
     """Model of the processor, as the system names it; "" where it does not."""
-    with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()
+    return _stated("model name") or platform.processor()
 
 
 def differences(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     """Differences of two targets as the part of a sentence: "cpu haswell, now generic; numba 0.62, now 0.63".
 
-    Parameters
-    ----------
-    before, now : mapping of str to str
-        `CompileTarget.record`.
-
-    Returns
-    -------
-    str
-        "" where they are equal.
+    `before`, `now`: `CompileTarget.record`; "" where they are equal.
     """
     differing = [name for name in now if before.get(name) != now[name]]
     return "; ".join(

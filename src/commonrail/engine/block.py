@@ -31,9 +31,6 @@ from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE, layout_of, p
 from commonrail.physics.model import Inputs, Setting, Waves
 from commonrail.physics.variants import Variant, connections_of, wiring
 
-# Inputs of a block in each step: waves that arrive from its rings, boundary pressures, clocks of the drive.
-
-
 Law: TypeAlias = Callable[..., Any]
 
 

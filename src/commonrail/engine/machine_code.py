@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import hashlib
 import json
 import os
 import re
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base.choices import Precision
+from commonrail.base.input import digest
 from commonrail.compiler.cache import Source, files_stamp, sources_stamp
 from commonrail.compiler.load import Call, callable_at, load
 from commonrail.compiler.load import object_of as compiled_object
@@ -20,7 +20,6 @@ from commonrail.compiler.target import (
     LEVEL_4,
     SWITCH,
     Processor,
-    System,
     exact_processor,
     is_x86,
     kernels_switch,
@@ -42,12 +41,13 @@ COMPILERS = ("numba", "llvmlite")
 INSTALL = "pip install 'commonrail[jit]'"  # installs them in the versions of the libraries
 
 
-class Shared(NamedTuple):
-    """Address of a function, processor that it was compiled for, and library that holds it."""
+class MachineCode(NamedTuple):
+    """A loop that can be called."""
 
-    address: int
-    processor: str
-    holder: Any
+    call: Call
+    origin: str  # "library", "cache" or "compiled"
+    processor: str  # that it was compiled for
+    holder: Any  # keeps the code in memory
 
 
 def file_of(processor: str) -> Path:
@@ -55,12 +55,7 @@ def file_of(processor: str) -> Path:
     return FOLDER / f"lanes-{processor.rpartition('-')[2]}.so"
 
 
-def digest(path: Path) -> str:
-    """Digest of a library, as the stamp keeps it."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def find(symbol: str) -> Shared | None:
+def find(symbol: str) -> MachineCode | None:
     """Function of a library by its name; None where there is none that may be used.
 
     Raises ConfigurationError if ``COMMONRAIL_KERNELS`` is none of its values.
@@ -73,7 +68,8 @@ def find(symbol: str) -> Shared | None:
         function = getattr(holder, symbol)
     except AttributeError:
         return None
-    return Shared(int(ctypes.cast(function, ctypes.c_void_p).value or 0), level, holder)
+    address = int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+    return MachineCode(callable_at(address), "library", level, holder)
 
 
 @functools.cache
@@ -138,15 +134,6 @@ def _opened(path: Path) -> Any:
     return ctypes.CDLL(str(path))
 
 
-class MachineCode(NamedTuple):
-    """A loop that can be called."""
-
-    call: Call
-    origin: str  # "library", "cache" or "compiled"
-    processor: str  # that it was compiled for
-    holder: Any  # keeps the code in memory
-
-
 def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> str:
     """Name of a loop in an object or a library; `exact`: of one that is compiled for a `Processor` that is exact."""
     words = "_".join(filter(None, variant.words))
@@ -160,9 +147,8 @@ def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCo
     ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     symbol = symbol_of(variant, vector.precision, same_bits)
-    shared = find(symbol)
-    if shared is not None:
-        return MachineCode(callable_at(shared.address), "library", shared.processor, shared.holder)
+    if (shared := find(symbol)) is not None:
+        return shared
     processor = exact_processor() if same_bits else own_processor()
     found, made = object_of(variant, vector, processor)
     call, holder = load(found, symbol)
@@ -176,14 +162,6 @@ def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:
     return Source(
         "commonrail.engine.block:entries", (precision, str(vector.lanes), *variant.words), kind, kernel_name(variant)
     )
-
-
-def assembly(variant: Variant, vector: Vector, processor: Processor) -> str:
-    """Assembly text of a loop, to be read."""
-    from commonrail.compiler import lower
-
-    names = {"lanes": symbol_of(variant, vector.precision, processor.exact)}
-    return lower.assembly(lower.texts(source_of(variant, vector, processor.exact)), names, System.here(processor))
 
 
 def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[bytes, bool]:

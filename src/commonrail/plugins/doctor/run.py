@@ -240,7 +240,7 @@ def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fac
     fallen_back = f"{usual} cannot be used and this place may be emptied at any time: make that one yours alone."
     yield Fact("kernel cache", str(found), OK if found.parent == usual else fallen_back)
     files = list(found.glob(f"*{cache.ENDING}"))
-    damaged = len(cache.damaged(found))
+    damaged = sum(cache.read(path)[0] is None for path in files)
     size = sum(path.lstat().st_size for path in files)
     renewed = f"{damaged} of them differ from what was written and are compiled anew when they are used."
     yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB", renewed if damaged else OK)

@@ -18,7 +18,7 @@ from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.compiler import lower
 from commonrail.compiler.cache import Source
-from commonrail.compiler.target import System
+from commonrail.compiler.target import Processor, System
 from commonrail.physics.variants import Variant, kernel_name
 
 # Numbers as pointers, pointers in memory, what one processor or Python alone has.
@@ -68,28 +68,23 @@ def target_named(name: str) -> Target:
     return TARGETS[name]
 
 
-def source_of(variant: Variant) -> Source:
-    """Source of the entries of `export.entry_points`; every target has the bits of the lanes with `same_bits`."""
-    return _source("entries", variant)
-
-
-def _source(maker: str, variant: Variant) -> Source:
+def source_of(variant: Variant, maker: str = "entries") -> Source:
+    """Source of what a function of `export.entry_points` makes; every target has the bits of lanes with `same_bits`."""
     module = "commonrail.plugins.export.entry_points"
     return Source(f"{module}:{maker}", variant.words, "exact", kernel_name(variant))
 
 
-def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
+def emit(variant: Variant, target: Target, prefix: str = "cr") -> bytes:
     """Object file with the entries of `export.entry_points`, each named ``PREFIX_ENTRY`` and hidden.
 
     The entries follow Numba's calling convention: ``int32_t f(void *result, void **exception, arguments …)`` returns 0;
     `result` receives a pointer, and `exception` is not written. Prefixes let the objects of two models be linked into
     one program. Where the text of the wiring is in no cache, Numba compiles it for some ten seconds. ConfigurationError
-    if there is no such target, or the compiler fails.
+    if the compiler fails.
     """
-    found = target if isinstance(target, Target) else target_named(target)
     texts = _portable(source_of(variant))
     names = {name: f"{prefix}_{name}" for name in texts}
-    return lower.emit(texts, names, System(found.triple, found.processor, found.features), "hidden")
+    return lower.emit(texts, names, System(target.triple, target.processor, target.features), "hidden")
 
 
 def linked_text(variant: Variant, prefix: str = "cr") -> str:
@@ -110,11 +105,10 @@ def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr
 
     `vectors` is one of `vectors_of` the target.
     """
-    texts = _portable(_source("block_entries", variant))
+    texts = _portable(source_of(variant, "block_entries"))
     names = {name: f"{prefix}_{name}_{vectors}" for name in texts}
-    processor = _VECTORS[target.triple.partition("-")[0]][vectors]
-    wide = "-prefer-256-bit" if vectors == "avx512" else ""
-    return lower.emit(texts, names, System(target.triple, processor, wide), "hidden")
+    processor = Processor(_VECTORS[target.triple.partition("-")[0]][vectors])
+    return lower.emit(texts, names, System.of(processor, target.triple), "hidden")
 
 
 def _portable(source: Source) -> dict[str, str]:

@@ -63,11 +63,12 @@ def _defines(variant: Variant) -> dict[str, int]:
 
 
 def _linked(variant: Variant) -> bytes:
-    compiler = compiler_for(target_named(TARGET)._replace(zig=_BARE))  # refuses before the physics is compiled
+    target = target_named(TARGET)
+    compiler = compiler_for(target._replace(zig=_BARE))  # refuses before the physics is compiled
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         physics, out = folder / "physics.o", folder / "page.wasm"
-        physics.write_bytes(emit(variant, TARGET))
+        physics.write_bytes(emit(variant, target))
         defines = [f"-D{name}={value}" for name, value in _defines(variant).items()]
         inputs = [str(_SHIM), str(physics), "-o", str(out)]
         run([*compiler.command, "-O2", "-g0", _FEATURES, *_LINK, *defines, *inputs], folder)
