@@ -166,17 +166,12 @@ class Space:
     def _limits(self) -> _Limits:
         return _Limits.of(self)
 
-    def _distances(self, x: Floats) -> Floats:
-        """Distance (..., m + 2 d) of points inside each constraint and bound, SI."""
-        inside = product(x, self.rows.matrix.T) - self._limits.floor
-        return np.concatenate([inside, x - self.lower, self.upper - x], axis=-1)
-
     def slack(self, x: ArrayLike) -> Floats:
         """Distance (..., m) of each constraint from its limit at points (..., d); SI, < 0: broken.
 
         Strict rows count from a limit that includes their margin (`STRICT_MARGIN`).
         """
-        return self._distances(np.asarray(x, dtype=float))[..., : len(self.rows)]
+        return _distances(self, np.asarray(x, dtype=float))[..., : len(self.rows)]
 
     def shortfall(self, x: ArrayLike) -> Floats:
         """Shortfall of each constraint (..., m) at points (..., d), by its span in the bounds.
@@ -192,7 +187,7 @@ class Space:
         """Return whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
         # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
         points = np.asarray(x, dtype=float)
-        linear = np.asarray((self._distances(points) >= self._limits.least).all(axis=-1))
+        linear = np.asarray((_distances(self, points) >= self._limits.least).all(axis=-1))
         if not len(self.products):
             return linear
         return linear & (self.products.shortfall(points) <= ROUNDING).all(axis=-1)
@@ -220,7 +215,7 @@ class Space:
         start, goal = np.asarray(anchor, dtype=float), np.asarray(x, dtype=float)
         if len(self.products):
             return _halved(self, start, goal)
-        here, there = self._distances(start), self._distances(goal)
+        here, there = _distances(self, start), _distances(self, goal)
         crossed = there < 0.0
         drop = np.where(crossed, np.maximum(here, 0.0) - there, 1.0)
         fraction = np.where(crossed, np.maximum(here, 0.0) / drop, 1.0).min(axis=-1)
@@ -253,6 +248,12 @@ class _Limits(NamedTuple):
             product(high - low, np.abs(rows.matrix).T),
             -np.concatenate([ROUNDING * rows.magnitude(low, high), np.zeros(2 * space.dimension)]),
         )
+
+
+def _distances(space: Space, x: Floats) -> Floats:
+    """Distance (..., m + 2 d) of points inside each constraint and bound, SI."""
+    inside = product(x, space.rows.matrix.T) - space._limits.floor
+    return np.concatenate([inside, x - space.lower, space.upper - x], axis=-1)
 
 
 def _check_names(names: Sequence[str]) -> None:

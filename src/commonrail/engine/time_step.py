@@ -81,6 +81,9 @@ _EITHER = (  # of either actuation: which of them an injector has is a matter of
 )
 
 
+_RETURN = 0.5e6  # usual return pressure [Pa], at which the speed of sound in the line is taken
+
+
 class Medium(NamedTuple):
     """Fuel at the largest rail pressure: bulk modulus [Pa], sound speed there and in the return line [m/s]."""
 
@@ -89,31 +92,22 @@ class Medium(NamedTuple):
     return_speed: float
 
 
-def medium_of(injector: Injector, rail_pressure: Floats | float, return_pressure: float = 0.5e6) -> Medium:
-    """Fuel of an injector at its own temperature.
-
-    Parameters
-    ----------
-    injector : Injector
-    rail_pressure : float or array
-        [Pa]; modulus and speed have its shape.
-    return_pressure : float
-        [Pa].
-    """
+def medium_of(injector: Injector, rail_pressure: Floats | float) -> Medium:
+    """Fuel of an injector at its own temperature; modulus and speed have the shape of the rail pressure [Pa]."""
     fuel, temperature = injector.fuel, injector.values[FUEL_TEMPERATURE]
     if np.ndim(rail_pressure):
         modulus, speed = fuel.bulk_modulus(rail_pressure, temperature), fuel.sound_speed(rail_pressure, temperature)
-        return Medium(modulus, speed, float(fuel.sound_speed(return_pressure, temperature)))
-    return _medium_at(fuel, temperature, float(rail_pressure), return_pressure)
+        return Medium(modulus, speed, float(fuel.sound_speed(_RETURN, temperature)))
+    return _medium_at(fuel, temperature, float(rail_pressure))
 
 
 @functools.lru_cache(maxsize=64)
-def _medium_at(fuel: Fuel, temperature: float, rail_pressure: float, return_pressure: float) -> Medium:
+def _medium_at(fuel: Fuel, temperature: float, rail_pressure: float) -> Medium:
     """`medium_of` at one pressure."""
     return Medium(
         float(fuel.bulk_modulus(rail_pressure, temperature)),
         float(fuel.sound_speed(rail_pressure, temperature)),
-        float(fuel.sound_speed(return_pressure, temperature)),
+        float(fuel.sound_speed(_RETURN, temperature)),
     )
 
 

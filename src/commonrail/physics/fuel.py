@@ -290,11 +290,11 @@ class Fuel:
 
     def vapour_pressure(self, temperature: ArrayLike) -> Floats:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""
-        return np.asarray(exp(self.vapour_law.at(self._temperature(temperature))[0]))
+        return np.asarray(exp(self.vapour_law.at(_defined(self, temperature))[0]))
 
     def _read(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Pressure held at the range's lower end, what lies below it, both in MPa, and temperature [K]."""
-        at, pressure = self._temperature(temperature), array(p, "Pa", "pressure") / _MPA
+        at, pressure = _defined(self, temperature), array(p, "Pa", "pressure") / _MPA
         try:
             np.broadcast_shapes(pressure.shape, at.shape)
         except ValueError:
@@ -311,17 +311,19 @@ class Fuel:
         low, high = self.temperature_range
         return np.asarray((asked >= low - _TEMPERATURE_TOLERANCE) & (asked <= high + _TEMPERATURE_TOLERANCE))
 
-    def _temperature(self, temperature: ArrayLike) -> Floats:
-        asked = array(temperature, "K", "temperature", finite=False)
-        low, high = self.temperature_range
-        inside = self.defined_at(asked)
-        if not np.all(inside):
-            wrong = float(np.atleast_1d(asked)[~np.atleast_1d(inside)][0])
-            raise InputError(
-                f"Fuel {self.name} is defined from {low:g} to {high:g} K but was asked for at "
-                f"{wrong:g} K: give an absolute temperature inside this range, or another fuel."
-            )
-        return asked
+
+def _defined(fuel: Fuel, temperature: ArrayLike) -> Floats:
+    """Temperatures [K] as an array; InputError if one lies outside the fuel's range."""
+    asked = array(temperature, "K", "temperature", finite=False)
+    low, high = fuel.temperature_range
+    inside = fuel.defined_at(asked)
+    if not np.all(inside):
+        wrong = float(np.atleast_1d(asked)[~np.atleast_1d(inside)][0])
+        raise InputError(
+            f"Fuel {fuel.name} is defined from {low:g} to {high:g} K but was asked for at "
+            f"{wrong:g} K: give an absolute temperature inside this range, or another fuel."
+        )
+    return asked
 
 
 def _density(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
