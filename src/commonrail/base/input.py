@@ -90,10 +90,10 @@ def check_plain(path: Path, largest: int | None = None) -> None:
     _refuse_unless_plain(path, path.stat(), largest)
 
 
-def fingerprint(path: Path, largest: int = LARGEST_FILE) -> str:
+def fingerprint(path: Path) -> str:
     """SHA-256 of a file; empty if there is none that may be read, `UNREADABLE` if it is not plain or too large."""
     try:
-        return sha256(read_plain(path, largest))
+        return sha256(read_plain(path))
     except InputError as error:
         return UNREADABLE if error.__cause__ is None else ""
 

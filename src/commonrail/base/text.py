@@ -146,10 +146,10 @@ def counted(count: int, noun: str, nouns: str = "") -> str:
     return f"{count} {noun if count == 1 else nouns or f'{noun}s'}"
 
 
-def several(values: Sequence[Any], text: Callable[[Any], str], most: int = 3) -> str:
-    """Values as a few texts beside one another, "+0.1 · 0.0", or as their range where there are more than `most`."""
+def several(values: Sequence[Any], text: Callable[[Any], str]) -> str:
+    """Values as a few texts beside one another, "+0.1 · 0.0", or as their range where there are more than three."""
     known = [v for value in values if (v := number(value)) is not None]
-    if len(known) > most:
+    if len(known) > 3:
         return " to ".join(dict.fromkeys((text(min(known)), text(max(known)))))
     return " · ".join(map(text, known)) or MISSING
 

@@ -139,18 +139,11 @@ def columns_of(stream: TextIO) -> int:
     return shutil.get_terminal_size().columns if stream.isatty() else WIDTH_OF_A_FILE
 
 
-def wrapped(text: str, indent: str = "", later: str | None = None) -> list[str]:
-    """Lines of a sentence: in a terminal broken between words, in a file one.
-
-    `indent` opens the first line, `later` the others; by default the same.
-    """
-    later = indent if later is None else later
+def wrapped(text: str) -> list[str]:
+    """Lines of a sentence: in a terminal broken between words, in a file one."""
     if not sys.stdout.isatty():
-        return [f"{indent}{text}"]
-    width = columns_of(sys.stdout)
-    return textwrap.wrap(
-        text, width, initial_indent=indent, subsequent_indent=later, break_long_words=False, break_on_hyphens=False
-    )
+        return [text]
+    return textwrap.wrap(text, columns_of(sys.stdout), break_long_words=False, break_on_hyphens=False)
 
 
 def print_lines(lines: Iterable[str]) -> None:

@@ -193,14 +193,6 @@ class Likelihood:
         """Natural logarithm of the priors (m,) without constants; −inf beyond bounds and constraints."""
         return np.asarray(np.where(self.space.satisfies(points), -0.5 * self.priors.costs(points), -np.inf))
 
-    def log_posterior(self, points: Floats) -> Floats:
-        """Sum (m,) of `log_likelihood` and `log_prior`; points beyond bounds and constraints are not simulated."""
-        found = np.array(self.log_prior(points))
-        inside = np.flatnonzero(np.isfinite(found))
-        if len(inside):
-            found[inside] += self.log_likelihood(points[inside])
-        return found
-
     def scaled(self, unit: Floats) -> Floats:
         """SI value per unit of position (d,) at a position (d,)."""
         return around_position(self.space, unit).scale

@@ -173,22 +173,20 @@ class _Ends:
         return ProfileEnd(unit, value, bool(self.done[k] and not self.wall[k]), bool(self.wall[k]))
 
 
-def profiles_of(
-    estimate: Estimate, which: Sequence[int] | None = None, level: float = 0.95, *, rounds: int = ROUNDS
-) -> Profiles:
+def profiles_of(estimate: Estimate, which: Sequence[int] | None = None, level: float = 0.95) -> Profiles:
     """Profiles of parameters.
 
-    `which`: columns of the parameters; all by default; `level`: share of intervals that hold the truth; `rounds`:
-    largest number of points for each end. Returns as soon as a point beats the optimum, with that point in `better`.
+    `which`: columns of the parameters; all by default; `level`: share of intervals that hold the truth. An end takes at
+    most `ROUNDS` points. Returns as soon as a point beats the optimum, with that point in `better`.
     """
     likelihood = estimate.likelihood
     columns = list(range(likelihood.space.dimension)) if which is None else list(which)
     before = likelihood.simulated
     ends = _Ends(estimate, columns, level)
-    for done in range(rounds):
+    for done in range(ROUNDS):
         if ends.done.all() or ends.better is not None:
             break
-        tell("profiles", done, rounds, f"{ends.done.sum()} of {len(ends.done)} ends found")
+        tell("profiles", done, ROUNDS, f"{ends.done.sum()} of {len(ends.done)} ends found")
         with telling(None):  # a round is a step
             ends.round()
     found = [

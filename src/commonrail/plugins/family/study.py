@@ -98,10 +98,8 @@ class _PartsConstraints(Products):
         return np.concatenate([space.shortfall(self._sharing.of_part(k, x)) for k, space in parts], axis=-1)
 
 
-def joint_space(
-    parts: Mapping[str, Space], shared: Mapping[str, Shared], rest: Share = Share.COMMON
-) -> tuple[Space, Sharing]:
-    """Space of the joint parameters, and the map from it to the parts, whose relations are `shared` or else `rest`.
+def joint_space(parts: Mapping[str, Space], shared: Mapping[str, Shared]) -> tuple[Space, Sharing]:
+    """Space of the joint parameters, and the map from it to the parts, whose relations are `shared` or else common.
 
     A common parameter has the bounds, start and prior that the first part with it states; one of a part has its part's
     own. A parameter that scatters is a common value and, for each part, its distance from it in standard deviations,
@@ -116,7 +114,7 @@ def joint_space(
     for part, space in parts.items():
         own: list[tuple[int, str, float]] = []
         for row, parameter in enumerate(space.parameters):
-            share, spread = shared.get(parameter.name, Shared(rest))
+            share, spread = shared.get(parameter.name, Shared(Share.COMMON))
             if share is not Share.PER_PART:
                 found.setdefault(parameter.name, parameter)
                 own.append((row, parameter.name, 1.0))

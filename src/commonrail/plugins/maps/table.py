@@ -176,7 +176,7 @@ def shaped_like(table: MapTable, like: MapTable) -> MapTable:
     return replace(table, title=like.title or table.title, x=x, y=y)
 
 
-def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
+def compensation_tables(found: Compensation, label: str) -> list[MapTable]:
     """Energising time of the second injection over rail pressure (x) and quantity (y), a table for each dwell.
 
     The dwell in µs joins the label: ``label_600us``. InputError as `inverse_table`.
@@ -184,7 +184,7 @@ def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_U
     tables = []
     for dwell, inverse in zip(found.dwell.tolist(), found.inverses, strict=True):
         ballistic = np.zeros(inverse.state.shape, bool)
-        table = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label, units)
+        table = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label)
         pause = (
             f"dwell {dwell * 1e6:g} us from the end of the first energising ({found.first_energising_time * 1e6:g} us)"
         )
@@ -194,24 +194,24 @@ def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_U
     return tables
 
 
-def correction_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
+def correction_tables(found: Compensation, label: str) -> list[MapTable]:
     """Energising time of the second injection less that of one alone, over dwell (x) and rail pressure (y).
 
     A table for each quantity; where there are several, the quantity joins the label. InputError as `inverse_table`.
     """
     alone = found.alone
-    change = convert(found.energising_time - alone.inverse.energising_time, "s", units.time)
+    change = convert(found.energising_time - alone.inverse.energising_time, "s", ECU_UNITS.time)
     states = np.vectorize(_state, otypes=[object])(np.array([inverse.state for inverse in found.inverses]), False)
-    volumes = _quantities(alone, alone.axes.quantity, units).tolist()
+    volumes = _quantities(alone, alone.axes.quantity, ECU_UNITS).tolist()
     pause = f"first injection: {found.first_energising_time * 1e6:g} us; dwell: from its end to the start of the second"
     return [
         MapTable(
             check_label(f"{label}_{volume:g}".replace(".", "_") if len(volumes) > 1 else label),
-            f"Correction of the energising time of a second injection of {volume:g} {units.quantity}",
+            f"Correction of the energising time of a second injection of {volume:g} {ECU_UNITS.quantity}",
             "correction",
-            units.time,
-            Axis("dwell", units.time, _rounded(convert(found.dwell, "s", units.time))),
-            _pressure_axis(alone, units),
+            ECU_UNITS.time,
+            Axis("dwell", ECU_UNITS.time, _rounded(convert(found.dwell, "s", ECU_UNITS.time))),
+            _pressure_axis(alone, ECU_UNITS),
             np.round(change[:, :, j].T, DECIMALS),
             tuple(map(tuple, states[:, :, j].T.tolist())),
             (*notes_of(alone), pause),
@@ -220,7 +220,7 @@ def correction_tables(found: Compensation, label: str, units: MapUnits = ECU_UNI
     ]
 
 
-def change_table(found: Sweep, alone: Floats, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
+def change_table(found: Sweep, alone: Floats, label: str) -> MapTable:
     """Quantity of the second of two injections less that of it alone, over dwell (x) and rail pressure (y).
 
     `found` varies dwell and rail pressure, `alone` (pressures,) [m³]. InputError if the label cannot be used.
@@ -228,7 +228,7 @@ def change_table(found: Sweep, alone: Floats, label: str, units: MapUnits = ECU_
     axes = {v.name: v.values for v in found.variables}
     turned = found.variables[0].name == "rail_pressure"
     second, fused = (part if turned else part.T for part in (found.second, found.fused))
-    change = convert(second - alone[:, None], "m3", units.quantity)
+    change = convert(second - alone[:, None], "m3", ECU_UNITS.quantity)
     states = np.where(fused, "fused", np.where(np.isfinite(change), "reached", "failed"))
     base = found.base
     pause = (
@@ -239,9 +239,9 @@ def change_table(found: Sweep, alone: Floats, label: str, units: MapUnits = ECU_
         check_label(label),
         f"Change of the quantity of a second injection of {found.injector.name}",
         "change",
-        units.quantity,
-        Axis("dwell", units.time, _rounded(convert(axes["dwell"], "s", units.time))),
-        Axis("rail_pressure", units.pressure, _rounded(convert(axes["rail_pressure"], "Pa", units.pressure))),
+        ECU_UNITS.quantity,
+        Axis("dwell", ECU_UNITS.time, _rounded(convert(axes["dwell"], "s", ECU_UNITS.time))),
+        Axis("rail_pressure", ECU_UNITS.pressure, _rounded(convert(axes["rail_pressure"], "Pa", ECU_UNITS.pressure))),
         np.round(change, DECIMALS),
         tuple(map(tuple, states.tolist())),
         (*_conditions(found.injector, base.conditions), pause),

@@ -134,20 +134,19 @@ def band_from_draws(
     freedom: float,
     levels: Sequence[float],
     stretch: Floats | None = None,
-    seed: int = 0,
 ) -> dict[float, Edges]:
     """Edges of bands from predictions of drawn parameters.
 
     `drawn` (m, n): predictions; NaN where a simulation failed. A value that fails for half of the draws or more has no
     edges; `deviations` (n,): standard deviations of the scatter; `freedom`: degrees of freedom of the scatter;
     `stretch` (m,): factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by
-    default the scatter has its own, by the degrees of freedom; `seed`: of the scatter that is added to each draw.
+    default the scatter has its own, by the degrees of freedom.
     """
     # a draw that fails at one operating point still tells of the others
     sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
     wide: Floats = np.ascontiguousarray(drawn[:, sound].T)
     if deviations[sound].any():
-        wide = _scattered(wide, deviations[sound], freedom, stretch, np.random.default_rng(seed))
+        wide = _scattered(wide, deviations[sound], freedom, stretch, np.random.default_rng(0))
     found = {}
     for level in levels:
         edges = np.full((2, drawn.shape[1]), np.nan)

@@ -193,11 +193,11 @@ def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Flo
 
 
 def chain_frequency(
-    p: plunger_needle.Parameters, seat: SeatContact, shape: Floats, mass: Floats, omega: float, periods: int = 10
+    p: plunger_needle.Parameters, seat: SeatContact, shape: Floats, mass: Floats, omega: float
 ) -> float:
     """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings.
 
-    The mode (9,) with nodal masses (9,) [kg] is expected at omega [1/s], and simulated for some of its periods.
+    The mode (9,) with nodal masses (9,) [kg] is expected at omega [1/s], and simulated for ten of its periods.
     """
     dt = 2.0 * math.pi / omega / 200.0
     c = plunger_needle.coefficients(p, dt)
@@ -206,7 +206,7 @@ def chain_frequency(
     displacement = 1e-8 * shape / np.abs(shape).max()
     before = Nine(*(0.5 * dt * omega**2 * displacement))
     state = State(Nine(*(rest + displacement)), before, before)
-    amplitude = np.empty(200 * periods)
+    amplitude = np.empty(200 * 10)
     for i in range(len(amplitude)):
         amplitude[i] = (np.array(state.z) - rest) @ (mass * shape)
         state = plunger_needle.advance(c, seat, state, load, dt)

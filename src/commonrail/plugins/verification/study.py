@@ -34,11 +34,7 @@ PILOT, MAIN = 250e-6, 500e-6  # their energising times [s]
 DIRECT_AT = (20e6,)  # of a direct-acting injector, which is made for lower rail pressures [Pa]
 DIRECT_PILOT, DIRECT_MAIN = 400e-6, 600e-6  # it opens later [s]
 CANDIDATES, BOX, SEED = 50, 0.6, 20160401  # random stiffnesses within ± 60 % at 160 MPa
-INJECTORS, AROUND, DRAWS = (
-    20,
-    0.3,
-    1000,
-)  # random injectors within ± 30 %, out of so many draws
+INJECTORS, AROUND, DRAWS = 20, 0.3, 1000  # random injectors within ± 30 %, out of so many draws
 # Not varied: without a shape of the nozzle and without a free-wheel diode they change nothing.
 IDLE = ("nozzle.knot_", "drive.diode_voltage")
 RANDOM_AT, RANDOM_HORIZON = 100e6, 3.3e-3  # of the random injectors [Pa], [s]
