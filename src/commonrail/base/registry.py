@@ -175,7 +175,7 @@ def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:
 
 @cache
 def installed(group: str) -> Mapping[str, Entry]:
-    """Parts that other installed packages register, by name in alphabetical order; a note tells of those unused."""
+    """Parts that other installed packages register, by name in alphabetical order; a warning names those unused."""
     displaced = unused(group)
     for sentence in displaced.values():
         note(sentence)

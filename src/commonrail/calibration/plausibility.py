@@ -290,7 +290,7 @@ def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) ->
 
 
 def _is_met(data: DataSet, cost: float) -> bool:
-    """True for a set whose values lie within its stated tolerances: it is heeded, however little of J it makes."""
+    """True for a set whose values lie within its stated tolerances: it counts, however small its share of J."""
     return isinstance(data, ToleratedData) and cost <= data.weight * len(data.measured)
 
 

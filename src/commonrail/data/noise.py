@@ -157,7 +157,7 @@ class Noise:
 
     @property
     def measured_scatter(self) -> dict[str, Any]:
-        """The part of `measured` that tells of shots as wholes."""
+        """The part of `measured` that describes the scatter from shot to shot."""
         return {"scatter": self.scatter, "scatter_freedom": self.scatter_freedom}
 
     @property

@@ -57,7 +57,7 @@ def relative_balance(c: Any, states: Mapping[str, Floats], dt: float) -> float:
 
 
 def relative_to_injected(left: float, injected: float) -> float:
-    """Mass that the books miss [kg] relative to what was injected, and to `SMALL` where less was [1]."""
+    """Mass that the cumulative flows miss [kg] relative to what was injected, and to `SMALL` where less was [1]."""
     return float(left / max(injected, SMALL))
 
 

@@ -110,7 +110,7 @@ def _page(record: Record, folder: Path, live: bool = True) -> str:
 
 
 def _live(record: Record, folder: Path) -> str:
-    """HTML of the parts that make the page simulate; a note tells of one of an installed package that fails."""
+    """HTML of the parts that make the page simulate; a warning names one of an installed package that fails."""
     made = ""
     for part in registry.entries("live").values():
         try:

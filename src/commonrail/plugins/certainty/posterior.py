@@ -397,7 +397,7 @@ class PosteriorDensity:
         self._samples = [sample_count(estimate.errors[block.rows]) for block in likelihood.blocks]
 
     def __call__(self, unit: Floats) -> Floats:
-        """Logarithm (m,) without its constant of positions (m, d); −inf beyond the walls and where a simulation fails.
+        """Logarithm (m,) without its constant of positions (m, d); −inf beyond bounds and where a simulation fails.
 
         Positions beyond bounds and constraints are not simulated.
         """
