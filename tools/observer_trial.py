@@ -23,7 +23,7 @@ import numpy as np
 import commonrail as cr
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.status import OK
-from commonrail.plugins.observer.response import cuts_of, figures_of
+from commonrail.plugins.observer.response import RATE_STEP, cuts_of, figures_of
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import ObserverSettings
 
@@ -32,6 +32,7 @@ RATE, CYCLE = 100e3, 40e-3  # samples a second; time from shot to shot [s]: that
 CYLINDER, RETURN = 5e6, 0.5e6
 AFTER = 2.1e-3  # simulated beyond the last energising [s]
 FULL_SCALE = 220e6  # of the sensor [Pa]
+MARGIN = 0.1e-3  # beside an injection in which its rate is judged too [s]
 
 # Relative standard deviations of the truths [E], in the size of the tolerances of cases/tolerance; the first are the
 # observer's states too, the others it does not know.
@@ -126,6 +127,7 @@ def _truth(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: lis
         "pulses": pulses,
         "pressure": np.asarray(found.channels["rail_pressure"])[::5],
         "line": np.asarray(found.channels["accumulation_pressure"])[::5],
+        "injected": injected[::5] / found.reference_density,  # every RATE_STEP
         "figures": figures,
     }
 
@@ -198,12 +200,26 @@ def judge(path: Path, out: Path | None, sensor: str, others: str, most: int) -> 
                         "true": true["figures"][:, j], "found": shot.figures[:, j], "sd": shot.deviations[:, j],
                         "open": shot.open_loop[:, j], "drop": drops[i] if len(true["pulses"]) == 1 else (np.nan,) * 2,
                         "consistency": shot.consistency,
+                        "fit": [_fit(true, j, rate) for rate in (shot.rate, shot.rate_open_loop)],
                     }
                 )  # fmt: skip
     _print(rows, alarms, int(data["drift"] != 0.0) * len(data["rows"][0]["shots"]) // 2)
     print(f"{len(alarms)} injectors, {time.perf_counter() - begin:.0f} s")
     if out is not None:
         out.write_text(json.dumps([{key: np.asarray(v).tolist() for key, v in row.items()} for row in rows]))
+
+
+def _fit(true: dict[str, Any], j: int, rate: np.ndarray | None) -> float:
+    """R² of a rate of injection from 0.1 ms before the true opening to as long behind the true closing; NaN without."""
+    if rate is None or "injected" not in true:
+        return np.nan
+    ends = (true["figures"][1:, j] + [-MARGIN, MARGIN]) / RATE_STEP
+    if not np.isfinite(ends).all():
+        return np.nan
+    within = slice(max(int(ends[0]), 0), int(ends[1]))
+    actual, shown = np.diff(true["injected"])[within] / RATE_STEP, rate[within]
+    actual = actual[: len(shown)]
+    return float(1.0 - np.sum((actual - shown) ** 2) / np.sum((actual - actual.mean()) ** 2))
 
 
 def _drops(model: cr.Injector, log: tuple[Any, ...], shots: list[dict[str, Any]]) -> list[tuple[float, float]]:
@@ -272,6 +288,12 @@ def _print(rows: list[dict[str, Any]], alarms: list[Any], onset: int) -> None:
                     error = np.abs(table[key][:, j] - table["true"][:, j]) * 1e6
                     middle, end = np.nanquantile(error, (0.5, 0.95))
                     print(f"    {label:12s} median {middle:6.2f} us, 95 % {end:6.2f} us")
+        for i, label in enumerate(("observer", "model alone")):
+            fit = np.array([row["fit"][i] for row in chosen], float)
+            if np.isfinite(fit).any():
+                low, middle = np.nanquantile(fit, (0.05, 0.5))
+                good = 100.0 * np.mean(fit[np.isfinite(fit)] >= 0.98)
+                print(f"  R2 of the rate, {label}: median {middle:.4f}, 5 % below {low:.4f}, {good:.0f} % reach 0.98")
     print(f"consistency, median: {np.median([row['consistency'] for row in rows]):.2f}")
     if onset:
         late = [first - onset + 1 if first >= onset else None for first, _ in alarms]

@@ -18,12 +18,13 @@ STATES = (
 RNG = np.random.default_rng(1)
 SLOPES = RNG.standard_normal((12, 3))
 FIGURES = RNG.standard_normal((3, 1, 3))
+RATES = RNG.standard_normal((5, 3))
 NOISE = 0.2 * np.eye(12) + 0.1
 
 
 def linear(x: Floats) -> Response:
     """Response of a linear model."""
-    return Response(SLOPES @ x, SLOPES, FIGURES @ x, FIGURES)
+    return Response(SLOPES @ x, SLOPES, FIGURES @ x, FIGURES, RATES @ x, RATES)
 
 
 def updated(belief: Belief, measured: Floats, trusted: float = np.inf) -> Update:
@@ -49,6 +50,8 @@ def test_states_and_figures_are_the_conditional_expectation_of_a_linear_model() 
     lacking = np.array([0.0, TIMES**2, TIMES**2])
     expected = np.diag(FIGURES[:, 0] @ spread @ FIGURES[:, 0].T) + lacking
     assert found.deviations[:, 0] ** 2 == pytest.approx(expected, rel=1e-9)
+    assert found.rate == pytest.approx(RATES @ both @ measured, rel=1e-9)
+    assert found.rate_deviation**2 == pytest.approx(np.diag(RATES @ spread @ RATES.T), rel=1e-9)
     assert found.consistency == pytest.approx(measured @ s @ measured / 12, rel=1e-9)
 
 
@@ -100,8 +103,9 @@ def test_a_bent_model_is_linearised_until_it_agrees() -> None:
     states = STATES[1:2]
 
     def cubic(x: Floats) -> Response:
+        slopes = np.full((2, 1), 1.0 + 3.0 * x[0] ** 2)
         return Response(
-            np.repeat(x + x**3, 2), np.full((2, 1), 1.0 + 3.0 * x[0] ** 2), np.zeros((3, 1)), np.ones((3, 1, 1))
+            np.repeat(x + x**3, 2), slopes, np.zeros((3, 1)), np.ones((3, 1, 1)), np.zeros(1), np.ones((1, 1))
         )
 
     found = update(

@@ -20,7 +20,7 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.design import observer_design
 from commonrail.plugins.observer.file import LogColumns, Observation, read_log
 from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
-from commonrail.plugins.observer.response import Simulator, cuts_of, figures_of
+from commonrail.plugins.observer.response import RATE_STEP, Simulator, cuts_of, figures_of
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import (
     DELAY,
@@ -149,6 +149,19 @@ def test_slopes_are_those_of_a_changed_part_and_of_the_sensor(rigid_volume: Inje
         assert found.slopes[:, i] == pytest.approx(expected, abs=0.02 * size), name
         if name != DELAY:
             assert found.figure_slopes[0, 0, i] == pytest.approx((other - quantity) / step, rel=0.02), name
+            assert found.rate_slopes[:, i].sum() * RATE_STEP == pytest.approx((other - quantity) / step, rel=0.02), name
+
+
+def test_the_rate_is_that_of_a_simulation(rigid_volume: Injector) -> None:
+    time = np.arange(-10, 140) / RATE
+    shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time)
+    settings = ObserverSettings(states=STATES[:1], averaged=20e-6)
+    found = Simulator(rigid_volume, settings).at(shot, 120e6, np.zeros(1))
+    assert found is not None
+    solved = simulate(rigid_volume, OperatingPoint(120e6, 600e-6, horizon=3e-3))
+    each = np.interp(10e-6 * np.arange(len(found.rate) + 1), solved.time, solved.injected)
+    volumes = np.diff(each) * solved.injected_volume / each[-1]
+    assert found.rate * 10e-6 == pytest.approx(volumes, abs=1e-3 * volumes.max())
 
 
 def test_a_nozzle_that_wears_raises_an_alarm_and_a_sound_one_does_not(rigid_volume: Injector) -> None:

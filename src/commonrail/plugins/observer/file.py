@@ -54,6 +54,8 @@ class ObservedShot(NamedTuple):
         Squared innovation over its expectation.
     alarm : Alarm or None
         Drift that was noticed at this shot.
+    rate, rate_deviation, rate_open_loop : (times,)
+        Mean rate of injection over each 10 µs from `start` on, its standard deviation, and the model's alone [m³/s].
     """
 
     start: float
@@ -66,6 +68,9 @@ class ObservedShot(NamedTuple):
     drift_deviations: Floats | None
     consistency: float | None
     alarm: Alarm | None
+    rate: Floats | None = None
+    rate_deviation: Floats | None = None
+    rate_open_loop: Floats | None = None
 
 
 @dataclass(frozen=True, repr=False)

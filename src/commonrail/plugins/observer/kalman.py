@@ -46,6 +46,8 @@ class Update(NamedTuple):
         Squared innovation over its expectation, 1 on average of a true model.
     residual : (samples,)
         Measured less simulated pressure at the new states [Pa].
+    rate, rate_deviation : (times,)
+        Of injection, as in `Response`, and its standard deviation [m³/s].
     """
 
     belief: Belief
@@ -53,6 +55,8 @@ class Update(NamedTuple):
     deviations: Floats
     consistency: float
     residual: Floats
+    rate: Floats
+    rate_deviation: Floats
 
 
 def update(
@@ -109,7 +113,7 @@ def update(
         found = simulate(both)
         if found is None:
             return None
-        slopes = np.hstack([found.slopes, found.slopes[:, extra]])
+        slopes = _twice(found.slopes, extra)
         factor = np.linalg.cholesky(covariance(found))
         white = solve_triangular(factor, slopes, lower=True)
         rest = solve_triangular(factor, measured - found.pressure + slopes @ (z - start), lower=True)
@@ -126,7 +130,7 @@ def update(
         if np.max(np.abs(step) / spread) < CONVERGED:
             break
     assert found is not None  # there is one iteration or more
-    figure_slopes = np.concatenate([found.figure_slopes, found.figure_slopes[..., extra]], axis=-1)
+    figure_slopes, rate_slopes = _twice(found.figure_slopes, extra), _twice(found.rate_slopes, extra)
     variances = np.einsum("abi,ij,abj->ab", figure_slopes, posterior, figure_slopes)
     variances[1:] += TIMES**2
     return Update(
@@ -135,7 +139,14 @@ def update(
         np.sqrt(variances),
         consistency,
         measured - found.pressure - slopes @ step,
+        found.rate + rate_slopes @ step,
+        np.sqrt(np.einsum("ti,ij,tj->t", rate_slopes, posterior, rate_slopes)),
     )
+
+
+def _twice(slopes: Floats, extra: list[int]) -> Floats:
+    """Slopes (..., states) with those of what a shot has for itself."""
+    return np.concatenate([slopes, slopes[..., extra]], axis=-1)
 
 
 class Alarm(NamedTuple):

@@ -22,6 +22,7 @@ STEP = 0.1  # difference of a state, in its standard deviation before the first 
 LATER, LOWER = 1e-6, 0.1e6  # differences of the delay [s] and of the pressure at rest [Pa]
 OPEN = 0.02  # share of an injection's largest rate at which it opens and closes: where the slope is steep
 BODY = 0.25  # share that it exceeds in between: a bounce of the needle stays below
+RATE_STEP = 10e-6  # over which a rate is averaged [s]
 LATEST = 0.5e-3  # after the start of an energising its injection has begun [s]
 
 
@@ -36,12 +37,17 @@ class Response(NamedTuple):
     figures : (3, injections)
         Quantity [m³], opening and closing [s] of each injection; NaN without an injection.
     figure_slopes : (3, injections, states)
+    rate : (times,)
+        Mean rate of injection over each `RATE_STEP` from the first energising on [m³/s].
+    rate_slopes : (times, states)
     """
 
     pressure: Floats
     slopes: Floats
     figures: Floats
     figure_slopes: Floats
+    rate: Floats
+    rate_slopes: Floats
 
 
 class Simulator:
@@ -78,6 +84,7 @@ class Simulator:
         return found._replace(
             pressure=found.pressure + found.slopes @ (x - whole),
             figures=found.figures + found.figure_slopes @ (x - whole),
+            rate=found.rate + found.rate_slopes @ (x - whole),
         )
 
     def _at_grid(self, x: Floats) -> Floats:
@@ -105,13 +112,16 @@ class Simulator:
         shown = scale * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])
         cuts = cuts_of(time, injected[0], shot.energisings)
         figures = np.array([figures_of(time, row, cuts) for row in injected]) / self._units(true)
+        rates = rate_of(time, injected) / self._units(true)[0]
         slopes, figure_slopes = np.zeros((len(shown[0]), n)), np.zeros((*figures[0].shape, n))
+        rate_slopes = np.zeros((len(rates[0]), n))
         lane = 0
         for i, state in enumerate(self.states):
             if state.parameter:
                 lane += 1
                 slopes[:, i] = (shown[lane] - shown[0]) / steps[i]
                 figure_slopes[..., i] = (figures[lane] - figures[0]) / steps[i]
+                rate_slopes[:, i] = (rates[lane] - rates[0]) / steps[i]
             elif state.name == DELAY:
                 late = self._sampled(shot, time, pressure[:1], sensor[DELAY] + LATER)[0] - pressure[0, 0]
                 slopes[:, i] = (scale * late - shown[0]) / LATER
@@ -119,23 +129,33 @@ class Simulator:
         if lower is not None:  # both errors of the sensor also move the true pressure at rest
             moved = scale * (self._sampled(shot, time, lower[1], sensor[DELAY])[0] - lower[1][0, 0])
             by_rest = (moved - shown[0]) / LOWER
-            figures_by_rest = (figures_of(time, lower[2][0], cuts) / self._units(true - LOWER) - figures[0]) / LOWER
+            units = self._units(true - LOWER)
+            figures_by_rest = (figures_of(time, lower[2][0], cuts) / units - figures[0]) / LOWER
+            rate_by_rest = (rate_of(time, lower[2])[0] / units[0] - rates[0]) / LOWER
             for name, drop, error in ((OFFSET, 0.0, 1.0 / scale), (GAIN, 1.0 / scale, true / scale)):
                 if name in by_name:
                     slopes[:, by_name[name]] = drop * shown[0] + error * by_rest
                     figure_slopes[..., by_name[name]] = error * figures_by_rest
+                    rate_slopes[:, by_name[name]] = error * rate_by_rest
         sound = np.isfinite(slopes).all(axis=0)  # a change that cannot be simulated tells nothing
         return Response(
-            shown[0], np.where(sound, slopes, 0.0), figures[0], np.where(sound, np.nan_to_num(figure_slopes), 0.0)
+            shown[0],
+            np.where(sound, slopes, 0.0),
+            figures[0],
+            np.where(sound, np.nan_to_num(figure_slopes), 0.0),
+            rates[0],
+            np.where(sound, rate_slopes, 0.0),
         )
 
-    def figures(self, shot: ShotRecord, rest: float) -> Floats | None:
-        """Figures (3, injections) of a shot at states of zero, as in `Response`; None where the simulation fails."""
+    def figures(self, shot: ShotRecord, rest: float) -> tuple[Floats, Floats] | None:
+        """Figures (3, injections) and rate (times,) at states of zero, as in `Response`; None where that fails."""
         found = self._traces(shot, rest, np.zeros((1, len(self.states))))
         if found is None:
             return None
         time, _, injected = found
-        return figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings)) / self._units(rest)
+        units = self._units(rest)
+        figures = figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings)) / units
+        return figures, rate_of(time, injected)[0] / units[0]
 
     def values(self, x: Floats) -> Floats:
         """Values (candidates, names) of the parameters at states (candidates, states), SI."""
@@ -185,6 +205,12 @@ class Simulator:
         many = self.settings.averaged_samples(time)
         whole = len(samples) // many * many
         return np.asarray(samples[:whole].reshape(-1, many).mean(axis=1))
+
+
+def rate_of(time: Floats, injected: Floats) -> Floats:
+    """Mean rates (candidates, times) [kg/s] over each `RATE_STEP` of injected masses (candidates, samples) [kg]."""
+    grid = RATE_STEP * np.arange(int(time[-1] / RATE_STEP) + 1)
+    return np.asarray(np.diff([np.interp(grid, time, row) for row in injected]) / RATE_STEP)
 
 
 def cuts_of(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> list[int]:

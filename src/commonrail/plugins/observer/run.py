@@ -178,8 +178,8 @@ class _Run:
             time.perf_counter() - begin,
         )
 
-    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[float, Floats | None, Update | None]:
-        """Pressure at rest [Pa] of a shot, figures of the model alone, and the update."""
+    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[float, tuple[Floats, Floats] | None, Update | None]:
+        """Pressure at rest [Pa] of a shot, figures and rate of the model alone, and the update."""
         states, at = self.settings.states, self.simulator.averaged(shot.time, shot.time)
         samples = self.simulator.averaged(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
@@ -195,10 +195,16 @@ class _Run:
 
 
 def _observed(
-    shot: ShotRecord, rest: float, open_loop: Floats | None, done: Update | None, alarm: Alarm | None
+    shot: ShotRecord,
+    rest: float,
+    open_loop: tuple[Floats, Floats] | None,
+    done: Update | None,
+    alarm: Alarm | None,
 ) -> ObservedShot:
-    shown = shot.start, rest, shot.energisings, open_loop
+    figures, rate = (None, None) if open_loop is None else open_loop
+    shown = shot.start, rest, shot.energisings, figures
     if done is None:
-        return ObservedShot(*shown, None, None, None, None, None, None)
+        return ObservedShot(*shown, None, None, None, None, None, None, None, None, rate)
     deviations = np.sqrt(np.diag(done.belief.covariance))
-    return ObservedShot(*shown, done.figures, done.deviations, done.belief.mean, deviations, done.consistency, alarm)
+    learnt = done.belief.mean, deviations, done.consistency, alarm
+    return ObservedShot(*shown, done.figures, done.deviations, *learnt, done.rate, done.rate_deviation, rate)
