@@ -44,5 +44,19 @@ def test_noise_and_wave_are_learnt_from_quiet_stretches() -> None:
     assert 0.1e6 < found.wave < 0.5e6  # rms 0.21 MPa; its size and its decay can stand in for one another
 
 
+def test_a_tone_beyond_the_highest_wave_is_noise_and_does_not_stop_the_search() -> None:
+    rng = np.random.default_rng(4)
+    time = SPACING * np.arange(100)
+    stretches = [
+        0.2e9 * rng.standard_normal() * time
+        + 20e3 * np.sin(2.0 * np.pi * (23e3 * time + rng.random()))
+        + 50e3 * rng.standard_normal(len(time))
+        for _ in range(10)
+    ]
+    found = learn(stretches, SPACING)
+    assert found.noise**2 + found.wave**2 == pytest.approx(50e3**2 + 0.5 * 20e3**2, rel=0.1)
+    assert found.wave < 20e3
+
+
 def test_without_a_quiet_stretch_there_is_an_estimate() -> None:
     assert learn([np.empty(0)], SPACING, 80e3).noise == 80e3

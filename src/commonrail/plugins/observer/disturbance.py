@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, toeplitz
@@ -13,6 +13,8 @@ from commonrail.base.arrays import Floats
 
 LEAST = 12  # samples of a quiet stretch from which anything is learnt
 MEAN, TREND = 2e6, 1e9  # standard deviations of the unknown mean [Pa] and slope [Pa/s]: both as good as free
+HIGHEST = 0.4  # frequency of a wave times the spacing of samples: beyond, it is noise
+SLOW = 8.0  # periods of a wave in a stretch from which one of the searches begins; the others at the periodogram's peak
 IMPOSSIBLE = 1e12  # cost of what is no covariance
 
 
@@ -57,7 +59,7 @@ class Disturbance(NamedTuple):
 
 
 def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = None) -> Disturbance:
-    """Disturbance of the largest likelihood of quiet stretches, by SciPy's Nelder-Mead search.
+    """Disturbance of the largest likelihood of quiet stretches: the best of three bounded searches by SciPy's L-BFGS-B.
 
     Parameters
     ----------
@@ -77,31 +79,41 @@ def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = Non
     design = np.vander(time, 3)
     fits = np.linalg.lstsq(design, table.T, rcond=None)[0]
     rest = table - (design @ fits).T
-    white = float(np.median(np.abs(np.diff(rest, 2)))) / 0.6745 / np.sqrt(6.0)  # of a normal distribution
-    power = np.mean(np.abs(np.fft.rfft(rest)) ** 2, axis=0)[2:]
-    size = max(float(np.sqrt(np.mean(rest**2))), white, 1.0)
-    slope = max(float(np.sqrt(np.mean(fits[1] ** 2))), size / time[-1])
-    first = [white, slope, time[-1], 0.5 * size, (2 + np.argmax(power)) / (length * spacing), 2e-3]
+    white = max(float(np.median(np.abs(np.diff(rest, 2)))) / 0.6745 / np.sqrt(6.0), 1.0)  # of a normal distribution
+    power, tones = np.mean(np.abs(np.fft.rfft(rest)) ** 2, axis=0), np.fft.rfftfreq(length, spacing)
+    inner = (tones > 1.5 / time[-1]) & (tones < HIGHEST / spacing)
+    peak = float(tones[inner][np.argmax(power[inner])])
+    slope = max(float(np.sqrt(np.mean(fits[1] ** 2))), white / time[-1])
+    bounds = [
+        (0.3 * white, 3.0 * white),
+        (1e-3 * slope, 1e2 * slope),
+        (2.0 * spacing, 1.0),
+        (1e-2 * white, 1e2 * white),
+        (1.0 / time[-1], HIGHEST / spacing),
+        (spacing, 0.1),
+    ]
 
-    def made(p: Any) -> Disturbance:
-        figures = np.exp(np.clip(p, -50.0, 50.0)).tolist()
-        return Disturbance(noise or max(figures[0], 0.3 * white, 1.0), *figures[1:])
+    def made(p: Floats) -> Disturbance:
+        figures = np.exp(p).tolist()
+        return Disturbance(noise or figures[0], *figures[1:])
 
-    def cost(p: Any) -> float:
-        found = made(p)
-        if not (spacing < found.memory < 1.0 and spacing < found.decay < 0.1 and found.frequency < 0.4 / spacing):
-            return IMPOSSIBLE
+    def cost(p: Floats) -> float:
         try:
-            factor, low = cho_factor(found.covariance(time), lower=True)
+            factor, low = cho_factor(made(p).covariance(time), lower=True)
         except LinAlgError:
             return IMPOSSIBLE
         squares = np.sum(table.T * cho_solve((factor, low), table.T))
         return float(len(table) * np.log(np.diag(factor)).sum() + 0.5 * squares)
 
-    best = minimize(
-        cost,
-        np.log(np.maximum(first, 1e-9)),
-        method="Nelder-Mead",
-        options={"maxiter": 500, "xatol": 0.02, "fatol": 0.1},
-    )
-    return made(np.asarray(best.x))
+    searches = []
+    size = float(np.sqrt(np.mean(rest**2)))
+    for frequency, memory, wave in (
+        (peak, 1.0, 0.5 * size),
+        (SLOW / time[-1], 1.0, 0.1 * white),
+        (peak, 5.0, 0.1 * white),
+    ):
+        first = [white, slope, memory * time[-1], wave, frequency, 0.5 * time[-1]]
+        limits = np.log(bounds)
+        start = np.clip(np.log(first), limits[:, 0], limits[:, 1])
+        searches.append(minimize(cost, start, method="L-BFGS-B", bounds=limits, options={"maxiter": 60, "ftol": 1e-7}))
+    return made(np.asarray(min(searches, key=lambda found: float(found.fun)).x))
