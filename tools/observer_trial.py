@@ -104,7 +104,7 @@ def truths(path: Path, injectors: int, shots: int, seed: int, drift: float) -> N
             worn = injector.with_values(
                 {"nozzle.hole_diameter": injector.values["nozzle.hole_diameter"] * (1.0 + drift) ** 0.5}
             )
-            made = [_truth(worn if i >= shots // 2 else injector, friction, *schedule(rng)) for i in range(shots)]
+            made = [true_shot(worn if i >= shots // 2 else injector, friction, *schedule(rng)) for i in range(shots)]
             if all(made):  # a part that does not work at some point would not pass the end of its line
                 break
         rows.append({"values": injector.values["nozzle.hole_diameter"], "shots": made})
@@ -112,7 +112,7 @@ def truths(path: Path, injectors: int, shots: int, seed: int, drift: float) -> N
     np.savez_compressed(path, rows=np.array(rows, object), seed=seed, drift=drift)
 
 
-def _truth(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: list[Any]) -> dict[str, Any] | None:
+def true_shot(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: list[Any]) -> dict[str, Any] | None:
     end = pulses[-1][0] + pulses[-1][1]
     point = cr.OperatingPoint(rail, pulses, CYLINDER, RETURN, horizon=end + AFTER)
     coarse = Resolution((90, 40), method="explicit", step=1e-7)
@@ -132,11 +132,20 @@ def _truth(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: lis
     }
 
 
-def log_of(shots: list[dict[str, Any]], rng: np.random.Generator, sensor: str, others: str) -> tuple[Any, ...]:
-    """Log of an injector: times [s], pressure [Pa], energisings; for `others` see `--others`."""
+def log_of(
+    shots: list[dict[str, Any]],
+    rng: np.random.Generator,
+    sensor: str,
+    others: str,
+    errors: tuple[float, float, float, float] | None = None,
+) -> tuple[Any, ...]:
+    """Log of an injector: times [s], pressure [Pa], energisings; for `others` see `--others`.
+
+    `errors`: delay [s], gain, offset [Pa] and noise [Pa] of the sensor, drawn unless given.
+    """
     count = round((len(shots) * CYCLE + 5e-3) * RATE)
     clock, pressure, pulses = np.arange(count) / RATE, np.empty(count), []
-    delay = rng.uniform(-DELAY, DELAY)
+    delay = rng.uniform(-DELAY, DELAY) if errors is None else errors[0]
     starts = 5e-3 + CYCLE * np.arange(len(shots)) + rng.uniform(0.0, 10e-6, len(shots))
     for start, shot in zip(starts, shots, strict=True):
         first = max(round((start - 12e-3) * RATE), 0)
@@ -147,8 +156,12 @@ def log_of(shots: list[dict[str, Any]], rng: np.random.Generator, sensor: str, o
         pulses += [(float(start + a), b) for a, b in shot["pulses"]]
     if others != "none":
         pressure += _disturbance(clock, starts, rng, (0.02, 0.5, 0.75) if others == "at once" else (0.25, 0.5, 0.75))
-    shown = pressure * (1.0 + GAIN * rng.standard_normal()) + OFFSET * rng.standard_normal()
-    shown += rng.uniform(*NOISE) * rng.standard_normal(count)
+    gain, offset, noise = (
+        (GAIN * rng.standard_normal(), OFFSET * rng.standard_normal(), rng.uniform(*NOISE))
+        if errors is None
+        else errors[1:]
+    )
+    shown = pressure * (1.0 + gain) + offset + noise * rng.standard_normal(count)
     return clock, np.round(shown / (FULL_SCALE / 4096)) * (FULL_SCALE / 4096), pulses
 
 

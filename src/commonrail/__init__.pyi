@@ -122,12 +122,15 @@ from .plugins.next.run import Plan as Plan
 from .plugins.next.run import next_measurements as next_measurements
 from .plugins.next.study import Candidate as Candidate
 from .plugins.next.study import Criterion as Criterion
+from .plugins.observer.compensation import compensate as compensate
 from .plugins.observer.design import DesignRow as DesignRow
 from .plugins.observer.design import observer_design as observer_design
+from .plugins.observer.file import Compensated as Compensated
 from .plugins.observer.file import Observation as Observation
 from .plugins.observer.file import ObservedShot as ObservedShot
 from .plugins.observer.run import observe as observe
 from .plugins.observer.study import DriftState as DriftState
+from .plugins.observer.study import InjectionTrain as InjectionTrain
 from .plugins.observer.study import ObserverSettings as ObserverSettings
 from .plugins.paper.bench import PAPER_OPTIMUM as PAPER_OPTIMUM
 from .plugins.paper.bench import Bench as Bench

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,8 +19,8 @@ from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import Domain
 from commonrail.plugins.observer.disturbance import Disturbance
-from commonrail.plugins.observer.kalman import Alarm
-from commonrail.plugins.observer.study import ObserverSettings
+from commonrail.plugins.observer.kalman import Alarm, Belief, StepTest
+from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns
 
@@ -73,6 +73,52 @@ class ObservedShot(NamedTuple):
     rate_open_loop: Floats | None = None
 
 
+class Memory(NamedTuple):
+    """What the next log goes on from: belief, test for drift, and the number of shots so far."""
+
+    belief: Belief
+    test: StepTest
+    shots: int
+
+
+class Compensated(NamedTuple):
+    """Energising times of a train, and what the model with its learnt states delivers.
+
+    Attributes
+    ----------
+    train : InjectionTrain
+    energising_times, quantities : (injections,)
+        Compensated ones [s], and their quantities [m³].
+    plain_times, plain_quantities : (injections,)
+        Times that deliver each quantity by itself by the model without learnt states [s], and what they do here [m³].
+    met : bool
+        Whether each quantity is the wanted one, within 0.1 %.
+    """
+
+    train: InjectionTrain
+    energising_times: Floats
+    quantities: Floats
+    plain_times: Floats
+    plain_quantities: Floats
+    met: bool
+
+    @property
+    def energisings(self) -> tuple[Energising, ...]:
+        """Energisings of an operating point."""
+        return self.train.energisings(self.energising_times)
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, SI."""
+        tables = {key: numbers(getattr(self, key)) for key in self._fields[1:-1]}
+        return {
+            "rail_pressure": self.train.rail_pressure,
+            "dwells": self.train.dwells,
+            "wanted": self.train.quantities,
+            **tables,
+            "met": self.met,
+        }
+
+
 @dataclass(frozen=True, repr=False)
 class Observation(Shown):
     """Result of an observer over a log.
@@ -83,6 +129,8 @@ class Observation(Shown):
     settings : ObserverSettings
     disturbance : Disturbance
         As found in the quiet pressure before the shots.
+    memory : Memory
+        After the last shot.
     shots : tuple of ObservedShot
     asked : int
         Shots of the log.
@@ -91,6 +139,8 @@ class Observation(Shown):
     seconds : float
     origin : mapping
         Of a log from a file: its name, the command line, source of the rail volume, rise and fall of a current [s].
+    compensation : sequence of Compensated
+        Trains that `compensate` gave for the report, if any.
     """
 
     presenter = "commonrail.plugins.observer.page:OBSERVATION"
@@ -98,11 +148,13 @@ class Observation(Shown):
     injector: Injector
     settings: ObserverSettings
     disturbance: Disturbance
+    memory: Memory
     shots: tuple[ObservedShot, ...]
     asked: int
     injections: int
     seconds: float
     origin: Mapping[str, Any] = field(default_factory=dict)
+    compensation: Sequence[Compensated] = ()
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row for each injection, SI; ``pandas.DataFrame(rows)`` takes them."""
@@ -137,6 +189,7 @@ class Observation(Shown):
             "states": [state._asdict() for state in settings.states],
             "disturbance": self.disturbance._asdict(),
             "shots": [_shot(shot) for shot in self.shots],
+            "compensation": [train.record() for train in self.compensation],
             "injections": self.injections,
             "clock": {"seconds": self.seconds},
         }

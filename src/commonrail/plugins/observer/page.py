@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import MARKERS, Band, Chart, Figure, HeatMap, Panel, Series, points
+from commonrail.base.chart import BOTH, MARKERS, Band, Chart, Figure, HeatMap, Panel, Series, points
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, counted, fixed, percent, quantity, signed, significant
 from commonrail.data.records import MICROSECOND, MM3, MPA, Record
@@ -34,7 +34,9 @@ TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distr
 def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of an observer; `folder` is its name for the command lines in it."""
     charts = observer_figures(record)
-    heights = (420, 380, 160 * len(_learnt(record))) if charts else ()
+    heights = [420, 380, 160 * len(_learnt(record))] if len(charts) > 2 else []
+    if _trains(record):
+        heights.append(380)
     drawn = [(c, figure_html(c, f"figure-{i}", h)) for i, (c, h) in enumerate(zip(charts, heights, strict=True))]
     return analysis_html(
         "observer.html",
@@ -204,9 +206,55 @@ def _injections(record: Record) -> list[Record]:
 
 def observer_figures(record: Record) -> list[Chart]:
     """Quantities, map of the drift, and the states that the pressure tells of."""
+    more = [_compensation(record)] if _trains(record) else []
     if all(shot["drift"] is None for shot in record["shots"]):
-        return []
-    return [_quantities(record), _drift_map(record), _drift(record)]
+        return [*more]
+    return [_quantities(record), _drift_map(record), _drift(record), *more]
+
+
+def _trains(record: Record) -> list[Record]:
+    return list(record.get("compensation", ()))
+
+
+def _compensation(record: Record) -> Figure:
+    """Change of each quantity by the dwell, without and with compensation."""
+    trains = _trains(record)
+    rails = list(dict.fromkeys(train["rail_pressure"] for train in trains))
+    panels = []
+    for i in range(len(trains[0]["wanted"])):
+        lines = []
+        for k, rail in enumerate(rails):
+            rows = [train for train in trains if train["rail_pressure"] == rail]
+            x = points(1e3 * (train["dwells"] or [0.0])[0] for train in rows)
+            for key, words, look in (("plain_quantities", "without", "dash"), ("quantities", "with", "solid")):
+                shares = [train[key][i] and 100.0 * (train[key][i] / train["wanted"][i] - 1.0) for train in rows]
+                lines.append(Series(f"{fixed(rail, 0, MPA)} MPa, {words}", look, x, tuple(shares), BOTH, k))
+        panels.append(Panel(f"injection {i + 1}, % off", tuple(lines), zero_line=True, has_legend=i == 0))
+    caption = (
+        "Quantities off the wanted ones by the model with its states, with the energising times that deliver them one "
+        "by one by the model without, and with those that are compensated."
+    )
+    return Figure("Compensation", caption, "dwell, ms", tuple(panels))
+
+
+def _compensation_table(record: Record) -> Table:
+    def each(key: str, scale: float, decimals: int) -> Any:
+        return lambda row: ", ".join(fixed(value, decimals, scale) for value in row[key])
+
+    columns: list[Column] = [
+        ("p, MPa", lambda row: fixed(row["rail_pressure"], 1, MPA)),
+        ("dwell, ms", lambda row: fixed((row["dwells"] or [None])[0], 2, 1e3)),
+        ("wanted, mm³", each("wanted", MM3, 2)),
+        ("ET, µs", each("energising_times", MICROSECOND, 1)),
+        ("without, µs", each("plain_times", MICROSECOND, 1)),
+        ("without, mm³", each("plain_quantities", MM3, 2)),
+        ("met", lambda row: "yes" if row["met"] else f"no: {each('quantities', MM3, 2)(row)} mm³"),
+    ]
+    note = (
+        "Energising times by the states after the last shot; without: those of the model alone for each injection by "
+        "itself."
+    )
+    return tabulated("Compensated energising times", _trains(record), columns, note)
 
 
 def _quantities(record: Record) -> Figure:
@@ -295,7 +343,8 @@ def _learnt(record: Record, most: int = 4) -> list[int]:
 
 def observer_tables(record: Record) -> list[Table]:
     """States after the last shot, and the first injections."""
-    return [_state_table(record), _shot_table(record)]
+    more = [_compensation_table(record)] if _trains(record) else []
+    return [*more, _state_table(record), _shot_table(record)]
 
 
 def _state_table(record: Record) -> Table:

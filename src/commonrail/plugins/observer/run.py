@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,7 +20,7 @@ from commonrail.base.text import quantity
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
-from commonrail.plugins.observer.file import Observation, ObservedShot
+from commonrail.plugins.observer.file import Memory, Observation, ObservedShot
 from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, cut_log, states_of
@@ -45,6 +46,7 @@ def observe(
     energisings: Sequence[tuple[float, float]],
     settings: ObserverSettings | None = None,
     *,
+    previous: Observation | None = None,
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Observation:
@@ -63,6 +65,8 @@ def observe(
     energisings : sequence of (start, duration)
         In order [s].
     settings : ObserverSettings, optional
+    previous : Observation, optional
+        Of an earlier log of the same injector and sensor; states, disturbance and test for drift go on from it.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
@@ -74,8 +78,7 @@ def observe(
         holds no whole shot.
     """
     check_model(instance(injector, Injector, "injector"))
-    settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
-    settings = replace(settings, states=states_of(injector, settings))
+    settings = _settings(injector, settings, previous)
     report = function(progress, "progress") or (lambda _: None)
     clock, shown = array(time, "s", "time", 1), array(pressure, "Pa", "pressure", 1)
     pulses = instances([Energising(*pair) for pair in energisings], Energising, "energisings")
@@ -86,7 +89,19 @@ def observe(
             "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
             "check that time and energisings have one clock and the right units."
         )
-    return _Run(injector, settings, shots, thread_count(threads)).all(report)
+    return _Run(injector, settings, shots, thread_count(threads), previous).all(report)
+
+
+def _settings(injector: Injector, settings: ObserverSettings | None, previous: Observation | None) -> ObserverSettings:
+    if previous is None:
+        settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
+        return replace(settings, states=states_of(injector, settings))
+    instance(previous, Observation, "previous")
+    if settings is not None or injector is not previous.injector:
+        raise ConfigurationError(
+            "An observation goes on with its own injector and settings; give `previous.injector`, and no settings."
+        )
+    return previous.settings
 
 
 def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> None:
@@ -131,10 +146,20 @@ def with_discrepancy(disturbance: Disturbance, settings: ObserverSettings, at: F
 
 class _Run:
     def __init__(
-        self, injector: Injector, settings: ObserverSettings, shots: list[ShotRecord], threads: int | None
+        self,
+        injector: Injector,
+        settings: ObserverSettings,
+        shots: list[ShotRecord],
+        threads: int | None,
+        previous: Observation | None,
     ) -> None:
         self.injector, self.settings, self.shots = injector, settings, shots
         self.simulator = Simulator(injector, settings, threads or 1)
+        if previous is not None:
+            self.memory, self.disturbance = copy.deepcopy(previous.memory), previous.disturbance
+            return
+        test = StepTest(settings.states, settings.window, settings.significance)
+        self.memory = Memory(Belief.before(settings.states), test, 0)
         clock = shots[0].time
         many = settings.averaged_samples(clock)
         quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
@@ -143,8 +168,8 @@ class _Run:
 
     def all(self, report: Callable[[Progress], None]) -> Observation:
         begin = time.perf_counter()
-        states, belief, found = self.settings.states, Belief.before(self.settings.states), list[ObservedShot]()
-        test = StepTest(states, self.settings.window, self.settings.significance)
+        states, found = self.settings.states, list[ObservedShot]()
+        belief, test, earlier = self.memory
         with held_interrupts() as request:
             for k, shot in enumerate(self.shots):
                 if request.asked:
@@ -154,7 +179,7 @@ class _Run:
                 alarm = None
                 if done is not None:
                     belief = done.belief
-                    if k >= self.settings.learning and done.consistency <= TRUSTED:
+                    if earlier + k >= self.settings.learning and done.consistency <= TRUSTED:
                         test.add(before, belief)
                         alarm = test.alarm()
                 if alarm is not None:  # what has changed is learnt again
@@ -172,6 +197,7 @@ class _Run:
             self.injector,
             self.settings,
             self.disturbance,
+            Memory(belief, test, earlier + len(found)),
             tuple(found),
             len(self.shots),
             self.simulator.simulations,

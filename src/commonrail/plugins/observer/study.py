@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, Quantity, amount, instances, mapping, number, settle, whole
+from commonrail.base.arguments import Limits, Quantity, amount, array, instances, mapping, number, settle, whole
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.text import quantity
-from commonrail.engine.operating_point import Energising
+from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import unread_parameters
@@ -260,3 +260,47 @@ def cut_log(
             f"the pressure from {before} before a shot to {after} behind it."
         )
     return shots
+
+
+@dataclass(frozen=True)
+class InjectionTrain:
+    """Injections that are wanted one after another; SI numbers, or texts with their units.
+
+    Attributes
+    ----------
+    rail_pressure : float
+        Before the first of them, as the sensor shows it [Pa].
+    quantities : sequence of float
+        Volumes at cylinder pressure [m³].
+    dwells : sequence of float
+        From the end of each energising to the start of the next [s], one less than quantities.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is of another kind or beyond its limits, or the numbers of quantities and dwells do not match.
+    """
+
+    rail_pressure: float
+    quantities: tuple[float, ...]
+    dwells: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        volumes, pauses = Limits(1e-11, 1e-6, (1e-10, 1e-6), ("mm3",)), Limits(0.0, 0.1, (50e-6, 20e-3), ("us", "ms"))
+        quantities, dwells = array(self.quantities, "m3", "wanted quantities", 1), array(self.dwells, "s", "dwells", 1)
+        settle(
+            self,
+            rail_pressure=amount(self.rail_pressure, "Pa", "rail pressure", RAIL_PRESSURES),
+            quantities=tuple(amount(one, "m3", "wanted quantity", volumes) for one in quantities.tolist()),
+            dwells=tuple(amount(one, "s", "dwell", pauses) for one in dwells.tolist()),
+        )
+        if len(self.dwells) + 1 != len(self.quantities):
+            raise ConfigurationError(
+                f"A train needs a quantity or more and a dwell between each two of them; {len(self.quantities)} "
+                f"quantities and {len(self.dwells)} dwells were given."
+            )
+
+    def energisings(self, times: Floats) -> tuple[Energising, ...]:
+        """Energisings of times (injections,) [s], the first one at zero."""
+        starts = np.cumsum([0.0, *(times[:-1] + self.dwells)])
+        return tuple(Energising(*pair) for pair in zip(starts.tolist(), times.tolist(), strict=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse, parse_difference
@@ -20,6 +20,7 @@ from commonrail.cli.options import (
     SheetName,
     Threads,
     is_given,
+    read_axis,
     read_form,
     read_pressures,
     refuse_unused,
@@ -70,6 +71,16 @@ def observe(
         ),
     ] = (),
     learning: Annotated[int, Option(min=0, help="Shots without alarms at the beginning.")] = 10,
+    wanted: Annotated[
+        str | None,
+        Option(help="Quantities of a train, e.g. 2.4,24mm3: energising times that deliver them by the learnt states."),
+    ] = None,
+    dwells: Annotated[
+        str | None, Option(help="Dwells for --wanted, e.g. 0.3:2:0.1ms, from end to start of energisings.")
+    ] = None,
+    rail_pressures: Annotated[
+        str | None, Option(help="Rail pressures for --wanted, e.g. 60,140MPa. [default: the median before the shots]")
+    ] = None,
     out: Annotated[
         Path | None, Option(metavar="DIR", help="New folder for report.html, observer.json and observer.csv.")
     ] = None,
@@ -88,6 +99,7 @@ def observe(
     Examples:
       commonrail observe log.csv --model runs/first --out runs/observed
       commonrail observe log.mf4 --model cri2-16 --pressure p_rail --command I_inj1 --noise 0.1MPa
+      commonrail observe log.csv --model runs/first --wanted 2.4,24mm3 --dwells 0.3:2:0.1ms
       commonrail observe --design --model cri2-16 --uncertain "fuel temperature=2K"
     """
     from dataclasses import replace
@@ -107,7 +119,9 @@ def observe(
         raise InputError(f"{words} one of the two.")
     if design:
         of_log = "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
-        refuse_unused({name: (False, "a LOG") for name in (*of_log.split(), "learning", "out")})
+        refuse_unused({name: (False, "a LOG") for name in (*of_log.split(), "learning", "wanted", "out")})
+    refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
+    asked = _Wanted.read(wanted, dwells, rail_pressures)
     if energisings is not None and is_given("command"):
         raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
     named = read_model_name(model)
@@ -143,7 +157,9 @@ def observe(
         "edges": read.edges,
     }
     with held_interrupts():  # what is done is written whatever keys are pressed
-        found = run_into(out, "observer.csv", lambda: replace(_run(injector, read, settings, threads), origin=origin))
+        found = run_into(
+            out, "observer.csv", lambda: asked.added(replace(_run(injector, read, settings, threads), origin=origin))
+        )
     record = found.record()
     if json:
         print_json(record)
@@ -156,6 +172,42 @@ def observe(
     if record["status"] == "interrupted":
         say(f"commonrail: interrupted after {len(found.shots)} of {found.asked} shots.")
         raise SystemExit(INTERRUPTED)
+
+
+class _Wanted(NamedTuple):
+    """What --wanted, --dwells and --rail-pressures say [m³, s, Pa]; no quantities where nothing is wanted."""
+
+    quantities: list[float]
+    dwells: list[float]
+    rail_pressures: list[float]
+
+    @classmethod
+    def read(cls, wanted: str | None, dwells: str | None, rail_pressures: str | None) -> _Wanted:
+        axes = [(wanted, "m3", "--wanted"), (dwells, "s", "--dwells"), (rail_pressures, "Pa", "--rail-pressures")]
+        read = cls(*([] if one is None else read_axis(one, unit, name).tolist() for one, unit, name in axes))
+        if wanted is not None and (len(read.quantities) > 1) != bool(read.dwells):
+            raise InputError(
+                "--wanted: one quantity has no dwell; omit --dwells."
+                if read.dwells
+                else "--wanted: several quantities need the dwells between them; add --dwells, such as 0.3:2:0.1ms."
+            )
+        return read
+
+    def added(self, found: Observation) -> Observation:
+        """The observation with the energising times of the trains."""
+        from dataclasses import replace
+
+        import numpy as np
+
+        from commonrail.plugins.observer.compensation import compensate
+        from commonrail.plugins.observer.study import InjectionTrain
+
+        if not self.quantities:
+            return found
+        rails = self.rail_pressures or [float(np.median([shot.rail_pressure for shot in found.shots]))]
+        gaps = [(dwell,) * (len(self.quantities) - 1) for dwell in self.dwells] or [()]
+        trains = [InjectionTrain(rail, tuple(self.quantities), gap) for rail in rails for gap in gaps]
+        return replace(found, compensation=compensate(found, trains))
 
 
 def _deviations(texts: tuple[str, ...]) -> dict[str, float]:

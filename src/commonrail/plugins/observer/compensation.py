@@ -1,0 +1,162 @@
+"""Energising times that deliver wanted quantities, by the model with the states that an observer has learnt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize.elementwise import bracket_root, find_root
+
+from commonrail.base.arguments import instance, instances, thread_count
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.hooks import naming, note
+from commonrail.engine import lanes, plan
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.status import which_failed
+from commonrail.physics.injector import Injector
+from commonrail.plugins.observer.file import Compensated, Observation
+from commonrail.plugins.observer.response import Simulator, cuts_of, figures_of
+from commonrail.plugins.observer.study import GAIN, OFFSET, InjectionTrain, ObserverSettings
+
+SHORTEST, LONGEST = 20e-6, 5e-3  # energising times between which is searched [s]; no injector answers a shorter one
+SINGLE = np.geomspace(80e-6, 3e-3, 40)  # those of single injections, from which a search begins [s]
+NEAR = 0.02  # share to both sides of the first bracket; chosen
+MET = 1e-3  # largest miss of a quantity that counts as met, as a share: a tenth of the scatter of shots
+NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s], as of a map
+ITERATIONS = 20  # a bracket that doubles is as wide as all energising times after ten
+
+
+def compensate(
+    source: Injector | Observation,
+    trains: Sequence[InjectionTrain],
+    settings: ObserverSettings | None = None,
+    *,
+    threads: int | None = None,
+) -> list[Compensated]:
+    """Energising times with which trains deliver their quantities, interaction of the injections included.
+
+    A train whose quantities are not met, since the injector does not deliver them or they are jumped over, has the
+    nearest times that were tried, and is counted in a note.
+
+    Parameters
+    ----------
+    source : Injector or Observation
+        A model as it is, or that of an observation with its states after the last shot.
+    trains : sequence of InjectionTrain
+        All with equally many injections.
+    settings : ObserverSettings, optional
+        Pressures and time step for an injector; an observation has its own.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+
+    Notes
+    -----
+    Injection after injection, since later ones do not change earlier ones: a bracket, and in it Chandrupatla's method
+    (Advances in Engineering Software 28, 1997; `scipy.optimize.elementwise`), all trains in the lanes at once. Dwells
+    are kept, so that later energisings move where an earlier one grows.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of the wrong kind, an observation comes with settings, or trains differ in their number of
+        injections.
+    """
+    instance(source, Injector | Observation, "source")
+    wanted = instances(trains, InjectionTrain, "trains")
+    if len({len(train.quantities) for train in wanted}) != 1:
+        raise ConfigurationError("One call takes trains with equally many injections, and at least one train.")
+    if isinstance(source, Observation):
+        if settings is not None:
+            raise ConfigurationError("An observation has settings of its own; give none beside it.")
+        given, settings = source.injector, source.settings
+    else:
+        given = source
+        settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
+    nominal = learnt = _Model(given, settings, thread_count(threads) or 1)
+    if isinstance(source, Observation):
+        learnt = nominal.at(source.memory.belief.mean)
+    plain = _single(nominal, wanted)
+    times = _solved(learnt, wanted, plain)
+    found, before = (learnt.quantities(wanted, one) for one in (times, plain))
+    met = np.all(np.abs(found / [train.quantities for train in wanted] - 1.0) <= MET, axis=1)
+    if not met.all():
+        note(f"{np.sum(~met)} of {len(met)} trains do not meet their quantities; look at what they deliver.")
+    return [Compensated(train, times[k], found[k], plain[k], before[k], bool(met[k])) for k, train in enumerate(wanted)]
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Quantities of trains; `gain` and `offset` [Pa] are those of the sensor that shows the rail pressure."""
+
+    injector: Injector
+    settings: ObserverSettings
+    threads: int
+    gain: float = 0.0
+    offset: float = 0.0
+
+    def at(self, states: Floats) -> _Model:
+        """The model with the states (states,) of an observer."""
+        simulator = Simulator(self.injector, self.settings)
+        values = simulator.values(states[None])[0].tolist()
+        sensor = {state.name: float(x) for state, x in zip(self.settings.states, states, strict=True)}
+        injector = self.injector.with_values(dict(zip(simulator.names, values, strict=True)))
+        return _Model(injector, self.settings, self.threads, sensor.get(GAIN, 0.0), sensor.get(OFFSET, 0.0))
+
+    def quantities(self, trains: Sequence[InjectionTrain], times: Floats) -> Floats:
+        """Quantities (trains, injections) [m³] of energising times of that shape [s]; NaN where a simulation fails."""
+        settings, dt = self.settings, float(self.settings.time_step)
+        pulses = [train.energisings(row) for train, row in zip(trains, times, strict=True)]
+        longest = max(each[-1].start + each[-1].duration for each in pulses) + settings.after
+        around, horizon = (settings.cylinder_pressure, settings.return_pressure), float(dt * np.ceil(longest / dt))
+        rails = [(train.rail_pressure - self.offset) / (1.0 + self.gain) for train in trains]
+        points = [OperatingPoint(*pair, *around, horizon=horizon) for pair in zip(rails, pulses, strict=True)]
+        prepared = plan.prepare(self.injector, points, dt)
+        job, variant = plan.make_job(prepared, prepared.row[None], False), self.injector.wired()
+        with naming(f"{variant.label}, f64"):
+            outcome, trace = lanes.run(job, variant, traced=True, threads=self.threads, injected_only=True)
+        failed = which_failed(plan.statuses_of((), job.theta, prepared, outcome))[0]
+        injected = np.empty((len(points), trace.shape[1]))
+        injected[job.points[:, : trace.shape[3]]] = np.moveaxis(trace[:, :, 0], 1, 2)
+        clock, found = np.asarray(dt * np.arange(trace.shape[1]), float), np.full(times.shape, np.nan)
+        for k in np.flatnonzero(~failed):
+            found[k] = figures_of(clock, injected[k], cuts_of(clock, injected[k], pulses[k]))[0]
+        return np.asarray(found / prepared.densities[0][:, None])
+
+
+def _solved(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> Floats:
+    """Energising times (trains, injections) [s] that deliver trains, or the nearest that were tried.
+
+    `first` (trains, injections): times from which the search begins [s].
+    """
+    times, which = first.copy(), np.arange(float(len(trains)))
+    for i in range(times.shape[1]):
+
+        def miss(time: Floats, train: Floats, i: int = i) -> Floats:
+            k = train.astype(int)
+            tried = times[k]
+            tried[:, i] = time
+            some = [trains[j] for j in k]
+            return np.asarray(model.quantities(some, tried)[:, i] / [one.quantities[i] for one in some] - 1.0)
+
+        low, high = (1.0 - NEAR) * times[:, i], (1.0 + NEAR) * times[:, i]
+        around = bracket_root(miss, low, high, xmin=SHORTEST, xmax=LONGEST, args=(which,), maxiter=ITERATIONS)
+        close = {"fatol": MET, "xatol": NARROWEST}
+        root = find_root(miss, around.bracket, args=(which,), tolerances=close, maxiter=ITERATIONS)
+        times[:, i] = np.where(np.isfinite(root.x), root.x, times[:, i])
+    return times
+
+
+def _single(model: _Model, trains: Sequence[InjectionTrain]) -> Floats:
+    """Energising times (trains, injections) [s] that deliver each quantity by itself, each pair of values once."""
+    pairs = [[(train.rail_pressure, volume) for volume in train.quantities] for train in trains]
+    alone = [InjectionTrain(rail, (volume,)) for rail, volume in sorted({pair for row in pairs for pair in row})]
+    rails = sorted({train.rail_pressure for train in trains})
+    grid = [InjectionTrain(rail, (1e-9,)) for rail in rails for _ in SINGLE]
+    table = model.quantities(grid, np.tile(SINGLE, len(rails))[:, None]).reshape(len(rails), -1)
+    rising = dict(zip(rails, np.maximum.accumulate(np.nan_to_num(table), axis=1), strict=True))
+    first = [[np.interp(one.quantities[0], rising[one.rail_pressure], SINGLE)] for one in alone]
+    found = _solved(model, alone, np.array(first))[:, 0].tolist()
+    times = {(one.rail_pressure, one.quantities[0]): time for one, time in zip(alone, found, strict=True)}
+    return np.array([[times[pair] for pair in row] for row in pairs])
