@@ -19,7 +19,7 @@ from commonrail.plugins.observer.kalman import Belief, StepTest
 from commonrail.plugins.observer.response import cuts_of, figures_of
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
-from tests.cli.conftest import Command
+from tests.cli.conftest import Command, check_made_again
 
 RATE, CYCLE = 50e3, 15e-3
 RAIL = 140e6
@@ -163,7 +163,9 @@ def test_the_verb_gives_times_over_the_dwell(
     assert done.status == 0, done.err
     assert "Compensated energising times" in done.out
     assert "Compensation" in (folder / "report.html").read_text(encoding="utf-8")
+    check_made_again(command, folder)
     for wrong, words in (
+        (("--wanted", "4,12m3", "--dwells", "1ms"), "mm3"),
         (("--wanted", "4,30mm3"), "add --dwells"),
         (("--wanted", "30mm3", "--dwells", "1ms"), "omit --dwells"),
         (("--dwells", "1ms"), "--wanted"),

@@ -30,7 +30,7 @@ from commonrail.cli.options import (
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
     from commonrail.plugins.observer.file import Log, Observation
-    from commonrail.plugins.observer.study import ObserverSettings
+    from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
 
 
 @verb
@@ -158,7 +158,9 @@ def observe(
     }
     with held_interrupts():  # what is done is written whatever keys are pressed
         found = run_into(
-            out, "observer.csv", lambda: asked.added(replace(_run(injector, read, settings, threads), origin=origin))
+            out,
+            "observer.csv",
+            lambda: asked.added(replace(_run(injector, read, settings, threads), origin=origin), threads),
         )
     record = found.record()
     if json:
@@ -191,23 +193,29 @@ class _Wanted(NamedTuple):
                 if read.dwells
                 else "--wanted: several quantities need the dwells between them; add --dwells, such as 0.3:2:0.1ms."
             )
+        read.trains(read.rail_pressures or [100e6])  # wrong values are refused before the log is observed
         return read
 
-    def added(self, found: Observation) -> Observation:
+    def trains(self, rail_pressures: list[float]) -> list[InjectionTrain]:
+        """Trains at rail pressures [Pa], each dwell in turn."""
+        from commonrail.plugins.observer.study import InjectionTrain
+
+        if not self.quantities:
+            return []
+        gaps = [(dwell,) * (len(self.quantities) - 1) for dwell in self.dwells] or [()]
+        return [InjectionTrain(rail, tuple(self.quantities), gap) for rail in rail_pressures for gap in gaps]
+
+    def added(self, found: Observation, threads: int | None) -> Observation:
         """The observation with the energising times of the trains."""
         from dataclasses import replace
 
         import numpy as np
 
         from commonrail.plugins.observer.compensation import compensate
-        from commonrail.plugins.observer.study import InjectionTrain
 
-        if not self.quantities:
-            return found
-        rails = self.rail_pressures or [float(np.median([shot.rail_pressure for shot in found.shots]))]
-        gaps = [(dwell,) * (len(self.quantities) - 1) for dwell in self.dwells] or [()]
-        trains = [InjectionTrain(rail, tuple(self.quantities), gap) for rail in rails for gap in gaps]
-        return replace(found, compensation=compensate(found, trains))
+        before = float(np.median([shot.rail_pressure for shot in found.shots]))
+        trains = self.trains(self.rail_pressures or [before])
+        return replace(found, compensation=compensate(found, trains, threads=threads)) if trains else found
 
 
 def _deviations(texts: tuple[str, ...]) -> dict[str, float]:
