@@ -99,6 +99,17 @@ def test_observed_states_bring_the_part_nearer_than_the_map(
     assert np.all(np.abs(now).max(axis=0) < 0.5 * np.abs(off).max(axis=0))
 
 
+def test_times_go_half_of_the_way_from_the_present_ones(observed: Observation, mapped: list[Compensated]) -> None:
+    whole, half = compensate(observed, TRAINS, threads=1), compensate(observed, TRAINS, last=mapped, threads=1)
+    for one, two, present in zip(whole, half, mapped, strict=True):
+        assert one.energising_times[1] != pytest.approx(present.energising_times[1], rel=1e-3)
+        between = 0.5 * (one.energising_times + present.energising_times)
+        assert two.energising_times == pytest.approx(between, rel=1e-9)
+        assert abs(two.quantities[1] - MAIN) > 1e-3 * MAIN  # those of the times that are given
+    with pytest.raises(ConfigurationError, match="`last`"):
+        compensate(observed, TRAINS, last=mapped[:2])
+
+
 def test_the_sensor_shows_the_rail_pressure_that_is_wanted(rigid_volume: Injector, observed: Observation) -> None:
     """With a sensor known to show 5 MPa more the times are those of a rail 5 MPa lower."""
     names = [state.name for state in observed.settings.states]

@@ -92,7 +92,7 @@ class Compensated(NamedTuple):
     plain_times, plain_quantities : (injections,)
         Times that deliver each quantity by itself by the model without learnt states [s], and what they do here [m³].
     met : bool
-        Whether each quantity is the wanted one, within 0.1 %.
+        Whether times were found that deliver the wanted quantities, within 0.1 %.
     """
 
     train: InjectionTrain
