@@ -327,6 +327,8 @@ def terminals(listed: Sequence[Variable]) -> str:
         ("fuel_line", (("pressure", "boundary.rail_pressure"), ("flow", "inlet_flow")), "inlet of the feed pipe"),
         ("coil", (("drive", "boundary.drive"), ("current", "coil_current")), "coil of the solenoid"),
     ):
+        if names.isdisjoint(variable for _, variable in members):
+            continue
         terminal = Xml.SubElement(table, "Terminal", name=name, matchingRule="bus", description=description)
         for member, variable in members:
             if variable not in names:

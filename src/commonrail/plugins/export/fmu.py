@@ -5,9 +5,10 @@ from __future__ import annotations
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import ALL_ENTRIES, lasting
@@ -28,9 +29,17 @@ from commonrail.plugins.export.description import (
     terminals,
     variables,
 )
-from commonrail.plugins.export.library import write_sources, write_texts
-from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, emit, link_shared
-from commonrail.plugins.export.sources import Model, model_of, named, source_file, template
+from commonrail.plugins.export.library import block_texts, write_around, write_sources, write_texts
+from commonrail.plugins.export.object_files import (
+    Compiler,
+    Target,
+    compiler_for,
+    emit,
+    emit_block,
+    link_shared,
+    vectors_of,
+)
+from commonrail.plugins.export.sources import Model, model_of, source_file, template
 from commonrail.report.html import render
 
 
@@ -57,6 +66,20 @@ _DESCRIPTIONS = {2: describe2, 3: describe3}
 _WHEN = (1980, 1, 1, 0, 0, 0)
 
 
+class Instance(NamedTuple):
+    """What makes an FMU of a model: its variables, and the sources around the library's that know them.
+
+    `texts`: by name, with ``cr`` in place of the model's name; ``fmu.h`` has a line ``/*START*/`` where the
+    token is put. `page`: HTML of the documentation. `blocks`: with blocks of injectors.
+    """
+
+    model: Model
+    variables: Sequence[Variable]
+    texts: Mapping[str, str]
+    page: str
+    blocks: bool = False
+
+
 @lasting(ALL_ENTRIES)
 def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
     """Write an injector as an FMU for co-simulation; returns the names of its files.
@@ -64,39 +87,57 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
     Its values are the start values. Binaries are those of the target platforms, `fmi` is the version of the standard, 2
     or 3. ConfigurationError if the standard knows no such platform, there is no compiler for one, or it fails.
     """
-    check_fmi(fmi)
-    folders = {target.name: _folder(target, fmi) for target in targets}
-    compilers = {target.name: compiler_for(target, prefer_zig=True) for target in targets}
-    model = model_of(injector)
+    tools_of(targets, fmi)
+    model, listed = model_of(injector), variables(injector)
+    return write_instance(
+        Instance(model, listed, _injector_texts(injector), documentation_page(model, listed)), out, targets, fmi
+    )
+
+
+def write_instance(made: Instance, out: Path, targets: Sequence[Target], fmi: int) -> tuple[str, ...]:
+    """Write an FMU of whatever an instance is; as `write_fmu`."""
+    folders, compilers = tools_of(targets, fmi)
+    model, listed = made.model, made.variables
     token = f"{{{uuid.UUID(model.stamp[:32])}}}"
-    listed = variables(injector)
     with tempfile.TemporaryDirectory(prefix="commonrail-") as temporary:
         folder = Path(temporary)
-        written = [*write_sources(model, folder), *_write_instance(model, folder, token, fmi)]
+        written = [*write_sources(model, folder), *_write_instance(made, folder, token, fmi)]
         to_compile = [path.name for path in written if path.suffix == ".c"]
         describe = _DESCRIPTIONS[fmi]
         contents = {"modelDescription.xml": describe(model, listed, token, to_compile).encode()}
         for target in targets:
             binary = folder / f"{target.name}{target.suffix}"
-            _link(compilers[target.name], model, folder, binary, target)
+            _link(compilers[target.name], made, folder, binary, target)
             contents[f"binaries/{folders[target.name]}/{model.name}{target.suffix}"] = binary.read_bytes()
         contents |= {f"sources/{path.name}": path.read_bytes() for path in written}
     contents["model.png" if fmi == 2 else "terminalsAndIcons/icon.png"] = source_file("icon.png").read_bytes()
     if fmi == 3:
         contents["sources/buildDescription.xml"] = build_description(model, to_compile).encode()
         contents["terminalsAndIcons/terminalsAndIcons.xml"] = terminals(listed).encode()
-    contents["documentation/index.html"] = documentation_page(model, listed).encode()
+    contents["documentation/index.html"] = made.page.encode()
     contents["documentation/licenses/notices.txt"] = template("notices.txt").replace("NAME", model.name).encode()
     _pack(out, contents)
     return tuple(contents)
 
 
-def _link(compiler: Compiler, model: Model, folder: Path, binary: Path, target: Target) -> None:
+def _link(compiler: Compiler, made: Instance, folder: Path, binary: Path, target: Target) -> None:
     """Link the binary of a target: the C around the physics, and the physics as LLVM compiles it."""
-    kernel = folder / f"{target.name}.o"
-    kernel.write_bytes(emit(model.injector.wired(), target, model.name))
-    around = sorted(path for path in folder.glob("*.c") if path.stem != f"{model.name}_kernel")
-    link_shared(compiler, (*around, kernel), binary, target, ())
+    name, wired = made.model.name, made.model.injector.wired()
+    objects = {f"{target.name}.o": emit(wired, target, name)}
+    vectors = vectors_of(target) if made.blocks else ()
+    objects |= {f"{target.name}_{one}.o": emit_block(wired, target, one, name) for one in vectors}
+    for file, content in objects.items():
+        (folder / file).write_bytes(content)
+    around = sorted(path for path in folder.glob("*.c") if path.stem != f"{name}_kernel")
+    defines = (f"{name.upper()}_VECTORS",) if vectors else ()
+    link_shared(compiler, (*around, *(folder / file for file in objects)), binary, target, defines)
+
+
+def tools_of(targets: Sequence[Target], fmi: int) -> tuple[dict[str, str], dict[str, Compiler]]:
+    """Folder of the binary and compiler of each target by its name; errors as of `write_fmu`."""
+    check_fmi(fmi)
+    folders = {target.name: _folder(target, fmi) for target in targets}
+    return folders, {target.name: compiler_for(target, prefer_zig=True) for target in targets}
 
 
 def check_fmi(version: int) -> None:
@@ -116,19 +157,25 @@ def _folder(target: Target, fmi: int) -> str:
     return folder
 
 
-def _write_instance(model: Model, folder: Path, token: str, fmi: int) -> list[Path]:
-    """Write the sources around the library that make it an FMU."""
+def _injector_texts(injector: Injector) -> dict[str, str]:
+    """Sources that know the variables of an injector's FMU."""
     start = {"STEP": DEFAULT_STEP, "RAIL": RAIL, "CYLINDER": CYLINDER, "RETURN": RETURN}
-    defines = [f'#define CR_GUID "{token}"', *(f"#define CR_FMU_{name} {value!r}" for name, value in start.items())]
-    unread = unread_inputs(model.injector.variant)
+    defines = [f"#define CR_FMU_{name} {value!r}" for name, value in start.items()]
+    unread = unread_inputs(injector.variant)
     defines += [f"#define CR_FMU_READS_{name.upper()} {int(name not in unread)}" for name in (RAIL_INPUT, BACK, DRIVE)]
-    texts = {
-        f"{model.name}_fmu.h": template("fmu.h").replace("/*START*/", "\n".join(defines) + "\n"),
-        f"{model.name}_fmu.c": template("fmu.c"),
-        f"{model.name}_fmi{fmi}.c": template(f"fmi{fmi}.c"),
+    return {
+        "fmu.h": template("fmu.h").replace("/*START*/\n", "/*START*/\n" + "\n".join(defines) + "\n"),
+        "fmu.c": template("fmu.c"),
     }
-    own = write_texts(folder, {name: named(text, model.name) for name, text in texts.items()})
-    return own + write_texts(folder, {name: template(f"fmi/{name}") for name in _HEADERS[fmi]})
+
+
+def _write_instance(made: Instance, folder: Path, token: str, fmi: int) -> list[Path]:
+    """Write the sources around the library that make it an FMU."""
+    own = {name: text.replace("/*START*/", f'#define CR_GUID "{token}"') for name, text in made.texts.items()}
+    common = {name: template(name) for name in ("instance.h", "instance.c", f"fmi{fmi}.c")}
+    blocks = block_texts() if made.blocks else {}
+    written = write_around(made.model, folder, {**own, **common, **blocks})
+    return written + write_texts(folder, {name: template(f"fmi/{name}") for name in _HEADERS[fmi]})
 
 
 def _pack(out: Path, contents: dict[str, bytes]) -> None:

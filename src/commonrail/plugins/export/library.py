@@ -70,19 +70,24 @@ class Library(NamedTuple):
 
 
 @lasting(ALL_ENTRIES)
-def write_library(injector: Injector, folder: Path, targets: Sequence[Target]) -> Library:
+def write_library(
+    injector: Injector, folder: Path, targets: Sequence[Target], more: Mapping[str, str] | None = None
+) -> Library:
     """Write an injector as a C library; nothing is changed before all of it is complete.
 
     Each target gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
     folders by their names. Files of the same names are replaced. ConfigurationError if there is no compiler for a
     target, or it fails; InputError if files of the examples' names are there that no export has written.
+
+    `more`: texts by name of headers and sources around the model, with ``cr`` in place of its name, that become part of
+    the libraries.
     """
     _refuse_foreign_examples(folder)
     compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
     model = model_of(injector)
     shared: dict[str, Path] = {}
     with placed(folder) as made:
-        files = [*write_sources(model, made), *_write_block(model, made)]
+        files = [*write_sources(model, made), *_write_block(model, made), *write_around(model, made, more or {})]
         for target in targets:
             place = made / target.name if len(targets) > 1 else made
             place.mkdir(exist_ok=True)
@@ -108,7 +113,16 @@ def _write_kernel(model: Model, place: Path, target: Target) -> Path:
 
 def _write_block(model: Model, folder: Path) -> list[Path]:
     """Write header and source of blocks of injectors."""
-    texts = {"block.h": template("block.h").replace("/*LANES*/", str(LANES)), "block.c": template("block.c")}
+    return write_around(model, folder, block_texts())
+
+
+def block_texts() -> dict[str, str]:
+    """Header and source of blocks of injectors."""
+    return {"block.h": template("block.h").replace("/*LANES*/", str(LANES)), "block.c": template("block.c")}
+
+
+def write_around(model: Model, folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Write texts with the model's name in them and before their own."""
     return write_texts(folder, {f"{model.name}_{name}": named(text, model.name) for name, text in texts.items()})
 
 
@@ -123,7 +137,7 @@ def _write_binaries(model: Model, folder: Path, place: Path, target: Target, com
         kernels.append(place / f"{model.name}_block_{one}_{target.name}.o")
         kernels[-1].write_bytes(emit_block(model.injector.wired(), target, one, model.name))
     defines = (f"{upper}_VECTORS",) if vectors else ()
-    sources = [folder / f"{model.name}.c", folder / f"{model.name}_block.c"]
+    sources = [path for path in sorted(folder.glob("*.c")) if path.stem != f"{model.name}_kernel"]
     objects = [place / f"{source.stem}.o" for source in sources]
     for source, made in zip(sources, objects, strict=True):
         compile_source(compiler, source, made, target, defines)

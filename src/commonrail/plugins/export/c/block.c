@@ -12,8 +12,8 @@
 #define BLOCK_HEAD 256 /* bytes */
 #define BLOCK_STAMP (~CR_STAMP)
 
-/* Memory: this head; a cr_head for each injector; working rows; waves; working rows of those that have failed, which are
- * scratch while the block begins. In vectors a row has the numbers of all lanes, else each injector has its rows. */
+/* Memory: this head; a cr_head for each injector; working rows; waves; working rows of those that have failed; scratch
+ * in which an injector begins. In vectors a row has the numbers of all lanes, else each injector has its rows. */
 typedef struct {
     uint64_t stamp;
     int64_t size, ring, steps;
@@ -158,7 +158,7 @@ size_t cr_block_size(const double *parameters, int count, double time_step) {
     int64_t ring = ring_of_all(parameters, count, time_step);
     int64_t lanes = CR_LANES * (CR_WORK + slots_of(ring)), still = CR_LANES * CR_WORK, scratch = CR_WORK + slots_of(ring);
     if (!ring) return 0;
-    return BLOCK_HEAD + (size_t)CR_LANES * CR_HEAD + (size_t)(lanes + (still > scratch ? still : scratch)) * sizeof(double);
+    return BLOCK_HEAD + (size_t)CR_LANES * CR_HEAD + (size_t)(lanes + still + scratch) * sizeof(double);
 }
 
 int cr_block_begin(void *block, size_t size, const double *parameters, const cr_boundary *at_rest, int count,
@@ -173,33 +173,45 @@ int cr_block_begin(void *block, size_t size, const double *parameters, const cr_
         if (status) return status;
     }
     memset(block, 0, needed);
-    b->stamp = BLOCK_STAMP;
     b->size = (int64_t)needed;
     b->ring = ring_of_all(parameters, count, time_step);
-    b->dt = time_step;
-    b->start = start;
-    b->count = count;
     b->vectors = vectors > 0 && vectors < found ? (vectors < 4 ? 1 : 4) : found;
-    b->alike = 1;
+    b->start = start;
+    cr_block_open(block, b->ring, count, b->vectors, time_step);
     for (int i = 0; i < CR_LANES; i++) {
-        Lane lane = lane_of(block, i), zeroth = lane_of(block, 0);
-        int own = i < count ? i : count - 1, together = b->vectors > 1;
-        double *scratch = zeroth.still;
-        if (!together && i >= count) break;
-        int status = cr_core_begin(lane.head, together ? scratch : lane.work, together ? scratch + CR_WORK : lane.waves,
-                                   parameters + own * CR_PARAMETERS, at_rest + own, time_step, start, b->ring);
-        if (together) put(b, lane, scratch, scratch + CR_WORK);
-        for (int wave = 0; wave < 3; wave++) {
-            int row = (CR_ROW_DELAY_STEPS + wave) * lane.stride;
-            b->alike &= lane.work[row] == zeroth.work[row];
-        }
+        int own = i < count ? i : count - 1;
+        int status = cr_block_put(block, i, parameters + own * CR_PARAMETERS, at_rest + own);
         if (!first) first = status;
     }
-    for (int i = 0; i < count; i++) { /* the scratch memory keeps what stands still from now on */
-        Lane lane = lane_of(block, i);
-        for (int row = 0; row < CR_WORK; row++) lane.still[row] = lane.work[row * lane.stride];
-    }
     return first;
+}
+
+void cr_block_open(void *block, int64_t ring, int count, int vectors, double dt) {
+    Block *b = block;
+    b->stamp = BLOCK_STAMP;
+    b->ring = ring;
+    b->steps = 0;
+    b->dt = dt;
+    b->count = count;
+    b->vectors = vectors;
+    b->alike = 1;
+}
+
+int cr_block_put(void *block, int i, const double *parameters, const cr_boundary *at_rest) {
+    Block *b = block;
+    Lane lane = lane_of(block, i), zeroth = lane_of(block, 0);
+    int together = b->vectors > 1;
+    double *scratch = lane_of(block, CR_LANES).still; /* behind what stands still */
+    if (!together && i >= b->count) return CR_OK;
+    int status = cr_core_begin(lane.head, together ? scratch : lane.work, together ? scratch + CR_WORK : lane.waves,
+                               parameters, at_rest, b->dt, b->start, b->ring);
+    if (together) put(b, lane, scratch, scratch + CR_WORK);
+    for (int wave = 0; wave < 3; wave++) {
+        int row = (CR_ROW_DELAY_STEPS + wave) * lane.stride;
+        b->alike &= lane.work[row] == zeroth.work[row];
+    }
+    for (int row = 0; row < CR_WORK; row++) lane.still[row] = lane.work[row * lane.stride];
+    return status;
 }
 
 static Block *begun(const void *block) {
@@ -256,6 +268,12 @@ int cr_block_march(void *block, int64_t steps, const cr_boundary *boundaries) {
 int cr_block_march_inputs(void *block, int64_t steps, const cr_inputs *inputs) {
     Block *b = begun(block);
     return b && inputs ? march(b, steps, NULL, inputs) : CR_BAD_MEMORY;
+}
+
+const double *cr_block_rows(const void *block, int injector, int *stride) {
+    Lane lane = lane_of((void *)block, injector);
+    *stride = lane.stride;
+    return lane.work;
 }
 
 /* Working rows of an injector as it has them alone. */

@@ -46,6 +46,11 @@ int cr_core_look(cr_head *h, const double *figures); /* keeps the failure that t
 int cr_core_status(const cr_head *h, const double *work);
 void cr_core_observe(const cr_head *h, const double *work, double *channels);
 void cr_core_figures(const cr_head *h, const double *work, cr_figures *out);
+/* A block's beginning in parts: its own numbers, then each of all lanes, those without an injector as its last one. */
+void cr_block_open(void *block, int64_t ring, int count, int vectors, double dt);
+int cr_block_put(void *block, int lane, const double *parameters, const cr_boundary *at_rest);
+/* Working rows of an injector of a block, `stride` numbers apart. */
+const double *cr_block_rows(const void *block, int injector, int *stride);
 
 /* Numbers too small for their format are zero, as in commonrail: a processor takes a hundred cycles for each. */
 #if defined(__x86_64__) || defined(_M_X64)

@@ -1,34 +1,7 @@
-/* Instance of the FMU: variables by reference, communication steps, states. */
+/* Variables of the injector's FMU by reference, and its communication steps. */
 #include "cr_fmu.h"
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
-
-typedef struct { /* a kept state; the numbers of the simulation, if it has begun, follow it */
-    uint64_t size; /* of both */
-    Kept kept;
-} Snapshot;
-
-Instance *fmu_new(const char *name) {
-    Instance *m = calloc(1, sizeof *m);
-    if (!m) return NULL;
-    if (!name) name = "";
-    m->name = malloc(strlen(name) + 1);
-    if (!m->name) {
-        free(m);
-        return NULL;
-    }
-    strcpy(m->name, name);
-    fmu_preset(m);
-    return m;
-}
-
-void fmu_free(Instance *m) {
-    if (!m) return;
-    free(m->state);
-    free(m->name);
-    free(m);
-}
 
 void fmu_preset(Instance *m) {
     memset(&m->kept, 0, sizeof m->kept);
@@ -73,31 +46,21 @@ int fmu_read(Instance *m, unsigned reference, double *value) {
     if (reference < VR_CHANNEL || reference > VR_STATUS) return 0;
     if (k->dirty && k->phase == INITIALISING) fmu_begin(m);
     if (!m->observed && m->state && !k->dirty) {
-        cr_observe(m->state, m->channels);
-        cr_read_figures(m->state, &m->figures);
+        cr_observe(m->state, m->seen.channels);
+        cr_read_figures(m->state, &m->seen.figures);
         m->observed = 1;
     }
-    if (reference < VR_CHANNEL + CR_CHANNELS) return *value = m->channels[reference - VR_CHANNEL], 1;
+    if (reference < VR_CHANNEL + CR_CHANNELS) return *value = m->seen.channels[reference - VR_CHANNEL], 1;
     switch (reference) {
     case VR_RATE: *value = k->rate; return 1;
     case VR_RETURN_RATE: *value = k->return_rate; return 1;
-    case VR_OPENING: *value = instant(m->figures.opening); return 1;
-    case VR_CLOSING: *value = instant(m->figures.closing); return 1;
-    case VR_FIRST_CLOSING: *value = instant(m->figures.first_closing); return 1;
-    case VR_OPEN: *value = isfinite(m->figures.opening) && !isfinite(m->figures.closing); return 1;
+    case VR_OPENING: *value = instant(m->seen.figures.opening); return 1;
+    case VR_CLOSING: *value = instant(m->seen.figures.closing); return 1;
+    case VR_FIRST_CLOSING: *value = instant(m->seen.figures.first_closing); return 1;
+    case VR_OPEN: *value = isfinite(m->seen.figures.opening) && !isfinite(m->seen.figures.closing); return 1;
     case VR_STATUS: *value = m->state && !k->dirty ? cr_status(m->state) : 0; return 1;
     default: return 0;
     }
-}
-
-static int sized(Instance *m, size_t size) {
-    if (m->state && m->size == size) return 1;
-    void *state = malloc(size);
-    if (!state) return 0;
-    free(m->state);
-    m->state = state;
-    m->size = size;
-    return 1;
 }
 
 static int failed(Instance *m, int status) {
@@ -111,7 +74,7 @@ int fmu_begin(Instance *m) {
     int count = 0, status = cr_check(k->parameters, &k->input, k->step, NULL);
     if (status) return failed(m, status);
     size_t size = cr_state_size(k->parameters, k->step);
-    if (!size || !sized(m, size)) return failed(m, CR_BAD_MEMORY);
+    if (!size || !fmu_sized(m, size)) return failed(m, CR_BAD_MEMORY);
     status = cr_begin(m->state, m->size, k->parameters, &k->input, k->step, k->begun);
     if (status) return failed(m, status);
     for (int i = 0; i < PLANNED; i++)
@@ -153,54 +116,4 @@ int fmu_step(Instance *m, double now, double length) {
     }
     k->time = end;
     return CR_OK;
-}
-
-int fmu_get_state(const Instance *m, void **kept) {
-    size_t size = sizeof(Snapshot) + (m->state ? m->size : 0);
-    Snapshot *s = *kept && fmu_state_size(*kept) == size ? *kept : realloc(*kept, size);
-    if (!s) return 0;
-    memset(s, 0, sizeof *s);
-    s->size = size;
-    s->kept = m->kept;
-    if (m->state) memcpy(s + 1, m->state, m->size);
-    *kept = s;
-    return 1;
-}
-
-int fmu_set_state(Instance *m, const void *kept) {
-    const Snapshot *s = kept;
-    size_t held = (size_t)s->size - sizeof *s;
-    if (s->size < sizeof *s || (held && !sized(m, held))) return 0;
-    if (held) memcpy(m->state, s + 1, held);
-    m->kept = s->kept;
-    if (!held) m->kept.dirty = 1;
-    m->observed = 0;
-    m->sentence = NULL;
-    return 1;
-}
-
-void fmu_free_state(void **kept) {
-    if (!kept) return;
-    free(*kept);
-    *kept = NULL;
-}
-
-size_t fmu_state_size(const void *kept) { return (size_t)((const Snapshot *)kept)->size; }
-
-int fmu_write_state(const void *kept, void *bytes, size_t size) {
-    if (size < fmu_state_size(kept)) return 0;
-    memcpy(bytes, kept, fmu_state_size(kept));
-    return 1;
-}
-
-int fmu_read_state(void **kept, const void *bytes, size_t size) {
-    Snapshot head;
-    if (!bytes || size < sizeof head) return 0;
-    memcpy(&head, bytes, sizeof head);
-    if (head.size > size || head.size < sizeof head) return 0;
-    void *to = realloc(*kept, size);
-    if (!to) return 0;
-    memcpy(to, bytes, size);
-    *kept = to;
-    return 1;
 }

@@ -1,4 +1,4 @@
-/* One instance of the FMU, common to both versions of the standard. */
+/* Variables of the injector's FMU. */
 #ifndef CR_FMU
 #define CR_FMU
 #include "cr_commonrail.h"
@@ -24,8 +24,6 @@ enum {
 #define MOST_STEPS 1e7 /* inner steps of a communication step: seconds of computing, after which the importer asks again */
 #define TOO_LONG "A communication step takes more than 10 million inner time steps; take several shorter ones."
 
-typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
-
 typedef struct { /* plain data: what a state is, but for the numbers of the simulation */
     double parameters[CR_PARAMETERS], step, plan[2 * PLANNED];
     cr_boundary input;
@@ -33,33 +31,9 @@ typedef struct { /* plain data: what a state is, but for the numbers of the simu
     int32_t command, commanded, phase, dirty;
 } Kept;
 
-typedef struct {
-    Kept kept;
-    void *state;
-    size_t size;
+typedef struct { /* read once a step */
     double channels[CR_CHANNELS];
     cr_figures figures;
-    int observed;
-    const char *sentence; /* of the last failure */
-    char *name;
-    void *environment; /* of the importer: its logger and what the logger wants */
-    void (*logger)(void);
-} Instance;
-
-Instance *fmu_new(const char *name);
-void fmu_free(Instance *m);
-void fmu_preset(Instance *m);
-double *fmu_writable(Instance *m, unsigned reference); /* NULL: no such number, or not now */
-int fmu_read(Instance *m, unsigned reference, double *value); /* 0: no such number */
-int fmu_begin(Instance *m); /* a status */
-int fmu_too_long(const Instance *m, double length); /* 1: more than MOST_STEPS inner steps */
-int fmu_step(Instance *m, double now, double length); /* a status */
-
-/* States kept for the importer; the functions return 0 where they fail. */
-int fmu_get_state(const Instance *m, void **kept); /* writes over one of the same size */
-int fmu_set_state(Instance *m, const void *kept);
-void fmu_free_state(void **kept);
-size_t fmu_state_size(const void *kept);
-int fmu_write_state(const void *kept, void *bytes, size_t size);
-int fmu_read_state(void **kept, const void *bytes, size_t size);
+} Seen;
+#include "cr_instance.h"
 #endif
