@@ -373,8 +373,11 @@ def _better(record: Record, folder: str) -> Iterator[_Point]:
     found = difference(record)
     if found is None or not found.matters:
         return
-    step = Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt", ADOPT)
-    yield _Point(CARE, found.sentence, step if record["certainty"]["starts"] > 1 else _full(folder, record))
+    yield _Point(CARE, found.sentence, _adopt(folder) if record["certainty"]["starts"] > 1 else _full(folder, record))
+
+
+def _adopt(folder: str) -> Step:
+    return Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt", ADOPT)
 
 
 def _misses(record: Record) -> Iterator[_Point]:
@@ -386,12 +389,9 @@ def _misses(record: Record) -> Iterator[_Point]:
 
 
 def _confirmed(record: Record) -> bool:
-    """True if a search for the most likely values from several starts has settled, and the calibrated values are they.
-
-    They may differ by no more than noise explains.
-    """
-    known, differs = record.get("certainty") or {}, difference(record)
-    return known.get("starts", 1) > 1 and bool(known.get("settled")) and not (differs and differs.matters)
+    """True if a search for the most likely values from several starts has settled."""
+    known = record.get("certainty") or {}
+    return known.get("starts", 1) > 1 and bool(known.get("settled"))
 
 
 def _full(folder: str, record: Record) -> Step:
@@ -401,8 +401,11 @@ def _full(folder: str, record: Record) -> Step:
     if starts > 1:
         text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
         return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", SEARCH)
-    text = "Compute full intervals of the parameters, and search for their most likely values from several starts."
-    return Step(text, f"commonrail certainty {folder}", SEARCH)
+    text = "Compute full intervals of the parameters, and search for their most likely values from several starts"
+    differs = difference(record)
+    if differs and differs.matters and not record["certainty"].get("profiles"):
+        return Step(f"{text}, which are then adopted.", f"commonrail certainty {folder} --adopt", SEARCH)
+    return Step(f"{text}.", f"commonrail certainty {folder}", SEARCH)
 
 
 def _ending(record: Record, folder: str) -> Iterator[_Point]:
