@@ -63,9 +63,10 @@ def test_screening_comes_first_then_residuals_of_the_starts() -> None:
     assert np.sum((starts.x - 0.4) ** 2, axis=1) == pytest.approx(best)
 
 
-def test_more_starts_than_candidates_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match="starts = 9 must not exceed members = 8"):
-        StagedSettings(members=8, starts=9)
+@pytest.mark.parametrize(("first", "second"), [(("starts", 9), ("members", 8)), (("finalists", 3), ("starts", 2))])
+def test_more_than_there_are_to_choose_from_are_refused(first: tuple[str, int], second: tuple[str, int]) -> None:
+    with pytest.raises(ConfigurationError, match=f"{first[0]} = {first[1]} must not exceed {second[0]} = {second[1]}"):
+        StagedSettings(**dict((first, second)))
 
 
 def finished(settings: StagedSettings, is_sound: bool) -> StagedLeastSquares:

@@ -274,6 +274,11 @@ def test_a_shot_that_the_record_cuts_is_omitted(load: Load, tmp_path: Path) -> N
         ("window =", 'columns = "{p}bar"\nwindow =', "columns and shots are different ways"),
         (', rail_pressure = "p"', "", r"data\[1\]\.rail_pressure: this key is missing"),
         ("window =", 'resample = "1 ms"\nwindow =', "a step of 1 ms makes 1 samples"),
+        (
+            '"45 us"',
+            '"10.045 ms"',
+            r"data\[1\]\.shots\.offset: 10\.045 ms leads to the shot of another trigger.* 5 ms apart",
+        ),
     ],
 )
 def test_what_is_wrong_with_shots_is_one_sentence(load: Load, tmp_path: Path, old: str, new: str, words: str) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.cli.options import check_distinct, check_file, check_folder, free_run_folder
+from commonrail.cli.options import check_distinct, check_file, check_folder, check_report, free_run_folder
 from tests.cli.conftest import Command
 
 
@@ -38,7 +38,9 @@ def test_a_file_in_no_folder_is_refused(tmp_path: Path) -> None:
 
 def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--report: .* is a folder"):
-        check_file(tmp_path, "--report")
+        check_report(tmp_path)
+    with pytest.raises(InputError, match=r"--report: .*a\.txt: a report is an HTML page; name it .*a\.html"):
+        check_report(tmp_path / "a.txt")
 
 
 def test_a_file_in_place_of_a_folder_is_refused(tmp_path: Path) -> None:
@@ -89,7 +91,6 @@ def test_two_outputs_of_one_place_are_refused(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize(
     "line",
     [
-        ("simulate", "--energising-time", "500us", "--rail-pressure", "80MPa", "--out", "a", "--report", "a"),
         ("map", "--out", "a.json", "--quantity-out", "a.json"),
         ("sweep", "--vary", "rail_pressure=80MPa", "--out", "a.csv", "--out", "a.csv"),
     ],

@@ -51,6 +51,13 @@ def check_file(path: Path | None, option: str) -> None:
         tempfile.TemporaryFile(dir=path.parent).close()
 
 
+def check_report(path: Path | None) -> None:
+    """Refuse a page that could not be written later, or whose name would take it for another file."""
+    check_file(path, "--report")
+    if path is not None and path.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--report: {path}: a report is an HTML page; name it {path.with_suffix('.html')}.")
+
+
 def check_distinct(*paths: Path | None) -> None:
     """Refuse outputs of one command that would take each other's place.
 

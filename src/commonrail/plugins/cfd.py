@@ -20,7 +20,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
 from commonrail.cli.console import say
-from commonrail.cli.options import check_distinct, check_file
+from commonrail.cli.options import check_file
 from commonrail.cli.verbs.simulate import Run, heading
 from commonrail.engine.status import Status
 
@@ -42,12 +42,12 @@ class Course(NamedTuple):
         return float(np.trapezoid(self.rate, self.time))
 
 
-def write_foam(path: Path, run: Run, fitted: Path | None, report: Path | None) -> list[Path]:
+def write_foam(path: Path, run: Run, fitted: Path | None) -> list[Path]:
     """Write tables for OpenFOAM; see `write_dat`."""
-    return _write(path, run, fitted, report, _foam_lines)
+    return _write(path, run, fitted, _foam_lines)
 
 
-def write_dat(path: Path, run: Run, fitted: Path | None, report: Path | None) -> list[Path]:
+def write_dat(path: Path, run: Run, fitted: Path | None) -> list[Path]:
     """Write the rate of one hole, and beside it both edges of its band where the run folder of a fit tells one.
 
     Parameters
@@ -58,8 +58,6 @@ def write_dat(path: Path, run: Run, fitted: Path | None, report: Path | None) ->
         A simulation.
     fitted : Path or None
         Folder of the run whose calibrated injector was simulated, if it was without changes.
-    report : Path or None
-        File that the same command writes, which no edge may replace.
 
     Returns
     -------
@@ -69,23 +67,22 @@ def write_dat(path: Path, run: Run, fitted: Path | None, report: Path | None) ->
     Raises
     ------
     InputError
-        If nothing is injected, the injection has not ended, or an edge and the report are one file.
+        If nothing is injected, or the injection has not ended.
     OutputError
         If a file cannot be written.
     """
-    return _write(path, run, fitted, report, _dat_lines)
+    return _write(path, run, fitted, _dat_lines)
 
 
 _Lines = Callable[[Sequence[str], Course], Iterator[str]]
 
 
-def _write(path: Path, run: Run, fitted: Path | None, report: Path | None, lines: _Lines) -> list[Path]:
+def _write(path: Path, run: Run, fitted: Path | None, lines: _Lines) -> list[Path]:
     courses = {path: course_of(run)}
     if fitted is not None:
         beside = [path.with_stem(f"{path.stem}_{side}") for side in SIDES]
         for file in beside:
             check_file(file, "--out")
-        check_distinct(path, *beside, report)
         try:
             courses |= zip(beside, band_of(run, fitted), strict=True)
         except CommonrailError as error:

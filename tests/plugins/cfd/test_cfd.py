@@ -95,15 +95,6 @@ def test_the_rate_of_a_fit_has_its_band_beside_it(run: Path, tmp_path: Path, com
     assert (high > low).any()
 
 
-def test_an_edge_of_the_band_and_the_report_at_one_place_are_refused(
-    run: Path, tmp_path: Path, command: Command
-) -> None:
-    done = command("simulate", run, *POINT, "--out", tmp_path / "c.dat", "--report", tmp_path / "c_upper.dat")
-    assert done.status == 2
-    assert "name a file for each" in done.err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_changed_injector_has_no_band(run: Path, tmp_path: Path, command: Command) -> None:
     changed = ("--set", "valve.lift=60um")
     done = command("simulate", run, *POINT, *changed, "--out", tmp_path / "rate.dat", "--json")

@@ -319,9 +319,18 @@ def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
     assert "belong to --from" in run_command("new", tmp_path / "s", "--cylinder-pressure", "5MPa").sentence
     twice = run_command("new", tmp_path / "s", "--injector", "cri2-16", "--from", raw, "--from", raw)
     assert "Two of the data files are called rates.csv" in twice.sentence
+    for pressure, words in (("5GPa", "--cylinder-pressure must lie between"), ("-3MPa", "and -3 MPa was read")):
+        beyond = ("--injector", "cri2-16", "--from", raw, "--cylinder-pressure", pressure)
+        assert words in run_command("new", tmp_path / "s", *beyond).sentence
     unread = ("--injector", "cri2-16", "--from", raw, "--free", "drive.peak_band")
     assert "does not read drive.peak_band" in run_command("new", tmp_path / "s", *unread).sentence
     assert not (tmp_path / "s").exists()
+
+
+def test_a_pressure_of_no_bench_is_warned_of(bench: Path, tmp_path: Path) -> None:
+    words = ("--from", bench / "raw" / "map_january.csv", "--cylinder-pressure", "500MPa", "--free", "valve.lift")
+    with pytest.warns(RuntimeWarning, match="--cylinder-pressure: 500MPa was read, and 50 kPa to 30 MPa is usual"):
+        run_command("new", tmp_path / "s", "--injector", "cri2-16", *words)
 
 
 def test_the_rates_of_the_files_inject_what_the_map_does_and_are_not_early() -> None:

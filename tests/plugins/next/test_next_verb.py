@@ -15,7 +15,7 @@ from tests.cli.conftest import Command
         (("--criterion", "w"), 'The criterion must be "d", "a" or "v"'),
         (("--apart-time", "fast"), "--apart-time"),
         (("--out", "nowhere/plan.csv"), "there is no folder nowhere"),
-        (("--out", "one.csv", "--report", "./one.csv"), "name a file for each"),
+        (("--out", "one.html", "--report", "./one.html"), "name a file for each"),
         ((), "result.json"),
     ],
 )

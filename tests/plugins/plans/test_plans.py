@@ -130,6 +130,11 @@ def test_a_column_that_is_not_read_is_named(tmp_path: Path) -> None:
         load_plan(plan_file(tmp_path, f"{HEAD},upper_limit [mm3],uper_limit [mm3]\nVL,160,700,90,3\n"))
 
 
+def test_a_stroke_rate_of_no_engine_is_warned_of(tmp_path: Path) -> None:
+    with pytest.warns(RuntimeWarning, match='line 2, column "stroke_rate": .* is usual; check the unit'):
+        load_plan(plan_file(tmp_path, f"{HEAD},upper_limit [mm3],stroke_rate [1/s]\nVL,160,700,90,1000\n"))
+
+
 def unit_warnings(folder: Path, units: tuple[str, str, str], rows: str) -> list[str]:
     """Warnings of a plan whose pressures, times and limits have these units."""
     pressure, time, limit = units

@@ -220,6 +220,6 @@ def test_a_table_holds_no_dead_time_as_a_quantity() -> None:
 
 
 def test_bands_and_report_at_one_place_are_refused(tmp_path: Path, command: Command) -> None:
-    done = command("predict", tmp_path, "--out", tmp_path / "one.csv", "--report", tmp_path / "one.csv")
+    done = command("predict", tmp_path, "--out", tmp_path / "one.html", "--report", tmp_path / "one.html")
     assert done.status == 2
     assert "name a file for each" in done.sentence

@@ -60,7 +60,7 @@ class StagedSettings:
     trial_iterations : int
         Iterations after which only the best descents continue; 0 lets all of them continue.
     finalists : int
-        Descents that continue.
+        Descents that continue, at most `starts`.
     stage_iterations : int
         Largest number of iterations with one difference step; then the next smaller one is used.
 
@@ -84,6 +84,8 @@ class StagedSettings:
         check_counts(self)
         if self.starts > self.members:
             raise ConfigurationError(f"starts = {self.starts} must not exceed members = {self.members}.")
+        if self.finalists > self.starts:
+            raise ConfigurationError(f"finalists = {self.finalists} must not exceed starts = {self.starts}.")
 
 
 SCREENING_CAP = 12.0  # a residual beyond it counts as much: a candidate must not lose by one point alone

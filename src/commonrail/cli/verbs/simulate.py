@@ -23,6 +23,7 @@ from commonrail.cli.options import (
     Settings,
     check_distinct,
     check_file,
+    check_report,
     read_energisings,
     read_pressures,
     refuse_return_pressure,
@@ -121,7 +122,7 @@ def simulate(
         raise InputError("--time-step: the reference engine chooses its steps by its errors; omit it or --engine.")
     check_file(out, "--out")
     _writer(out)
-    check_file(report, "--report")
+    check_report(report)
     check_distinct(out, report)
     named = read_model_name(injector)
     seen = _meter(named, meter, study)
@@ -196,7 +197,7 @@ def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None)
     if out is not None:
         writer = _writer(out)
         if writer is not None:
-            files += writer.call(out, run, fitted, report)
+            files += writer.call(out, run, fitted)
         else:
             with writing(out, "--out"):
                 write_rows(run, out)

@@ -248,7 +248,14 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     source = _Source.of(model, context)
     begin, end = model.window
     trigger = source.channel(Column(shots.trigger, TRIGGERS, otherwise="1"))
-    starts = _edges(trigger, shots, max(end - begin, 0.0), source.path, at / "shots") + shots.offset
+    edges = _edges(trigger, shots, max(end - begin, 0.0), source.path, at / "shots")
+    period = float(np.median(np.diff(edges))) if len(edges) > 1 else np.inf
+    if abs(shots.offset) >= period:
+        raise (at / "shots" / "offset").error(
+            f"{to_text(shots.offset, 's')} leads to the shot of another trigger, as they are {to_text(period, 's')} "
+            "apart; count from the trigger of the shot"
+        )
+    starts = edges + shots.offset
     rate = source.take(Column(model.rate, RATES, model.rate_unit))
     record = samples_of(rate, model.rate, model, at)
     step = model.resample or float(np.median(np.diff(record.bounds)))

@@ -96,14 +96,14 @@ def _write_gallery(path: Path, search: str, json: bool) -> None:
     from importlib.metadata import version
 
     from commonrail.base.output import write_text, writing
-    from commonrail.cli.options import check_file
+    from commonrail.cli.options import check_report
     from commonrail.plugins.catalogue.page import exhibit, gallery_html
     from commonrail.readers.injector import load_injector
 
     names = [entry["name"] for entry in _injectors() if _matches(entry, search)]
     if not names:
         raise InputError(f'No injector of the catalogue contains "{search}"; omit --search to show all.')
-    check_file(path, "--report")
+    check_report(path)
     text = gallery_html([exhibit(name, load_injector(name)) for name in names], version("commonrail"))
     with writing(path, "--report"):
         write_text(path, text)

@@ -16,6 +16,7 @@ from commonrail.cli.options import (
     Settings,
     Threads,
     check_file,
+    check_report,
     read_axis,
     read_form,
     read_pressures,
@@ -73,7 +74,7 @@ def diagnose(
     from commonrail.plugins.diagnose.run import diagnose as run
     from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
-    check_file(report, "--report")
+    check_report(report)
     tests = load_plan(file, read_form(None, decimal, None, [file]))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)

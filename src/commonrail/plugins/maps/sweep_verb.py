@@ -21,6 +21,7 @@ from commonrail.cli.options import (
     Threads,
     check_distinct,
     check_file,
+    check_report,
     is_given,
     read_axis,
     refuse_return_pressure,
@@ -127,7 +128,7 @@ def sweep(
             raise InputError(
                 f"--out: {path}: a sweep is written as .csv, with --change also as a map; all numbers: --json."
             )
-    check_file(report, "--report")
+    check_report(report)
     check_distinct(*out, report)
     named = read_model_name(model)
     base = Base(

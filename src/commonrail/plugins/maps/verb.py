@@ -22,6 +22,7 @@ from commonrail.cli.options import (
     Threads,
     check_distinct,
     check_file,
+    check_report,
     is_given,
     read_axis,
     read_models,
@@ -153,7 +154,7 @@ def map_(
     for path in (*out, *quantity_out):
         check_file(path, "--out")
         check_map_file(path)
-    check_file(report, "--report")
+    check_report(report)
     check_distinct(*out, *quantity_out, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from importlib.util import find_spec
 from keyword import iskeyword
@@ -143,12 +143,9 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
 
 
 def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser, json: bool) -> None:
-    from commonrail.base.units import parse
     from commonrail.plugins.new.study import write_study_from
 
-    for key, text in {**stated.pressures, **stated.points}.items():
-        if text:
-            parse(text, "s" if key == "energising_time" else "Pa", f"--{key.replace('_', '-')}")
+    _check_stated({**stated.pressures, **stated.points})
     started = write_study_from(folder, injector, sources, stated)
     if json:
         taken = {found.path.name: found.taken_for for found in started.surveys}
@@ -157,6 +154,22 @@ def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: Stat
         print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)} | assumed)
         return
     _print(started)
+
+
+def _check_stated(values: Mapping[str, str]) -> None:
+    """Refuse pressures and times, texts by keys of a study, that no operating point has; warn of unusual ones."""
+    from commonrail.base.arguments import amount
+    from commonrail.base.hooks import note
+    from commonrail.base.units import to_text
+    from commonrail.engine.operating_point import ENERGISING_TIMES, OTHER_PRESSURES, RAIL_PRESSURES
+
+    known = {"energising_time": ("s", ENERGISING_TIMES), "rail_pressure": ("Pa", RAIL_PRESSURES)}
+    for key, text in values.items():
+        if text:
+            option, (unit, limits) = f"--{key.replace('_', '-')}", known.get(key, ("Pa", OTHER_PRESSURES))
+            low, high = limits.likely
+            if not low <= amount(text, unit, option, limits) <= high:
+                note(f"{option}: {text} was read, and {to_text(low, unit)} to {to_text(high, unit)} is usual.")
 
 
 def _print(started: Started) -> None:

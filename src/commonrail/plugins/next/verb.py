@@ -11,7 +11,7 @@ from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_distinct, check_file, read_axis
+from commonrail.cli.options import Json, Threads, check_distinct, check_file, check_report, read_axis
 
 
 @verb
@@ -85,7 +85,7 @@ def next_(
     from commonrail.runs.folder import read_fit
 
     check_file(out, "--out")
-    check_file(report, "--report")
+    check_report(report)
     check_distinct(out, report)
     settings = DesignSettings(
         points,

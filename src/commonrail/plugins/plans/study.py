@@ -247,12 +247,14 @@ _OPTIONAL = (
 
 # Ranges in SI units that numbers of a plan usually lie in, chosen so wide that beyond them a wrong unit is likelier.
 # Petrol is injected at some MPa, and no series injector is built for more than 300; a coil needs some 100 us to open a
-# valve, and 10 ms are over 60° of crank at 1000 1/min; injectors of ships deliver about 1 cm³.
+# valve, and 10 ms are over 60° of crank at 1000 1/min; injectors of ships deliver about 1 cm³, at 60 strokes a minute;
+# the fastest engines of cars inject 50 times a second.
 _ENERGISED = (50e-6, 10e-3)
 _USUAL = {
     "rail_pressure": (1e6, 400e6),
     "energising_time": _ENERGISED,
     "second_energising_time": _ENERGISED,
+    "stroke_rate": (0.5, 100.0),
     "m3": (0.0, 2e-6),
     "kg": (0.0, 2e-3),
 }

@@ -15,7 +15,7 @@ from commonrail.cli.options import (
     Json,
     Settings,
     Threads,
-    check_file,
+    check_report,
     read_form,
     read_pressures,
     refuse_return_pressure,
@@ -73,7 +73,7 @@ def plan(
     from commonrail.plugins.plans.run import run_plan
     from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
-    check_file(report, "--report")
+    check_report(report)
     tests = load_plan(file, read_form(None, decimal, None, [file]))
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)

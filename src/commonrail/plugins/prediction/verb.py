@@ -17,6 +17,7 @@ from commonrail.cli.options import (
     Threads,
     check_distinct,
     check_file,
+    check_report,
     read_axis,
     read_pressures,
 )
@@ -78,7 +79,7 @@ def predict(
     from commonrail.runs.folder import read_fit
 
     check_file(out, "--out")
-    check_file(report, "--report")
+    check_report(report)
     check_distinct(out, report)
     study, best = read_fit(run)
     points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
