@@ -53,7 +53,7 @@ def test_the_reproduction_is_made_of_public_names(file: str) -> None:
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="simulat"):
+    with pytest.raises(AttributeError, match=r'no simulat \(did you mean "simulate"\?\)'):
         commonrail.simulat  # noqa: B018
 
 

@@ -19,6 +19,10 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("commonrail")
+    if name not in __all__ and not name.startswith("_"):
+        from commonrail.base.errors import nearest
+
+        raise AttributeError(f"commonrail has no {name}{nearest(name, __all__)}; dir(commonrail) lists what it has.")
     value = _load(name)
     _prepare_notebooks()
     return value
