@@ -14,7 +14,7 @@ from commonrail.base.arrays import Floats
 LEAST = 12  # samples of a quiet stretch from which anything is learnt
 MEAN, TREND = 2e6, 1e9  # standard deviations of the unknown mean [Pa] and slope [Pa/s]: both as good as free
 HIGHEST = 0.4  # frequency of a wave times the spacing of samples: beyond, it is noise
-SLOW = 8.0  # periods of a wave in a stretch from which one of the searches begins; the others at the periodogram's peak
+SLOW = 8.0  # periods of a wave in a stretch from which one of the searches begins; the other at the periodogram's peak
 IMPOSSIBLE = 1e12  # cost of what is no covariance
 
 
@@ -59,7 +59,7 @@ class Disturbance(NamedTuple):
 
 
 def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = None) -> Disturbance:
-    """Disturbance of the largest likelihood of quiet stretches: the best of three bounded searches by SciPy's L-BFGS-B.
+    """Disturbance of the largest likelihood of quiet stretches: the better of two bounded searches by SciPy's L-BFGS-B.
 
     Parameters
     ----------
@@ -107,12 +107,8 @@ def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = Non
 
     searches = []
     size = float(np.sqrt(np.mean(rest**2)))
-    for frequency, memory, wave in (
-        (peak, 1.0, 0.5 * size),
-        (SLOW / time[-1], 1.0, 0.1 * white),
-        (peak, 5.0, 0.1 * white),
-    ):
-        first = [white, slope, memory * time[-1], wave, frequency, 0.5 * time[-1]]
+    for frequency, wave in ((peak, 0.5 * size), (SLOW / time[-1], 0.1 * white)):
+        first = [white, slope, time[-1], wave, frequency, 0.5 * time[-1]]
         limits = np.log(bounds)
         start = np.clip(np.log(first), limits[:, 0], limits[:, 1])
         searches.append(minimize(cost, start, method="L-BFGS-B", bounds=limits, options={"maxiter": 60, "ftol": 1e-7}))
