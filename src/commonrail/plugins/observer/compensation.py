@@ -65,8 +65,8 @@ def compensate(
     Raises
     ------
     ConfigurationError
-        If an argument is of the wrong kind, an observation comes with settings, or trains differ in their number of
-        injections.
+        If an argument is of the wrong kind, an observation comes with settings, trains differ in their number of
+        injections or from `last`, or the states leave the domain of a parameter or the fuel.
     """
     instance(source, Injector | Observation, "source")
     wanted = instances(trains, InjectionTrain, "trains")
