@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,24 +71,30 @@ class Library(NamedTuple):
 
 
 @lasting(ALL_ENTRIES)
-def write_library(
-    injector: Injector, folder: Path, targets: Sequence[Target], more: Mapping[str, str] | None = None
-) -> Library:
+def write_library(injector: Injector, folder: Path, targets: Sequence[Target]) -> Library:
     """Write an injector as a C library; nothing is changed before all of it is complete.
 
     Each target gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
     folders by their names. Files of the same names are replaced. ConfigurationError if there is no compiler for a
     target, or it fails; InputError if files of the examples' names are there that no export has written.
+    """
+    return write_library_with(partial(model_of, injector), {}, folder, targets)
+
+
+def write_library_with(
+    make: Callable[[], Model], more: Mapping[str, str], folder: Path, targets: Sequence[Target]
+) -> Library:
+    """Write what `write_library` does for the model that `make` gives, with more in it.
 
     `more`: texts by name of headers and sources around the model, with ``cr`` in place of its name, that become part of
     the libraries.
     """
     _refuse_foreign_examples(folder)
     compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
-    model = model_of(injector)
+    model = make()
     shared: dict[str, Path] = {}
     with placed(folder) as made:
-        files = [*write_sources(model, made), *_write_block(model, made), *write_around(model, made, more or {})]
+        files = [*write_sources(model, made), *_write_block(model, made), *write_around(model, made, more)]
         for target in targets:
             place = made / target.name if len(targets) > 1 else made
             place.mkdir(exist_ok=True)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
 from typing import Any, NamedTuple
@@ -214,14 +214,19 @@ class Model(NamedTuple):
     sources: dict[str, str]
 
 
-def model_of(injector: Injector) -> Model:
+def model_of(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
     """Sources of an injector's library.
 
+    `temperatures` [K]: besides the injector's own, at which the fuel's coefficients are commonrail's to the last bit.
     ConfigurationError if the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
     """
     wired = injector.wired()
     name, size = _identifier(injector.name), sizes(wired)
-    tables, defines, kernel = _tables(injector), _defines(injector), kernel_source(linked_text(wired, name))
+    tables, defines, kernel = (
+        _tables(injector, temperatures),
+        _defines(injector),
+        kernel_source(linked_text(wired, name)),
+    )
     digest = hashlib.sha256((tables + defines + kernel).encode()).hexdigest()
     public = "".join(
         f"#define CR_{key} {value} /* {meaning} */\n"
@@ -314,10 +319,12 @@ def _directives(defines: Mapping[str, object]) -> str:
     return "".join(f"#define CR_{key} {value}\n" for key, value in defines.items())
 
 
-def _tables(injector: Injector) -> str:
+def _tables(injector: Injector, temperatures: Sequence[float]) -> str:
     """Text of the private header: parameters, channels, fuel, sentences, the condition on the step."""
     wired = injector.wired()
     fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    known = {injector.values[FUEL_TEMPERATURE]: fuel.own}
+    known |= {float(t): np.array(fuel_coefficients(injector.fuel, t)) for t in temperatures if t not in known}
     observed = [[_quoted(c.name), _quoted(c.unit)] for c in channels(wired.actuation)]
     ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
     sentences = [[str(status), _quoted(text)] for status, text in (ends | _OWN_SENTENCES).items()]
@@ -326,6 +333,7 @@ def _tables(injector: Injector) -> str:
         "COLDEST": repr(fuel.coldest),
         "HOTTEST": repr(fuel.hottest),
         "SENTENCES": len(sentences),
+        "KNOWN": len(known),
     }
     return "\n".join(
         [
@@ -338,7 +346,7 @@ def _tables(injector: Injector) -> str:
             _parameters(injector),
             _rows(_CHANNEL, "cr_channel cr_channels[]", observed),
             _rows(_SENTENCE, "cr_words cr_sentences[]", sentences),
-            _fuel(fuel),
+            _fuel(fuel, known),
             _longest_way(wired.actuation),
             step_condition(wired),
             "#endif",
@@ -374,12 +382,13 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=True)
 
 
-def _fuel(table: FuelTable) -> str:
+def _fuel(table: FuelTable, known: Mapping[float, Floats]) -> str:
     rows = ",\n".join("    {" + ", ".join(map(repr, row.tolist())) + "}" for row in table.series)
-    own = ", ".join(map(repr, table.own.tolist()))
+    own = ",\n".join(f"    {{{', '.join(map(repr, [t, *row.tolist()]))}}}" for t, row in known.items())
     return (
         f"static const double cr_fuel[CR_FUEL][CR_DEGREE + 1] = {{\n{rows}\n}};\n"
-        f"static const double cr_own_fuel[CR_FUEL] = {{{own}}};"
+        "/* Temperature, and the coefficients at it. */\n"
+        f"static const double cr_known_fuel[CR_KNOWN][CR_FUEL + 1] = {{\n{own}\n}};"
     )
 
 

@@ -52,10 +52,11 @@ int64_t cr_core_ring(const double *parameters, double dt) {
 
 /* Coefficients of the fuel at a temperature: Chebyshev series by Clenshaw's scheme, at the model's own no series. */
 static void fuel_at(double temperature, double *fuel) {
-    if (temperature == cr_parameters[CR_PARAMETERS - 1].value) {
-        memcpy(fuel, cr_own_fuel, sizeof cr_own_fuel);
-        return;
-    }
+    for (int i = 0; i < CR_KNOWN; i++)
+        if (temperature == cr_known_fuel[i][0]) {
+            memcpy(fuel, cr_known_fuel[i] + 1, CR_FUEL * sizeof(double));
+            return;
+        }
     double x = (2.0 * temperature - CR_COLDEST - CR_HOTTEST) / (CR_HOTTEST - CR_COLDEST);
     for (int i = 0; i < CR_FUEL; i++) {
         double b1 = 0.0, b2 = 0.0;
