@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -88,14 +89,15 @@ class Simulator:
         )
 
     def _at_grid(self, x: Floats) -> Floats:
-        """States with the fuel's temperature at the nearest whole step that the fuel covers."""
-        x = x.copy()
+        """States on the grid of the settings, with the fuel's temperature at the nearest step that the fuel covers."""
+        fine, x = x, x.copy()
         for i, state in enumerate(self.states):
+            if self.settings.grid:
+                cell = self.settings.grid * state.deviation
+                x[i] = np.round(fine[i] / cell) * cell
             if state.parameter == FUEL_TEMPERATURE:
-                here = self.injector.values[FUEL_TEMPERATURE]
-                steps = WARMTH * np.arange(-40, 41)
-                both = self.injector.fuel.defined_at(here + steps) & self.injector.fuel.defined_at(here + steps + 1.0)
-                x[i] = steps[both][np.argmin(np.abs(steps[both] - x[i]))]
+                steps = warm_steps(self.injector)
+                x[i] = steps[np.argmin(np.abs(steps - fine[i]))]
         return x
 
     def _at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
@@ -105,6 +107,7 @@ class Simulator:
         changed = [x + steps[i] * np.eye(n)[i] for i, state in enumerate(self.states) if state.parameter]
         scale = 1.0 + sensor[GAIN]
         true = (rest - sensor[OFFSET]) / scale
+        true = float(np.round(true)) if self.settings.grid else true
         found = self._traces(shot, true, np.array([x, *changed]))
         if found is None:
             return None
@@ -163,7 +166,8 @@ class Simulator:
         for i, state in enumerate(self.states):
             if state.parameter:
                 value = self.injector.values[state.parameter]
-                columns.append(value * np.exp(state.power * x[:, i]) if state.power else value + x[:, i])
+                change = [math.exp(state.power * own) for own in x[:, i].tolist()]  # C's, which NumPy's may not be
+                columns.append(value * np.array(change) if state.power else value + x[:, i])
         return np.array(columns).T
 
     def _units(self, rail: float) -> Floats:
@@ -178,14 +182,16 @@ class Simulator:
         """Times (n,) [s], pressures [Pa] and injected masses [kg] (candidates, n); None if the first fails."""
         dt = float(self.settings.time_step)
         steps = int(np.ceil((float(shot.time[-1]) + 20e-6) / dt))
-        prepared = plan.prepare(self.injector, [self._point(rail, shot.energisings, steps * dt)], dt)
+        fixed = self.settings.grid > 0.0
+        pulses = tuple(Energising(*np.round(1e9 * np.array(p)) / 1e9) for p in shot.energisings) if fixed else None
+        prepared = plan.prepare(self.injector, [self._point(rail, pulses or shot.energisings, steps * dt)], dt)
         values = self.values(x)
         inside = plan.admissible(self.names, values, self.injector.fuel)
         values = np.where(inside[:, None], values, values[0])
         theta = plan.candidate_matrix(self.injector, self.names, values, prepared.row)
         job = plan.make_job(prepared, theta, False)
         with naming(f"{self._variant.label}, f64"):
-            outcome, trace = lanes.run(job, self._variant, traced=True, threads=self.threads)
+            outcome, trace = lanes.run(job, self._variant, traced=True, threads=self.threads, same_bits=fixed)
         self.simulations += len(x)
         failed = which_failed(plan.statuses_of(self.names, theta, prepared, outcome))[:, 0] | ~inside
         if failed[0]:
@@ -211,6 +217,13 @@ def rate_of(time: Floats, injected: Floats) -> Floats:
     """Mean rates (candidates, times) [kg/s] over each `RATE_STEP` of injected masses (candidates, samples) [kg]."""
     grid = RATE_STEP * np.arange(int(time[-1] / RATE_STEP) + 1)
     return np.asarray(np.diff([np.interp(grid, time, row) for row in injected]) / RATE_STEP)
+
+
+def warm_steps(injector: Injector) -> Floats:
+    """Changes of the fuel's temperature (steps,) that are computed: the fuel covers them and the next kelvin [K]."""
+    here, steps = injector.values[FUEL_TEMPERATURE], WARMTH * np.arange(-40, 41)
+    both = injector.fuel.defined_at(here + steps) & injector.fuel.defined_at(here + steps + 1.0)
+    return np.asarray(steps[both])
 
 
 def cuts_of(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> list[int]:

@@ -164,7 +164,7 @@ class _Run:
         many = settings.averaged_samples(clock)
         quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
         noise = None if settings.noise is None else settings.noise / many**0.5
-        self.disturbance = learn(quiet, many * float(clock[1] - clock[0]), noise)
+        self.disturbance = settings.disturbance or learn(quiet, many * float(clock[1] - clock[0]), noise)
 
     def all(self, report: Callable[[Progress], None]) -> Observation:
         begin = time.perf_counter()

@@ -17,6 +17,7 @@ from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import unread_parameters
+from commonrail.plugins.observer.disturbance import Disturbance
 
 GAIN, OFFSET, DELAY = "sensor gain", "sensor offset", "sensor delay"
 SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each of them shows
@@ -107,6 +108,8 @@ class ObserverSettings:
         Time over which samples are averaged [s].
     noise : float, optional
         Standard deviation of a sample [Pa]; by default found from the quiet pressure before the shots.
+    disturbance : Disturbance, optional
+        Pump, neighbours and noise of an averaged sample; by default found in the quiet pressure before the shots.
     discrepancy : float
         Standard deviation of what the simulated pressure lacks, as a share of its drop.
     learning : int
@@ -117,6 +120,10 @@ class ObserverSettings:
         Standard deviations of a step that an alarm asks for.
     iterations : int
         Largest number of linearisations of a shot.
+    grid : float
+        Shots are simulated at states that are multiples of so many standard deviations before the first shot, whole
+        pascals and nanoseconds, and with the same bits on all machines; they are linear from there to the states
+        themselves. 0 simulates at these.
     time_step : float
         Of the simulations [s].
     states : sequence of DriftState
@@ -138,11 +145,13 @@ class ObserverSettings:
     gap: float = 3e-3
     averaged: float = 20e-6
     noise: float | None = None
+    disturbance: Disturbance | None = None
     discrepancy: float = 0.005
     learning: int = 10
     window: int = 20
     significance: float = 4.0
     iterations: int = 4
+    grid: float = 0.0
     time_step: Quantity = DEFAULT_STEP
     states: tuple[DriftState, ...] = STATES
     deviations: dict[str, float] = field(default_factory=dict)
@@ -165,6 +174,7 @@ class ObserverSettings:
             window=whole(self.window, "window", 1),
             significance=amount(self.significance, "1", "significance", Limits(1.0, 20.0)),
             iterations=whole(self.iterations, "iterations", 1),
+            grid=amount(self.grid, "1", "grid", Limits(0.0, 10.0)),
             time_step=check_step(self.time_step),
         )
         states = list(instances(self.states, DriftState, "states"))
@@ -258,7 +268,8 @@ def cut_log(
         start, end = group[0].start, group[-1].start + group[-1].duration
         following = groups[i + 1][0].start if i + 1 < len(groups) else np.inf
         stop = min(end + settings.after, following - 50e-6)
-        first, zero, last = np.searchsorted(time, [start - settings.before, start, stop])
+        slack = 1e-6 * float(time[1] - time[0])  # an edge that falls on a sample does so but for rounding
+        first, zero, last = np.searchsorted(time, np.array([start - settings.before, start, stop]) - slack)
         if start - settings.before >= time[0] - 0.5 * (time[1] - time[0]) and stop <= time[-1]:
             pulses = tuple(Energising(pulse.start - start, pulse.duration) for pulse in group)
             quiet = pressure[np.searchsorted(time, max(free, start - 2.0 * settings.before)) : zero]

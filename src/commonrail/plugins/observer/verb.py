@@ -19,6 +19,8 @@ from commonrail.cli.options import (
     Settings,
     SheetName,
     Threads,
+    check_file,
+    check_folder,
     is_given,
     read_axis,
     read_form,
@@ -84,6 +86,13 @@ def observe(
     out: Annotated[
         Path | None, Option(metavar="DIR", help="New folder for report.html, observer.json and observer.csv.")
     ] = None,
+    online: Annotated[
+        Path | None,
+        Option(
+            metavar="PLACE",
+            help="Write the observer too, with the disturbance of the log: a new folder for a C library, or FILE.fmu.",
+        ),
+    ] = None,
     design: Annotated[
         bool, Option("--design", help="Table of the accuracy of a rail sensor by rate and noise, without a log.")
     ] = False,
@@ -105,6 +114,7 @@ def observe(
     from dataclasses import replace
 
     from commonrail.base.hooks import held_interrupts
+    from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.observer.file import LogColumns, read_log
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
@@ -119,11 +129,13 @@ def observe(
         raise InputError(f"{words} one of the two.")
     if design:
         of_log = "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
-        refuse_unused({name: (False, "a LOG") for name in (*of_log.split(), "learning", "wanted", "out")})
+        refuse_unused({name: (False, "a LOG") for name in (*of_log.split(), "learning", "wanted", "out", "online")})
     refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
     asked = _Wanted.read(wanted, dwells, rail_pressures)
     if energisings is not None and is_given("command"):
         raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
+    if online is not None:
+        check_file(online, "--online") if online.suffix == ".fmu" else check_folder(online)
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     check_model(injector)
@@ -171,6 +183,12 @@ def observe(
         say(f"warning: {line}")
     if out is not None and not json:
         print_text([f"report: {out / 'report.html'}"])
+    if online is not None:
+        from commonrail.plugins.observer.online import Online, write_online
+
+        sampling = float(f"{(read.time[-1] - read.time[0]) / (len(read.time) - 1):.9g}")
+        write_online(Online.after(found, sampling), online)
+        say(f"{online}: the observer of one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
     if record["status"] == "interrupted":
         say(f"commonrail: interrupted after {len(found.shots)} of {found.asked} shots.")
         raise SystemExit(INTERRUPTED)
@@ -250,7 +268,7 @@ def _command_line() -> str:
 
     context, words = click.get_current_context(), ["commonrail", "observe"]
     for p in context.command.params:
-        if is_given(str(p.name)) and p.name not in ("out", "threads", "json"):
+        if is_given(str(p.name)) and p.name not in ("out", "online", "threads", "json"):
             value = context.params[str(p.name)]
             for one in value if isinstance(value, tuple) else (value,):
                 words += [str(one)] if isinstance(p, click.Argument) else [p.opts[0], str(one)]

@@ -1,0 +1,321 @@
+"""The observer without Python: its filter as C around the injector's own, in a library or an FMU."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine import plan
+from commonrail.engine.job import make_rows
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
+from commonrail.physics.variants import wiring
+from commonrail.plugins.export.description import RAIL, Kind, Variable
+from commonrail.plugins.export.entry_points import LANES
+from commonrail.plugins.export.fmu import Instance, tools_of, write_instance
+from commonrail.plugins.export.library import Library, write_library_with
+from commonrail.plugins.export.object_files import Target, own_platform, target_named
+from commonrail.plugins.export.sources import Model, model_of
+from commonrail.plugins.observer import kalman, response, run
+from commonrail.plugins.observer.disturbance import MEAN, TREND, Disturbance
+from commonrail.plugins.observer.file import Observation
+from commonrail.plugins.observer.study import (
+    DELAY,
+    GAIN,
+    OFFSET,
+    SENSORS,
+    DriftState,
+    ObserverSettings,
+    check_model,
+    states_of,
+)
+from commonrail.report.html import render
+
+INJECTIONS = 5  # of a shot at most
+SPAN = 6e-3  # from a shot's first energising to the end of its last, at most [s]
+WORK = 10.0  # of a step in steps of a block of injectors, for each 10 µs of the sampling interval; chosen
+BEGIN = 20.0  # units that the beginning of a lane counts
+
+
+# Multiples of first deviations at which shots are simulated. By the slopes, which are differences, a rounding grows a
+# hundredfold in every iteration and would make another result within some shots; on a grid C and Python have the same.
+GRID = 0.05
+ITERATIONS = 2  # as accurate as 4 on the injectors of docs/howto/observer.md (Online), and half the work
+
+
+class Online(NamedTuple):
+    """What an online observer is made of: `sampling` is the time between its samples [s].
+
+    `settings` must have the disturbance, which is not learnt online.
+    """
+
+    injector: Injector
+    settings: ObserverSettings
+    sampling: float
+
+    @classmethod
+    def after(cls, found: Observation, sampling: float) -> Online:
+        """Observer with the settings of an observation and the disturbance found in its log."""
+        given = replace(found.settings, disturbance=found.disturbance, grid=GRID, iterations=ITERATIONS)
+        return cls(found.injector, given, sampling)
+
+
+def write_online(online: Online, place: Path) -> list[str]:
+    """Write the observer for this machine: as an FMU if `place` ends with .fmu, else as a library in that folder.
+
+    Returns what was written. Errors as of `write_observer_library`.
+    """
+    names = own_platform()
+    if not names:
+        raise ConfigurationError("An observer is not written for machines such as this one; see `commonrail export`.")
+    targets = [target_named(names[0])]
+    if place.suffix == ".fmu":
+        write_observer_fmu(online, place, targets)
+        return [str(place)]
+    return [str(path) for path in write_observer_library(online, place, targets).files]
+
+
+def write_observer_library(online: Online, folder: Path, targets: Sequence[Target]) -> Library:
+    """Write the injector's C library with the observer in it; errors as of `export.library.write_library`.
+
+    ConfigurationError also where the model has no rail volume, or the settings no disturbance.
+    """
+    texts = observer_texts(online)
+    return write_library_with(partial(_model, online.injector), texts, folder, targets)
+
+
+def _model(injector: Injector) -> Model:
+    """Library's sources, with the fuel at all temperatures at which shots are simulated."""
+    steps = injector.values[FUEL_TEMPERATURE] + response.warm_steps(injector)
+    return model_of(injector, [float(t + more) for t in steps for more in (0.0, 1.0)])
+
+
+def write_observer_fmu(online: Online, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
+    """Write the observer as an FMU for co-simulation; returns the names of its files.
+
+    Errors as of `write_observer_library`, and where the standard of version `fmi`, 2 or 3, knows no such platform.
+    """
+    tools_of(targets, fmi)
+    texts = observer_texts(online)
+    model, listed = _model(online.injector), online_variables(online)
+    stamp = hashlib.sha256("".join([model.stamp, *texts.values()]).encode()).hexdigest()
+    titled = replace(online.injector, title=f"Injected quantities of {online.injector.title} from a measured pressure")
+    texts |= {
+        "fmu.h": _template("observer_fmu.h").replace("/*START*/", f"/*START*/\n#define CR_FMU_RAIL {RAIL!r}"),
+        "fmu.c": _template("observer_fmu.c"),
+    }
+    page = render(
+        "online.html",
+        package=__package__,
+        title=titled.title,
+        injector=online.injector,
+        sampling=1e6 * online.sampling,
+        pause=1e3 * online.settings.gap,
+        variables=listed,
+        version=version("commonrail"),
+    )
+    made = Instance(model._replace(injector=titled, stamp=stamp), listed, texts, page, blocks=True)
+    return write_instance(made, out, targets, fmi)
+
+
+def online_variables(online: Online) -> list[Variable]:
+    """Variables of the observer's FMU, in the order of the fields of ``cr_observed`` behind the inputs."""
+    real = partial(Kind, "Real")
+    states = states_of(online.injector, online.settings)
+    work = "inner work of a sample at most, in time steps of a block of injectors"
+    energised = "share of the time in which the coil is energised, 0 to 1"
+    low, high = online.injector.fuel.pressure_range
+    figures = [("quantity", "m3", "volume of injection {}")]
+    figures += [(name, "s", f"{name} of injection {{}}, {{since}}") for name in ("opening", "closing")]
+    since = "from the start of the first energising of the shot on"
+    outputs = [
+        ("shots", "1", "shots evaluated so far; the other outputs are those of the last one"),
+        ("start", "s", "start of its first energising, after the start of the simulation"),
+        ("rail_pressure", "Pa", "pressure that the sensor showed before it"),
+        ("injections", "1", "injections of the shot"),
+        ("consistency", "1", f"squared innovation over its expectation; beyond {kalman.TRUSTED:g} nothing was learnt"),
+        ("missed", "1", "shots without figures so far: too long, or before the one before was evaluated"),
+        ("failed", "1", "shots so far that could not be simulated"),
+        ("alarms", "1", "alarms so far"),
+        ("alarm", "1", "state that drifted, counted from 1 in the order of drift; 0 without an alarm at this shot"),
+        ("alarm_ago", "1", "shots since its step"),
+        ("alarm_size", "1", "its step, in the unit of the state"),
+        ("alarm_deviation", "1", "standard deviation of the step"),
+        ("longest", "1", "inner work of the longest step so far"),
+    ]
+    for i in range(1, INJECTIONS + 1):
+        outputs += [(f"injection[{i}].{name}", unit, text.format(i, since=since)) for name, unit, text in figures]
+        outputs += [
+            (f"injection[{i}].{name}_deviation", unit, f"standard deviation of the {name} of injection {i}")
+            for name, unit, _ in figures
+        ]
+    names = [state.name.replace(" ", "_").replace("-", "_") for state in states]
+    for kind, text in (("drift", "drift state: {}"), ("drift_deviation", "standard deviation of the drift state: {}")):
+        outputs += [
+            (f"{kind}.{name}", state.unit, text.format(state.name)) for name, state in zip(names, states, strict=True)
+        ]
+    return [
+        Variable("pressure", 0, real("input", "continuous"), "Pa", "measured pressure", RAIL, low, high),
+        Variable("command", 1, real("input", "continuous"), "1", energised, 0.0, 0.0, 1.0),
+        Variable("work", 2, real("parameter", "fixed"), "1", work, _work(online.sampling), 0.0),
+        *(
+            Variable(name, 100 + i, real("output", "continuous"), unit, text)
+            for i, (name, unit, text) in enumerate(outputs)
+        ),
+    ]
+
+
+def _work(sampling: float) -> float:
+    return WORK * max(sampling / 1e-5, 1.0)
+
+
+def observer_texts(online: Online) -> dict[str, str]:
+    """Headers and source of the observer by name, with ``cr`` in place of the model's name."""
+    injector = online.injector
+    check_model(injector)
+    settings = replace(online.settings, states=states_of(injector, online.settings))
+    names = tuple(state.parameter for state in settings.states if state.parameter)
+    if settings.disturbance is None:
+        raise ConfigurationError(
+            "An observer without Python does not learn the disturbance; give its figures, such as those of `observe`."
+        )
+    if not settings.grid:
+        raise ConfigurationError(
+            f"An observer without Python simulates on a grid of states; give `grid`, such as {GRID}."
+        )
+    if injector.wired(names) != injector.wired():
+        raise ConfigurationError(
+            f"{injector.name} has a zero for a parameter of a drift state that extends its laws; leave the state out."
+        )
+    if settings.after > settings.gap - 50e-6:
+        raise ConfigurationError(
+            "The time after a shot must end 50 µs before its next energising may begin; shorten `after` or lengthen "
+            "`gap`."
+        )
+    sizes = _sizes(settings, online.sampling)
+    public = {
+        name: sizes.pop(name) for name in ("STATES", "MOST_INJECTIONS", "SAMPLING", "PAUSE", "WORK_OF_STEP", "TRUSTED")
+    }
+    constants = sizes | _constants(injector, settings, settings.disturbance)
+    private = "".join(
+        [
+            "/* Generated: states and figures of an observer. */\n",
+            "#ifndef CR_OBSERVER_MODEL\n#define CR_OBSERVER_MODEL\n",
+            _defines({f"O_{name}": value for name, value in constants.items()}),
+            _tables(injector, settings.states),
+            "#endif\n",
+        ]
+    )
+    return {
+        "observer.h": _template("observer.h").replace("/*SIZES*/\n", _defines(public)),
+        "observer.c": _template("observer.c"),
+        "observer_model.h": private,
+    }
+
+
+def _template(name: str) -> str:
+    return resources.files("commonrail.plugins.observer").joinpath("c", name).read_text(encoding="utf-8")
+
+
+def _defines(values: Mapping[str, Any]) -> str:
+    texts = {name: f"({value!r})" if value < 0 else repr(value) for name, value in values.items()}
+    return "".join(f"#define CR_{name} {text}\n" for name, text in texts.items())
+
+
+def _sizes(settings: ObserverSettings, sampling: float) -> dict[str, float]:
+    """Numbers of states, lanes, samples and steps, and what sets them."""
+    many = settings.averaged_samples(np.array([0.0, sampling]))
+    lanes = 2 + sum(bool(state.parameter) for state in settings.states)
+    dt = float(settings.time_step)
+    return {
+        "STATES": len(settings.states),
+        "MOST_INJECTIONS": INJECTIONS,
+        "SAMPLING": sampling,
+        "PAUSE": settings.gap,
+        "WORK_OF_STEP": _work(sampling),
+        "TRUSTED": kalman.TRUSTED,
+        "EXTRA": sum(state.scatter > 0.0 for state in settings.states),
+        "LANES": lanes,
+        "BLOCKS": -(-lanes // LANES),
+        "MANY": many,
+        "QUIET": max(int(settings.before / sampling / many + 1e-6) - 1, 1),
+        "SAMPLES": math.ceil((settings.before + SPAN + settings.after) / sampling / many) + 1,
+        "RING": math.ceil((settings.before + SPAN + settings.gap) / sampling) + 4,
+        "STEPS": math.ceil((SPAN + settings.after + 20e-6) / dt) + 1,
+        "WINDOW": settings.window,
+        "LEARNING": settings.learning,
+        "ITERATIONS": settings.iterations,
+    }
+
+
+def _constants(injector: Injector, settings: ObserverSettings, disturbance: Disturbance) -> dict[str, float]:
+    wired = injector.wired()
+    rows, paths = make_rows(wired, 1), wiring(wired).state.paths
+    point = OperatingPoint(100e6, (), settings.cylinder_pressure, settings.return_pressure, horizon=1e-3)
+    names = [state.name for state in settings.states]
+    place = {
+        key: names.index(name) if name in names else -1
+        for key, name in (("GAIN", GAIN), ("OFFSET", OFFSET), ("DELAY", DELAY))
+    }
+    warm = [i for i, state in enumerate(settings.states) if state.parameter == FUEL_TEMPERATURE]
+    return {
+        **place,
+        "TEMPERATURE": warm[0] if warm else -1,
+        "ROW_PRESSURE": rows.state + paths.index(SENSORS[settings.sensor]),
+        "ROW_INJECTED": rows.state + paths.index("nozzle.injected"),
+        "STEP": float(settings.time_step),
+        "BEFORE": settings.before,
+        "AFTER": settings.after,
+        "CYLINDER": settings.cylinder_pressure,
+        "RETURN": settings.return_pressure,
+        "USUAL": point.rail_pressure,
+        "DENSITY": plan.reference_density(injector, point),
+        "DISCREPANCY": settings.discrepancy,
+        "DISCREPANCY_MEMORY": run.MEMORY,
+        "FLOOR": run.FLOOR,
+        "MEAN": MEAN,
+        "TREND": TREND,
+        **{f"DISTURBANCE_{name.upper()}": value for name, value in disturbance._asdict().items()},
+        "TURN": 2.0 * math.pi,
+        "LATER": response.LATER,
+        "LOWER": response.LOWER,
+        "OPEN": response.OPEN,
+        "BODY": response.BODY,
+        "LATEST": response.LATEST,
+        "TIMES": kalman.TIMES,
+        "CONVERGED": kalman.CONVERGED,
+        "SIGNIFICANCE": settings.significance,
+        "GRID": settings.grid,
+        "BEGIN": BEGIN,
+    }
+
+
+def _tables(injector: Injector, states: Sequence[DriftState]) -> str:
+    paths = (*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)
+    rows = []
+    for state in states:
+        value = injector.values[state.parameter] if state.parameter else 0.0
+        change = 1.0 if state.parameter == FUEL_TEMPERATURE else response.STEP * state.deviation
+        numbers = (state.power, value, change, state.deviation, state.walk, state.scatter, state.limit)
+        index = paths.index(state.parameter) if state.parameter else -1
+        texts = json.dumps(state.name), json.dumps(state.unit), str(index), *(repr(float(number)) for number in numbers)
+        rows.append(f"    {{{', '.join(texts)}}},\n")
+    extra = ", ".join(str(i) for i, state in enumerate(states) if state.scatter > 0.0)
+    warmth = ", ".join(map(repr, response.warm_steps(injector).tolist()))
+    return (
+        "typedef struct {\n    const char *name, *unit;\n    int parameter;\n"
+        "    double power, value, change, deviation, walk, scatter, limit;\n} cr_drift;\n"
+        f"static const cr_drift cr_states[] = {{\n{''.join(rows)}}};\n"
+        f"static const int cr_o_extra[] = {{{extra or '0'}}};\nstatic const double cr_o_warmth[] = {{{warmth}}};\n"
+    )
