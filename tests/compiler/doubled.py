@@ -9,7 +9,8 @@ import numpy as np
 
 from commonrail.compiler import cache
 from commonrail.compiler.cache import Source
-from commonrail.compiler.load import REAL, Array, Kernel, floats
+from commonrail.compiler.load import Kernel
+from commonrail.compiler.table import REAL, Array, floats
 from commonrail.physics.law import physics
 
 GIVEN = (REAL, floats(1))  # x, array for the result

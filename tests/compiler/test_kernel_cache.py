@@ -18,7 +18,8 @@ import pytest
 from commonrail.base import hooks
 from commonrail.base.hooks import tell_notes
 from commonrail.compiler import cache as kernel_cache
-from commonrail.compiler.load import address, fill, load, object_of
+from commonrail.compiler.load import load, object_of
+from commonrail.compiler.table import address, fill
 from commonrail.compiler.target import own_processor
 from tests.compiler import doubled
 
@@ -181,7 +182,7 @@ OVERTAKEN = """
 import os, subprocess, sys
 from contextlib import contextmanager
 from commonrail.compiler.load import load, object_of
-from commonrail.compiler.load import address, fill
+from commonrail.compiler.table import address, fill
 from commonrail.compiler.target import own_processor
 from tests.compiler import doubled
 from commonrail.base.hooks import tell_of_compiling

@@ -19,7 +19,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
-from commonrail.compiler.load import REAL, Array
+from commonrail.compiler.table import REAL, Array
 from commonrail.physics.law import CACHE_LINE, in_single, offer_laws, physics
 
 # What the compiler may do with sums and products, by the kind of a kernel. No "nnan"/"ninf": a candidate that blows up

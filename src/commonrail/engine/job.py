@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Actuation, Precision
 from commonrail.base.errors import ConfigurationError
-from commonrail.compiler.load import REAL, WHOLE, Array, address, floats, wholes
+from commonrail.compiler.table import REAL, WHOLE, Array, address, floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, Trace, courses
 from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.injector import Injector

@@ -21,7 +21,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
-from commonrail.compiler.load import address, fill
+from commonrail.compiler.table import address, fill
 from commonrail.engine.job import GIVEN, VECTORS, Given, Job, Outcome, Samples, scratch_for, shape_of
 from commonrail.engine.machine_code import MachineCode, machine_code
 from commonrail.physics.model import Waves

@@ -11,7 +11,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.compiler.cache import Source
-from commonrail.compiler.load import WHOLE, Kernel, floats
+from commonrail.compiler.load import Kernel
+from commonrail.compiler.table import WHOLE, floats
 from commonrail.engine.block import Memory, copy_number, make_advance, make_begin, make_wave_transport
 from commonrail.engine.job import FUEL, MAXIMUM_STEPS, make_rows
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace

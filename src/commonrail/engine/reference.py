@@ -18,7 +18,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.cache import Source
-from commonrail.compiler.load import Kernel, floats, wholes
+from commonrail.compiler.load import Kernel
+from commonrail.compiler.table import floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, courses, segments, value_at, values_at
 from commonrail.engine.plan import coefficients_at, reference_density
 from commonrail.engine.reference_runge_kutta import Fixed, Instants, Problem, march

@@ -18,7 +18,8 @@ import numpy as np
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
 from commonrail.compiler.cache import Source
-from commonrail.compiler.load import REAL, Kernel, floats, wholes
+from commonrail.compiler.load import Kernel
+from commonrail.compiler.table import REAL, floats, wholes
 from commonrail.engine.operating_point import OperatingPoint, courses, knots, segments, value_at
 from commonrail.physics.components.drive import turned
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED

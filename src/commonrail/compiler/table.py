@@ -1,0 +1,67 @@
+"""Table of addresses and numbers by which compiled functions are called from Python.
+
+Every entry is a whole number of 64 bits: of an array its address and its lengths, in C order; a real number as its
+bits. What a function is given is described by nested tuples of `Array`, "whole" and "real".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.base.arrays import Ints
+
+WHOLE: Any = "whole"
+REAL: Any = "real"
+
+
+class Array(NamedTuple):
+    """Kind of an array's numbers, "float64", "int64" or "real" (that the function computes in), and dimensions."""
+
+    kind: str
+    dimensions: int
+
+
+def floats(dimensions: int) -> Any:
+    """Array of numbers of double precision."""
+    return Array("float64", dimensions)
+
+
+def wholes(dimensions: int) -> Any:
+    """Array of whole numbers."""
+    return Array("int64", dimensions)
+
+
+def address(array: NDArray[Any]) -> int:
+    """Address of an array's first number."""
+    return int(array.__array_interface__["data"][0])
+
+
+def fill(described: Any, given: Any, real: type = np.float64) -> tuple[Ints, list[NDArray[Any]]]:
+    """Table of what is given, and arrays that must outlive it; `real`: that the function computes in."""
+    entries: list[int] = []
+    kept: list[NDArray[Any]] = []
+    for kind, value in _leaves(described, given):
+        if isinstance(kind, Array):
+            # in place where the function writes: those arrays are contiguous and of that kind
+            array = np.ascontiguousarray(value, real if kind.kind == REAL else kind.kind)
+            if array.ndim != kind.dimensions:
+                raise TypeError(f"an array of {array.ndim} dimensions in place of {kind.dimensions}")
+            kept.append(array)
+            entries += (address(array), *array.shape)
+        elif kind == REAL:
+            entries.append(int(np.float64(value).view(np.int64)))
+        else:
+            entries.append(int(value))
+    return np.array(entries, np.int64), kept
+
+
+def _leaves(described: Any, given: Any) -> Iterator[tuple[Any, Any]]:
+    if isinstance(described, (Array, str)):
+        yield described, given
+    else:
+        for part, value in zip(described, given, strict=True):
+            yield from _leaves(part, value)
