@@ -37,11 +37,6 @@ def options(kind: str) -> dict[str, Any]:
     return {"fastmath": FASTMATH[kind] or False, "error_model": "numpy"}
 
 
-def inlined(kind: str) -> dict[str, Any]:
-    """Options of Numba for a law in a kind of kernel."""
-    return {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options(kind)}
-
-
 def is_single(kind: Any) -> bool:
     """Return whether a type is of single precision, or holds one that is."""
     if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
@@ -73,7 +68,8 @@ def offer_overloads(declare: Callable[[Callable[..., Any]], Callable[..., Any]])
 @functools.cache
 def declare_laws(kind: str) -> None:
     """Let kernels of this process inline all laws; `kind`: a key of `FASTMATH`, one for all kernels of a process."""
-    offer_overloads(functools.partial(overload, jit_options=inlined(kind), strict=False))
+    inlined = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options(kind)}
+    offer_overloads(functools.partial(overload, jit_options=inlined, strict=False))
 
 
 @intrinsic

@@ -201,7 +201,10 @@ def _absolute(path: Path) -> str:
 
 def run(command: Sequence[str], folder: Path) -> None:
     """Run a compiler in a folder; ConfigurationError with its first error line if it fails."""
-    caches = {name: str(zig_cache()) for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR")}
+    import platformdirs
+
+    zig = str(Path(platformdirs.user_cache_dir("commonrail", False)) / "zig")  # C libraries that it has built
+    caches = {"ZIG_GLOBAL_CACHE_DIR": zig, "ZIG_LOCAL_CACHE_DIR": zig}
     environment = os.environ | {name: value for name, value in caches.items() if name not in os.environ}
     built = _built(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))
     if built is not None and not built.exists():
@@ -231,10 +234,3 @@ def _built(command: Sequence[str], cache: Path) -> Path | None:
     """Folder that says that zig has linked for the command's target; None for other compilers or no C library."""
     target = command[command.index("-target") + 1] if "-target" in command else "freestanding"
     return None if target.endswith("freestanding") else cache / "targets" / target
-
-
-def zig_cache() -> Path:
-    """Folder in which zig keeps the C libraries that it has built."""
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("commonrail", False)) / "zig"
