@@ -135,8 +135,10 @@ def test_slopes_are_those_of_a_changed_part_and_of_the_sensor(rigid_volume: Inje
     assert found.pressure == pytest.approx(middle, abs=1.0)
     assert found.figures[0, 0] == pytest.approx(quantity, rel=1e-6)
     wider = rigid_volume.with_values({"nozzle.hole_diameter": rigid_volume.values["nozzle.hole_diameter"] * 1.005**0.5})
+    warmer = rigid_volume.with_values({"fuel.temperature": rigid_volume.values["fuel.temperature"] + 1.0})
     cases = {
         "nozzle flow": (shown(wider), np.log(1.005)),
+        "fuel temperature": (shown(warmer), 1.0),
         GAIN: (shown(rigid_volume, gain=1e-3), 1e-3),
         OFFSET: (shown(rigid_volume, offset=0.07e6), 0.07e6),
         DELAY: (shown(rigid_volume, delay=1e-6), 1e-6),

@@ -14,6 +14,10 @@ from commonrail.base.arrays import Floats
 LEAST = 12  # samples of a quiet stretch from which anything is learnt
 MEAN, TREND = 2e6, 1e9  # standard deviations of the unknown mean [Pa] and slope [Pa/s]: both as good as free
 HIGHEST = 0.4  # frequency of a wave times the spacing of samples: beyond, it is noise
+LOWEST = 2.0  # periods of a wave in a stretch: what is slower is the rate
+# What changes the pressure at some rate varies by a share of it within some stretches, though it be steady in all of
+# them: a pump in step with the injections turns at the same place of every shot. Chosen [E].
+VARYING, LONGEST = 0.3, 10.0
 SLOW = 8.0  # periods of a wave in a stretch from which one of the searches begins; the other at the periodogram's peak
 IMPOSSIBLE = 1e12  # cost of what is no covariance
 
@@ -81,15 +85,15 @@ def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = Non
     rest = table - (design @ fits).T
     white = max(float(np.median(np.abs(np.diff(rest, 2)))) / 0.6745 / np.sqrt(6.0), 1.0)  # of a normal distribution
     power, tones = np.mean(np.abs(np.fft.rfft(rest)) ** 2, axis=0), np.fft.rfftfreq(length, spacing)
-    inner = (tones > 1.5 / time[-1]) & (tones < HIGHEST / spacing)
+    inner = (tones > LOWEST / time[-1]) & (tones < HIGHEST / spacing)
     peak = float(tones[inner][np.argmax(power[inner])])
     slope = max(float(np.sqrt(np.mean(fits[1] ** 2))), white / time[-1])
     bounds = [
         (0.3 * white, 3.0 * white),
-        (1e-3 * slope, 1e2 * slope),
-        (2.0 * spacing, 1.0),
+        (VARYING * slope, 1e2 * slope),
+        (2.0 * spacing, LONGEST * time[-1]),
         (1e-2 * white, 1e2 * white),
-        (1.0 / time[-1], HIGHEST / spacing),
+        (LOWEST / time[-1], HIGHEST / spacing),
         (spacing, 0.1),
     ]
 

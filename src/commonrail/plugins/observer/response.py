@@ -114,8 +114,10 @@ class Simulator:
         time, pressure, injected = found
         shown = scale * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])
         cuts = cuts_of(time, injected[0], shot.energisings)
-        figures = np.array([figures_of(time, row, cuts) for row in injected]) / self._units(true)
-        rates = rate_of(time, injected) / self._units(true)[0]
+        density = self._densities(np.array([x, *changed]))
+        figures = np.array([figures_of(time, row, cuts) for row in injected])
+        figures[:, 0] /= density
+        rates = rate_of(time, injected) / density
         slopes, figure_slopes = np.zeros((len(shown[0]), n)), np.zeros((*figures[0].shape, n))
         rate_slopes = np.zeros((len(rates[0]), n))
         lane = 0
@@ -132,9 +134,10 @@ class Simulator:
         if lower is not None:  # both errors of the sensor also move the true pressure at rest
             moved = scale * (self._sampled(shot, time, lower[1], sensor[DELAY])[0] - lower[1][0, 0])
             by_rest = (moved - shown[0]) / LOWER
-            units = self._units(true - LOWER)
-            figures_by_rest = (figures_of(time, lower[2][0], cuts) / units - figures[0]) / LOWER
-            rate_by_rest = (rate_of(time, lower[2])[0] / units[0] - rates[0]) / LOWER
+            lowered = figures_of(time, lower[2][0], cuts)
+            lowered[0] /= density[0]
+            figures_by_rest = (lowered - figures[0]) / LOWER
+            rate_by_rest = (rate_of(time, lower[2])[0] / density[0] - rates[0]) / LOWER
             for name, drop, error in ((OFFSET, 0.0, 1.0 / scale), (GAIN, 1.0 / scale, true / scale)):
                 if name in by_name:
                     slopes[:, by_name[name]] = drop * shown[0] + error * by_rest
@@ -152,13 +155,17 @@ class Simulator:
 
     def figures(self, shot: ShotRecord, rest: float) -> tuple[Floats, Floats] | None:
         """Figures (3, injections) and rate (times,) at states of zero, as in `Response`; None where that fails."""
-        found = self._traces(shot, rest, np.zeros((1, len(self.states))))
+        x = np.zeros((1, len(self.states)))
+        found = self._traces(shot, rest, x)
         if found is None:
             return None
         time, _, injected = found
-        units = self._units(rest)
-        figures = figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings)) / units
-        return figures, rate_of(time, injected)[0] / units[0]
+        figures, density = (
+            figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings)),
+            self._densities(x),
+        )
+        figures[0] /= density[0]
+        return figures, rate_of(time, injected)[0] / density[0]
 
     def values(self, x: Floats) -> Floats:
         """Values (candidates, names) of the parameters at states (candidates, states), SI."""
@@ -170,9 +177,10 @@ class Simulator:
                 columns.append(value * np.array(change) if state.power else value + x[:, i])
         return np.array(columns).T
 
-    def _units(self, rail: float) -> Floats:
-        """Divisors (3, 1) that make figures of masses and times: the density in the cylinder [kg/m³], and ones."""
-        return np.array([[plan.reference_density(self.injector, self._point(rail, (), 1e-3))], [1.0], [1.0]])
+    def _densities(self, x: Floats) -> Floats:
+        """Densities in the cylinder (candidates or 1, 1) at the fuel temperatures of states (candidates, states)."""
+        point = self._point(100e6, (), 1e-3)  # of any rail pressure
+        return plan.reference_densities(self.injector, [point], self.names, self.values(x))
 
     def _point(self, rail: float, pulses: tuple[Energising, ...], horizon: float) -> OperatingPoint:
         settings = self.settings
