@@ -304,6 +304,20 @@ def test_a_bench_of_wrong_parts_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
+    ("call", "word"),
+    [
+        (lambda: cr.load_plan(None), "path of a test plan"),  # type: ignore[arg-type]
+        (lambda: cr.TypeParameter(3, 1.0, 1.0, 0.0, 2.0), "name of a parameter"),  # type: ignore[arg-type]
+        (lambda: cr.TypeParameter("valve.mass", 5e-3, "x", 0.0, 1.0), "spread of valve.mass"),  # type: ignore[arg-type]
+        (lambda: cr.FixedValue("valve.mass", []), "valve.mass"),  # type: ignore[arg-type]
+        (lambda: cr.Dimension([], None), "name of a parameter"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_is_no_path_name_or_number_is_refused(call: Callable[[], object], word: str) -> None:
+    refused(call, word)
+
+
+@pytest.mark.parametrize(
     ("changed", "word"),
     [
         ({"seed": -1}, "seed"),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import instances, mapping, number, settle
+from commonrail.base.arguments import instance, instances, mapping, number, settle
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.constraints import (
@@ -341,7 +341,7 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> Floats:
     (n, d) array
         Points, SI, each of which satisfies `space` and its constraints.
     """
-    if not space.constrained:
+    if not instance(space, Space, "space").constrained:
         return sample_uniform(space, n, rng)
     walk = _plan(space)
     unit = np.tile(walk.start, (n, 1))

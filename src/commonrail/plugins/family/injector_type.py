@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 
-from commonrail.base.arguments import file_path, instance, instances, plain_text, settle
+from commonrail.base.arguments import file_path, instance, instances, number, plain_text, settle
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.output import write_text
 from commonrail.base.units import to_text
@@ -76,11 +75,12 @@ class TypeParameter:
 
     def __post_init__(self) -> None:
         known = parameter_quantities()
-        if self.name not in known:
+        if plain_text(self.name, "name of a parameter") not in known:
             raise ConfigurationError(f"A type has no parameter {self.name}{nearest(self.name, known)}.")
-        numbers = (self.value, self.spread, self.lower, self.upper)
-        if not all(map(isfinite, numbers)) or not self.spread > 0.0:
-            raise ConfigurationError(f"{self.name}: a type needs finite numbers and a spread greater than zero.")
+        read = {key: getattr(self, key) for key in ("value", "spread", "lower", "upper")}
+        settle(self, **{key: number(x, known[self.name].unit, f"{key} of {self.name}") for key, x in read.items()})
+        if not self.spread > 0.0:
+            raise ConfigurationError(f"{self.name}: a type needs a spread greater than zero.")
         if self.between is not None and not 0.0 <= self.between <= self.spread * (1.0 + ROUNDING):
             raise ConfigurationError(
                 f"{self.name}: the scatter between parts must lie between zero and the spread, {self.spread:g}, "
@@ -124,9 +124,10 @@ class FixedValue:
 
     def __post_init__(self) -> None:
         known = parameter_quantities()
-        if self.name not in known:
+        if plain_text(self.name, "name of a parameter") not in known:
             raise ConfigurationError(f"A type has no parameter {self.name}{nearest(self.name, known)}.")
-        if not (isfinite(self.value) and known[self.name].domain.admits(self.value)):
+        settle(self, value=number(self.value, known[self.name].unit, self.name))
+        if not known[self.name].domain.admits(self.value):
             raise ConfigurationError(f"{self.name}: a fixed value must be {known[self.name].domain.value}.")
 
     def of_type(self, name: str) -> Source:

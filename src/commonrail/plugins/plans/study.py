@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from os import PathLike
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, Quantity, amount, chosen, instances, number, plain_text, settle
+from commonrail.base.arguments import Limits, Quantity, amount, chosen, file_path, instances, number, plain_text, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
@@ -277,7 +276,8 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     InputError, ConfigurationError
         If the file cannot be read, a column or unit is missing, or a row makes no sense; with line and column.
     """
-    sheet = open_sheet(Path(path), form)
+    path = file_path(path, "path of a test plan")
+    sheet = open_sheet(path, form)
     known = [column.name for column in (*_NEEDED, *_OPTIONAL)]
     for name in sheet.names:
         if name not in known:
@@ -293,7 +293,7 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     tests = tuple(_test(table, row) for row in range(len(table.rows)))
     mark = synthetic_mark((*table.comments, *(cell for texts in table.texts.values() for cell in texts)))
     with located(Place(str(path))):
-        return TestPlan(Path(path).name, tests, next(iter(units.values()), "m3"), mark)
+        return TestPlan(path.name, tests, next(iter(units.values()), "m3"), mark)
 
 
 def _warn_of_unusual(table: Table, name: str) -> None:

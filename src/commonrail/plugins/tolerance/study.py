@@ -205,7 +205,7 @@ class Dimension:
 
     def __post_init__(self) -> None:
         known = parameter_quantities()
-        if self.name not in known:
+        if plain_text(self.name, "name of a parameter") not in known:
             raise ConfigurationError(f"There is no parameter {self.name}{nearest(self.name, known)}.")
         if self.name in COUNTS:
             raise ConfigurationError(f"{self.name} counts pieces, so it has no tolerance; omit it.")
