@@ -60,3 +60,17 @@ def test_a_tone_beyond_the_highest_wave_is_noise_and_does_not_stop_the_search() 
 
 def test_without_a_quiet_stretch_there_is_an_estimate() -> None:
     assert learn([np.empty(0)], SPACING, 80e3).noise == 80e3
+
+
+def test_a_pump_in_step_with_the_shots_is_not_steady_behind_the_stretches() -> None:
+    """Every stretch rises alike; 2 ms later the pressure is far less certain than by its mean and slope alone."""
+    rng = np.random.default_rng(6)
+    time = SPACING * np.arange(100)
+    found = learn([0.4e9 * time + 20e3 * rng.standard_normal(len(time)) for _ in range(8)], SPACING)
+
+    def ahead(disturbance: Disturbance) -> float:
+        covariance = disturbance.covariance(SPACING * np.arange(200))
+        known, last = covariance[:100, :100], covariance[-1, :100]
+        return float(np.sqrt(covariance[-1, -1] - last @ np.linalg.solve(known, last) - disturbance.noise**2))
+
+    assert ahead(found) > 3.0 * ahead(found._replace(rate=0.0, wave=0.0))
