@@ -44,7 +44,7 @@ from commonrail.report.html import render
 
 INJECTIONS = 5  # of a shot at most
 SPAN = 6e-3  # from a shot's first energising to the end of its last, at most [s]
-WORK = 10.0  # of a step in steps of a block of injectors, for each 10 µs of the sampling interval; chosen
+WORK = 5.0  # steps of a block in a sample, for each block and each 10 µs of the sampling interval; chosen
 BEGIN = 20.0  # units that the beginning of a lane counts
 
 
@@ -168,7 +168,7 @@ def online_variables(online: Online) -> list[Variable]:
     return [
         Variable("pressure", 0, real("input", "continuous"), "Pa", "measured pressure", RAIL, low, high),
         Variable("command", 1, real("input", "continuous"), "1", energised, 0.0, 0.0, 1.0),
-        Variable("work", 2, real("parameter", "fixed"), "1", work, _work(online.sampling), 0.0),
+        Variable("work", 2, real("parameter", "fixed"), "1", work, _work(states, online.sampling), 0.0),
         *(
             Variable(name, 100 + i, real("output", "continuous"), unit, text)
             for i, (name, unit, text) in enumerate(outputs)
@@ -176,8 +176,13 @@ def online_variables(online: Online) -> list[Variable]:
     ]
 
 
-def _work(sampling: float) -> float:
-    return WORK * max(sampling / 1e-5, 1.0)
+def _lanes(states: Sequence[DriftState]) -> int:
+    """Simulations side by side: of the states, of a change of each that is a parameter, of a lower pressure at rest."""
+    return 2 + sum(bool(state.parameter) for state in states)
+
+
+def _work(states: Sequence[DriftState], sampling: float) -> float:
+    return WORK * -(-_lanes(states) // LANES) * max(sampling / 1e-5, 1.0)
 
 
 def observer_texts(online: Online) -> dict[str, str]:
@@ -236,14 +241,14 @@ def _defines(values: Mapping[str, Any]) -> str:
 def _sizes(settings: ObserverSettings, sampling: float) -> dict[str, float]:
     """Numbers of states, lanes, samples and steps, and what sets them."""
     many = settings.averaged_samples(np.array([0.0, sampling]))
-    lanes = 2 + sum(bool(state.parameter) for state in settings.states)
+    lanes = _lanes(settings.states)
     dt = float(settings.time_step)
     return {
         "STATES": len(settings.states),
         "MOST_INJECTIONS": INJECTIONS,
         "SAMPLING": sampling,
         "PAUSE": settings.gap,
-        "WORK_OF_STEP": _work(sampling),
+        "WORK_OF_STEP": _work(settings.states, sampling),
         "TRUSTED": kalman.TRUSTED,
         "EXTRA": sum(state.scatter > 0.0 for state in settings.states),
         "LANES": lanes,

@@ -99,10 +99,11 @@ static void prepare(Observer *o) {
     }
 }
 
+#define ROOMY_STEP fmax(0.9 * CR_O_STEP, CR_SHORTEST_STEP) /* room for waves that travel a tenth further */
 static size_t block_bytes(void) {
     double parameters[CR_LANES][CR_PARAMETERS];
     for (int i = 0; i < CR_LANES; i++) cr_defaults(parameters[i]);
-    return (cr_block_size(parameters[0], CR_LANES, CR_O_STEP) + 63) / 64 * 64;
+    return (cr_block_size(parameters[0], CR_LANES, ROOMY_STEP) + 63) / 64 * 64;
 }
 size_t cr_observer_size(void) { return OBSERVER_BYTES + CR_O_BLOCKS * block_bytes(); }
 
@@ -118,7 +119,7 @@ int cr_observer_begin(void *memory, size_t size, double work) {
     o->stamp = CR_STAMP;
     o->block = (int64_t)block_bytes();
     o->work = work > 0.0 ? work : CR_WORK_OF_STEP;
-    o->ring_slots = cr_core_ring(parameters, CR_O_STEP);
+    o->ring_slots = cr_core_ring(parameters, ROOMY_STEP);
     o->vectors = cr_vectors();
     for (int i = 0; i < N; i++) {
         o->covariance[i][i] = cr_states[i].deviation * cr_states[i].deviation;
@@ -134,7 +135,8 @@ static int begin_lane(Observer *o, int lane) {
     cr_boundary own = {lane >= LOWER ? at_rest - CR_O_LOWER : at_rest, CR_O_CYLINDER, CR_O_RETURN, 0.0};
     void *block = block_of(o, lane / CR_LANES);
     int first = lane / CR_LANES * CR_LANES, count = CR_O_LANES - first < CR_LANES ? CR_O_LANES - first : CR_LANES;
-    if (lane == first) cr_block_open(block, o->ring_slots, count, o->vectors, CR_O_STEP);
+    /* few injectors take less time one after another */
+    if (lane == first) cr_block_open(block, o->ring_slots, count, count > 2 ? o->vectors : 1, CR_O_STEP);
     for (int changed = 1; changed >= 0; changed--) { /* a change that lies outside is none, and tells nothing */
         cr_defaults(parameters);
         for (int s = 0, place = 1; s < N; s++) {
