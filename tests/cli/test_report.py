@@ -72,3 +72,22 @@ def test_a_result_of_another_study_than_the_one_beside_it_is_refused(
     done = command("report", rate_run)
     assert done.status == (2 if other else 0)
     assert ("result.json is not the result of study.toml beside it" in " ".join(done.err.split())) == bool(other)
+
+
+@pytest.mark.parametrize(
+    ("verb", "key", "value", "words"),
+    [
+        ("report", "seed", float("nan"), "NaN is no number of JSON"),
+        ("certainty", "files", [{"name": "a.csv"}], "files: each has a name and a sha256"),
+        ("certainty", "files", 3, "files: each has a name and a sha256"),
+    ],
+)
+def test_a_result_that_somebody_has_spoilt_is_one_sentence(
+    command: Command, rate_run: Path, verb: str, key: str, value: object, words: str
+) -> None:
+    record = json.loads((rate_run / "result.json").read_text(encoding="utf-8"))
+    (rate_run / "result.json").write_text(json.dumps(record | {key: value}), encoding="utf-8")
+    (rate_run / "SHA256SUMS").unlink(missing_ok=True)
+    done = command(verb, rate_run)
+    assert done.status == 2
+    assert words in done.sentence

@@ -41,12 +41,16 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
         raise _no_run(path.parent, made_by) or _broken(path, made_by, "there is no such file")
     check_sum(path)
     try:
-        record = json.loads(read_text(path, LARGEST_RECORD))
+        record = json.loads(read_text(path, LARGEST_RECORD), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
         raise _broken(path, made_by, str(error)) from error
     if not isinstance(record, dict):
         raise _broken(path, made_by, "this is not one object in braces")
     return record
+
+
+def _refuse_constant(text: str) -> None:
+    raise ValueError(f"{text} is no number of JSON")
 
 
 def write_record(path: Path, record: Mapping[str, Any]) -> None:
@@ -279,7 +283,10 @@ def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
 
 def _refuse_changed_data(folder: Path, record: Mapping[str, Any]) -> None:
     """Refuse (`InputError`) a folder whose copy of a data file is not what the fit has read."""
-    read = {str(file["name"]): str(file["sha256"]) for file in record.get("files", ())}
+    try:
+        read = {str(file["name"]): str(file["sha256"]) for file in record.get("files", ())}
+    except (KeyError, TypeError) as error:
+        raise _broken(folder / RESULT, "commonrail calibrate", "files: each has a name and a sha256") from error
     for name in read:
         copy = folder / "data" / name
         # a copy of a TOML file names the copies of others
