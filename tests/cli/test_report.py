@@ -79,6 +79,7 @@ def test_a_result_of_another_study_than_the_one_beside_it_is_refused(
     [
         ("report", "seed", float("nan"), "NaN is no number of JSON"),
         ("certainty", "files", [{"name": "a.csv"}], "files: each has a name and a sha256"),
+        ("report", "parameters", [3], "parameters: each is one object in braces"),
         ("certainty", "files", 3, "files: each has a name and a sha256"),
     ],
 )
@@ -87,6 +88,8 @@ def test_a_result_that_somebody_has_spoilt_is_one_sentence(
 ) -> None:
     record = json.loads((rate_run / "result.json").read_text(encoding="utf-8"))
     (rate_run / "result.json").write_text(json.dumps(record | {key: value}), encoding="utf-8")
+    study = "".join(f"{name} = {json.dumps(record[name])}\n" for name in ("title", "seed"))
+    (rate_run / "study.toml").write_text(study, encoding="utf-8")
     (rate_run / "SHA256SUMS").unlink(missing_ok=True)
     done = command(verb, rate_run)
     assert done.status == 2

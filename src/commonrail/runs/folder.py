@@ -271,7 +271,10 @@ def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
         return  # a study made in Python
     document = read_toml(path)[0]
     free = [p.get("name") for p in document.get("parameter", ())]
-    fitted = [p.get("name") for p in record.get("parameters", ())]
+    try:
+        fitted = [p.get("name") for p in record.get("parameters", ())]
+    except (AttributeError, TypeError) as error:
+        raise _broken(folder / RESULT, "commonrail calibrate", "parameters: each is one object in braces") from error
     stated = {key: document[key] for key in ("title", "seed") if key in document}
     other = [f"{key} {record[key]!r}" for key, value in stated.items() if key in record and record[key] != value]
     other += [f"no free parameter {name}" for name in free if name not in fitted]
