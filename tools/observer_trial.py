@@ -187,12 +187,12 @@ def _disturbance(
     return np.asarray(delivered * drop[-1] / delivered[-1] - drop)
 
 
-def judge(path: Path, out: Path | None, sensor: str, others: str, most: int) -> None:
-    """Run the observer and the baselines, and print their errors."""
+def judge(path: Path, out: Path | None, sensor: str, others: str, chosen: slice) -> None:
+    """Run the observer and the baselines over chosen injectors, and print their errors."""
     data = np.load(path, allow_pickle=True)
     model = cr.load_injector(MODEL)
     rows, alarms, begin = [], [], time.perf_counter()
-    for k, truth in enumerate(data["rows"][:most]):
+    for k, truth in list(enumerate(data["rows"]))[chosen]:
         rng = np.random.default_rng([int(data["seed"]), k, 7])
         log = log_of(truth["shots"], rng, sensor, others)
         settings = ObserverSettings(sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN)
@@ -322,6 +322,7 @@ def main() -> None:
     parser.add_argument("what", choices=("truths", "judge"))
     parser.add_argument("file", type=Path)
     parser.add_argument("--injectors", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0, help="judge: injectors that are left out at the beginning")
     parser.add_argument("--shots", type=int, default=20)
     parser.add_argument("--seed", type=int, default=2)
     parser.add_argument("--drift", type=float, default=0.0)
@@ -332,7 +333,8 @@ def main() -> None:
     if given.what == "truths":
         truths(given.file, given.injectors, given.shots, given.seed, given.drift)
     else:
-        judge(given.file, given.out, given.sensor, given.others, given.injectors)
+        chosen = slice(given.first, given.first + given.injectors)
+        judge(given.file, given.out, given.sensor, given.others, chosen)
 
 
 if __name__ == "__main__":
