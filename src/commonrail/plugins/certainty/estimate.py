@@ -157,9 +157,9 @@ LEAST_FALL = 5e-3  # of −2 ln L in a step of the last ascent
 SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
 NEAR = 15  # steps of one under noise that the last one's end showed
 # A likelihood that ripples has many tops, of which some units of 2 ln L, an accident of the noise, make one the best.
-# Tops whose 2 ln L lies within the joint region of the best one's are as likely as it is: three of them are agreement,
-# and each must be inside the intervals. An interval of 95 % ends where 2 ln L has fallen by `SEEN`; a top that is
-# lower than that says, by a parabola, where it ends at least.
+# Tops within the joint region of the best one are not excluded by the data: three of them are agreement. An interval of
+# 95 % ends where 2 ln L has fallen by `SEEN`: a top that is less low must be inside, and one that is lower says, by a
+# parabola through it, how far the interval reaches at least.
 JOINT, SEEN = 0.95, 3.84
 CLOSE = AGREED**0.5  # standard errors one parameter is off where a smooth likelihood has fallen by `AGREED`
 NEARBY, DISTANCE = 4, 2.0  # starts about the end of a single ascent, and their distance in standard errors
@@ -356,8 +356,8 @@ def _at_top(own: Likelihood, near: Ascent) -> Estimate:
 def _level(found: Estimate) -> Estimate:
     """The estimate with what the ripple of its likelihood leaves open, and how many ends of the search it joins.
 
-    All ends ascend under its noise; for a single one, points about it do. Those that the data cannot tell from the best
-    one by their cost lie inside the intervals, and if there are enough, the search has settled.
+    All ends ascend under its noise; for a single one, points about it do. Those within the joint region of the best one
+    widen the intervals, and if there are enough, the search has settled.
     """
     own, ends = found.likelihood, found.ends
     single = len(ends) == 1
@@ -367,11 +367,8 @@ def _level(found: Estimate) -> Estimate:
     unit = FeasibleSet.of(own.space).within(np.tile(found.unit, (len(ends), 1)), ends)
     tops = climb(own, unit, turns=NEAR, tolerance=0.1)
     if tops.best.cost[0] < found.cost - AGREED:
-        found = replace(_at_top(own, tops.best), starts=found.starts, agreeing=found.agreeing, ends=found.ends)
-    # at a bound the other parameters take what the data ask for beyond it, all starts alike: with a valve lift fixed
-    # 20 % wrong, four were pinned to wrong values that way
-    if FeasibleSet.of(own.space).active(found.unit, near=1e-3).any():
-        return found
+        agreeing = int(np.count_nonzero(tops.cost - tops.best.cost < AGREED))
+        found = replace(_at_top(own, tops.best), starts=found.starts, agreeing=agreeing, ends=found.ends)
     rise = np.maximum(tops.cost - found.cost, 0.0)
     same = rise < chi2.ppf(JOINT, len(found.unit))
     many = int(np.count_nonzero(same))
@@ -379,7 +376,9 @@ def _level(found: Estimate) -> Estimate:
     longest = np.abs(reach).max(axis=0, initial=0.0)
     together = np.sqrt(np.sum(reach**2, axis=0))
     found = found.with_errors(reach * longest / np.where(together > 0.0, together, 1.0))
-    if found.settled:
+    # at a bound the other parameters take what the data ask for beyond it, all starts alike: with a valve lift fixed
+    # 20 % wrong, four were pinned to wrong values that way
+    if found.settled or FeasibleSet.of(own.space).active(found.unit, near=1e-3).any():
         return found
     if many < min(LEAST_AGREEING, len(ends)):
         return found if single else replace(found, agreeing=max(many, 1))
