@@ -44,6 +44,7 @@ ALLOWED = {
     "report/page.py": "NumPy on a stream of `opened`",
     "plugins/export/fmu.py": "what it has just written into a temporary folder of its own",
     "plugins/export/sources.py": "files of the installed package",
+    "plugins/observer/online.py": "files of the installed package",
     "plugins/paper/claims.py": "a file of the installed package",
     "plugins/page/module.py": "files of the installed package, and what zig has just written into a temporary folder",
 }

@@ -175,6 +175,10 @@ def test_the_verb_gives_times_over_the_dwell(
     assert "Compensated energising times" in done.out
     assert "Compensation" in (folder / "report.html").read_text(encoding="utf-8")
     check_made_again(command, folder)
+    late = command(*line, "--wanted", "4mm3", "--rail-pressures", "300MPa", "--out", tmp_path / "late")
+    assert late.status == 2
+    assert "300 MPa" in late.err
+    assert (tmp_path / "late" / "observer.csv").exists()  # the shots are not lost by what the fuel does not allow
     for wrong, words in (
         (("--wanted", "4,12m3", "--dwells", "1ms"), "mm3"),
         (("--wanted", "4,30mm3"), "add --dwells"),

@@ -11,7 +11,7 @@ from scipy.optimize.elementwise import bracket_root, find_root
 from commonrail.base.arguments import instance, instances, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.hooks import naming, note
+from commonrail.base.hooks import check_stop, naming, note
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import which_failed
@@ -124,6 +124,7 @@ class _Model:
 
     def quantities(self, trains: Sequence[InjectionTrain], times: Floats) -> Floats:
         """Quantities (trains, injections) [m³] of energising times of that shape [s]; NaN where a simulation fails."""
+        check_stop()
         settings, dt = self.settings, float(self.settings.time_step)
         pulses = [train.energisings(row) for train, row in zip(trains, times, strict=True)]
         longest = max(each[-1].start + each[-1].duration for each in pulses) + settings.after

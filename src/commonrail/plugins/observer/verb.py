@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from commonrail.base.errors import InputError
+from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.units import parse, parse_difference
 from commonrail.cli.console import Bar, Stage, print_json, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -168,12 +168,18 @@ def observe(
         "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
         "edges": read.edges,
     }
+    refused: list[str] = []
+
+    def observed() -> Observation:
+        found = replace(_run(injector, read, settings, threads), origin=origin)
+        try:
+            return asked.added(found, threads)
+        except (CommonrailError, KeyboardInterrupt) as error:  # the shots are written all the same
+            refused.append(str(error))
+            return found
+
     with held_interrupts():  # what is done is written whatever keys are pressed
-        found = run_into(
-            out,
-            "observer.csv",
-            lambda: asked.added(replace(_run(injector, read, settings, threads), origin=origin), threads),
-        )
+        found = run_into(out, "observer.csv", observed)
     record = found.record()
     if json:
         print_json(record)
@@ -189,9 +195,12 @@ def observe(
         sampling = float(f"{(read.time[-1] - read.time[0]) / (len(read.time) - 1):.9g}")
         write_online(Online.after(found, sampling), online)
         say(f"{online}: the observer of one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
-    if record["status"] == "interrupted":
-        say(f"commonrail: interrupted after {len(found.shots)} of {found.asked} shots.")
+    if record["status"] == "interrupted" or refused == [""]:
+        then = " No energising times were computed." if refused else ""
+        say(f"commonrail: interrupted after {len(found.shots)} of {found.asked} shots.{then}")
         raise SystemExit(INTERRUPTED)
+    if refused:
+        raise InputError(f"--wanted: {refused[0]} The shots are complete, and there are no energising times.")
 
 
 class _Wanted(NamedTuple):
