@@ -13,7 +13,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
-from commonrail.plugins.observer.compensation import compensate
+from commonrail.plugins.observer.compensation import LONGEST, compensate
 from commonrail.plugins.observer.file import Compensated, Memory, Observation, ObservedShot
 from commonrail.plugins.observer.kalman import Belief, StepTest
 from commonrail.plugins.observer.response import cuts_of, figures_of
@@ -146,6 +146,11 @@ def test_what_cannot_be_delivered_is_marked(rigid_volume: Injector) -> None:
         found = compensate(rigid_volume, wanted, threads=1)
     assert [one.met for one in found] == [False, True]
     assert found[0].quantities[0] == pytest.approx(PILOT, rel=2e-3)
+    # more than any time delivers: the longest that was tried, from which `last` does not go back
+    assert found[0].energising_times[1] > 0.9 * LONGEST
+    with pytest.warns(RuntimeWarning, match="^1 of 2 trains"):
+        again = compensate(rigid_volume, wanted, last=found, threads=1)
+    assert again[0].energising_times == pytest.approx(found[0].energising_times, rel=1e-3)
 
 
 def test_wrong_trains_are_refused_in_a_sentence(rigid_volume: Injector, observed: Observation) -> None:

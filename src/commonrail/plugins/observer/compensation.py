@@ -151,19 +151,24 @@ def _solved(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> F
     """
     times, which = first.copy(), np.arange(float(len(trains)))
     for i in range(times.shape[1]):
+        nearest, least = times[:, i].copy(), np.full(len(trains), np.inf)
 
-        def miss(time: Floats, train: Floats, i: int = i) -> Floats:
+        def miss(time: Floats, train: Floats, i: int = i, nearest: Floats = nearest, least: Floats = least) -> Floats:
             k = train.astype(int)
             tried = times[k]
             tried[:, i] = time
             some = [trains[j] for j in k]
-            return np.asarray(model.quantities(some, tried)[:, i] / [one.quantities[i] for one in some] - 1.0)
+            off = np.asarray(model.quantities(some, tried)[:, i] / [one.quantities[i] for one in some] - 1.0)
+            for j, one, size in zip(k, time, np.abs(off), strict=True):
+                if size < least[j]:
+                    nearest[j], least[j] = one, size
+            return off
 
         low, high = (1.0 - NEAR) * times[:, i], (1.0 + NEAR) * times[:, i]
         around = bracket_root(miss, low, high, xmin=SHORTEST, xmax=LONGEST, args=(which,), maxiter=ITERATIONS)
         close = {"fatol": MET, "xatol": NARROWEST}
         root = find_root(miss, around.bracket, args=(which,), tolerances=close, maxiter=ITERATIONS)
-        times[:, i] = np.where(np.isfinite(root.x), root.x, times[:, i])
+        times[:, i] = np.where(root.success, root.x, nearest)
     return times
 
 
