@@ -14,6 +14,7 @@ import pytest
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.base.text import MISSING
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
@@ -252,6 +253,28 @@ def test_a_log_without_an_injection_says_so(rigid_volume: Injector) -> None:
         observer_html(record)
         (line,) = observer_lines(record)
     assert "no injection follows from the 2 energisings" in line
+
+
+def test_an_injection_that_does_not_open_has_no_deviation(rigid_volume: Injector) -> None:
+    """A pilot of 20 us, before a main injection that has figures and deviations."""
+    pulses = (Energising(0.0, 20e-6), Energising(1.2e-3, 600e-6))
+    solved = simulate(rigid_volume, OperatingPoint(RAILS[0], pulses, horizon=4.5e-3))
+    time = np.arange(0.0, 8e-3, 1.0 / RATE)
+    pressure = np.interp(time - 3e-3, solved.time, solved.channels["rail_pressure"])
+    pressure += NOISE * np.random.default_rng(8).standard_normal(len(time))
+    energisings = [(3e-3 + pulse.start, pulse.duration) for pulse in pulses]
+    found = observe(rigid_volume, time, pressure, energisings, threads=1)
+    pilot, main = found.rows()
+    assert abs(pilot["quantity"]) < 1e-3 * MM3
+    assert {pilot[f"{key}_deviation"] for key in ("quantity", "opening", "closing")} == {None}
+    assert min(main[f"{key}_deviation"] for key in ("quantity", "opening", "closing")) > 0.0
+    (share,) = re.findall(
+        r"Median standard deviation of a quantity (\S+) mm³", " ".join(observer_lines(found.record()))
+    )
+    assert float(share) == pytest.approx(main["quantity_deviation"] / MM3, rel=0.05)  # of the main injection alone
+    page = observer_html(found.record())
+    assert f"0.00 ± {MISSING} (" in page
+    assert "0.00 ± 0.00" not in page
 
 
 def written(folder: Path, log: Logged, command: bool = True) -> Path:

@@ -47,7 +47,8 @@ class ObservedShot(NamedTuple):
     open_loop : (3, injections)
         Figures of the model without the measured pressure.
     figures, deviations : (3, injections)
-        Quantity [m³], opening and closing from `start` on [s], and their standard deviations.
+        Quantity [m³], opening and closing from `start` on [s], and their standard deviations; NaN for those of an
+        injection that does not open, and for times that do not exist.
     drift, drift_deviations : (states,)
         After this shot.
     consistency : float

@@ -85,6 +85,11 @@ def observer_lines(record: Record) -> list[str]:
             f"Median standard deviation of a quantity {_deviation(found)}; the pressure moved the model's quantities "
             f"by {fixed(moved, 1)} % (median). {HELD}"
         )
+    if closed := sum(row["quantity_deviation"] is None for row in found):
+        lines.append(
+            f"{counted(closed, 'injection')} did not open by the model with its states: such a quantity near zero has "
+            "no standard deviation, since the slopes of the model do not tell where it begins to open."
+        )
     return lines
 
 
@@ -147,8 +152,11 @@ def _place(record: Record) -> str:
 
 
 def _deviation(rows: list[Record]) -> str:
-    deviations = np.array([row["quantity_deviation"] for row in rows])
-    shares = deviations / np.maximum([row["quantity"] for row in rows], 1e-12)
+    pairs = [(row["quantity_deviation"], row["quantity"]) for row in rows if row["quantity_deviation"] is not None]
+    if not pairs:
+        return MISSING
+    deviations, quantities = np.array(pairs).T
+    shares = deviations / np.maximum(quantities, 1e-12)
     return f"{significant(np.median(deviations), 2, MM3)} mm³ ({percent(np.median(shares))} %)"
 
 
@@ -380,6 +388,8 @@ def _shot_table(record: Record) -> Table:
             row = item[3]
             if row[key] is None:
                 return MISSING
+            if row[f"{key}_deviation"] is None:
+                return f"{fixed(abs(row[key]), decimals, scale)} ± {MISSING} (does not open)"
             return f"{fixed(row[key], decimals, scale)} ± {fixed(row[f'{key}_deviation'], decimals, scale)}"
 
         return text

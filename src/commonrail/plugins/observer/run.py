@@ -233,4 +233,6 @@ def _observed(
         return ObservedShot(*shown, None, None, None, None, None, None, None, None, rate)
     deviations = np.sqrt(np.diag(done.belief.covariance))
     learnt = done.belief.mean, deviations, done.consistency, alarm
-    return ObservedShot(*shown, done.figures, done.deviations, *learnt, done.rate, done.rate_deviation, rate)
+    known = np.isfinite(done.figures) & np.isfinite(done.figures[1])  # it opens; else its slopes tell nothing
+    spread = np.where(known, done.deviations, np.nan)
+    return ObservedShot(*shown, done.figures, spread, *learnt, done.rate, done.rate_deviation, rate)
