@@ -232,6 +232,10 @@ def test_what_cannot_be_observed_is_refused_in_a_sentence(rigid_volume: Injector
             observe(rigid_volume, *log, settings)
     with pytest.raises(ConfigurationError, match="two averaged samples"):
         observer_design(rigid_volume, longer)
+    with pytest.raises(ConfigurationError, match="injector must be"):
+        observer_design(None)  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="settings must be"):
+        observer_design(rigid_volume, {})  # type: ignore[arg-type]
     none = "drift state whose deviation is above zero"
     with pytest.raises(ConfigurationError, match=none):
         ObserverSettings(states=())

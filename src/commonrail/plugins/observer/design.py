@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from commonrail.base.arguments import instance
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.base.table import Table, tabulated
@@ -49,12 +50,12 @@ def observer_design(injector: Injector, settings: ObserverSettings | None = None
     Raises
     ------
     ConfigurationError
-        If the injector has an ideal rail.
+        If an argument is of the wrong kind, or the injector has an ideal rail.
     SimulationError
         If a shot cannot be simulated.
     """
-    check_model(injector)
-    settings = settings or ObserverSettings()
+    check_model(instance(injector, Injector, "injector"))
+    settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
     rows = []
     for rate in RATES:
         given = replace(settings, sensor="rail", states=states_of(injector, settings))
