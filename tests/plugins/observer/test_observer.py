@@ -223,6 +223,16 @@ def test_half_a_sample_may_be_missing_before_the_first_shot(start: float, whole:
     assert bool(cut_log(time, time, (Energising(start, 0.5e-3),), ObserverSettings())) == whole
 
 
+@pytest.mark.parametrize("rounding", [-1e-15, 1e-15])
+def test_a_sample_at_the_start_is_not_at_rest_whatever_its_rounding(rigid_volume: Injector, rounding: float) -> None:
+    time = np.arange(0.0, 12e-3, 1.0 / RATE)
+    settings = ObserverSettings(states=STATES[:1], iterations=1)
+    log = time, 100e6 + 1e9 * time, [(5e-3 + rounding, 500e-6)]
+    found = observe(rigid_volume, *log, settings, threads=1)
+    expected = 100e6 + 1e9 * (4e-3 - 0.5 / RATE)  # the middle of the 100 samples before it
+    assert found.shots[0].rail_pressure == pytest.approx(expected, abs=1.0)
+
+
 def test_what_cannot_be_observed_is_refused_in_a_sentence(rigid_volume: Injector) -> None:
     time = np.arange(0.0, 20e-3, 1e-5)
     log = time, np.full_like(time, 1e8), [(5e-3, 5e-4)]
