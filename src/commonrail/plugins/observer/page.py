@@ -27,7 +27,10 @@ FAR = 4.0  # standard deviations before the first shot beyond which a state is d
 LEARNT = 0.8  # share of its first standard deviation below which a state counts as learnt from the pressure; chosen
 CONSISTENT = (0.5, 2.0)  # medians of the consistency within which the stated deviations can be believed; chosen
 # What the deviations are worth, `tools/observer_trial.py` and docs/howto/observer.md.
-HELD = "In a trial on virtual injectors, drawn as the states are, intervals of 95 % held 97 % of the quantities."
+HELD = (
+    "In a trial with a rail sensor on virtual injectors, drawn from estimates as those that the states begin with, "
+    "intervals of 95 % held 97 % of the quantities."
+)
 TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distribution
 
 
