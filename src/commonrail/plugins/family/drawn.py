@@ -163,12 +163,12 @@ def doubts_of(
 
 
 def stays_shut(points: QuantityData, injected: Floats) -> str:
-    """Words on the first point where nothing is measured and all parts (n, points) [m³] inject; empty without one."""
+    """Words on the first point where nothing is measured and all parts (n, points) [m³] inject, or the type; empty without one."""
     least, resolved = injected.min(axis=0), FAR * points.absolute
     for i in np.flatnonzero(points.judged & (points.quantity <= resolved) & (least > 2.0 * resolved)).tolist():
         return (
-            f"nothing is measured at {at_point(points.points[i])}, where the type injects at least "
-            f"{least[i] * 1e9:.3g} mm³"
+            f"nothing is measured at {at_point(points.points[i])}, where the type injects"
+            f"{' at least' if len(injected) > 1 else ''} {least[i] * 1e9:.3g} mm³"
         )
     return ""
 
