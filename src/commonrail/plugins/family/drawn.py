@@ -163,7 +163,7 @@ def doubts_of(
 
 
 def stays_shut(points: QuantityData, injected: Floats) -> str:
-    """Words on the first point where nothing is measured and all parts (n, points) [m³] inject, or the type; empty without one."""
+    """Words on the first point where nothing is measured and parts (n, points) [m³] all inject; empty without one."""
     least, resolved = injected.min(axis=0), FAR * points.absolute
     for i in np.flatnonzero(points.judged & (points.quantity <= resolved) & (least > 2.0 * resolved)).tolist():
         return (
