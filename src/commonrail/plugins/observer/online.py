@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.engine import plan
 from commonrail.engine.job import make_rows
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
@@ -218,7 +217,7 @@ def observer_texts(online: Online) -> dict[str, str]:
             "/* Generated: states and figures of an observer. */\n",
             "#ifndef CR_OBSERVER_MODEL\n#define CR_OBSERVER_MODEL\n",
             _defines({f"O_{name}": value for name, value in constants.items()}),
-            _tables(injector, settings.states),
+            _tables(injector, settings),
             "#endif\n",
         ]
     )
@@ -273,10 +272,12 @@ def _constants(injector: Injector, settings: ObserverSettings, disturbance: Dist
         key: names.index(name) if name in names else -1
         for key, name in (("GAIN", GAIN), ("OFFSET", OFFSET), ("DELAY", DELAY))
     }
-    warm = [i for i, state in enumerate(settings.states) if state.parameter == FUEL_TEMPERATURE]
+    parameters = [state.parameter for state in settings.states]
+    warm = parameters.index(FUEL_TEMPERATURE) if FUEL_TEMPERATURE in parameters else -1
     return {
         **place,
-        "TEMPERATURE": warm[0] if warm else -1,
+        "TEMPERATURE": warm,
+        "WARMER": 1 + sum(bool(parameter) for parameter in parameters[:warm]) if warm >= 0 else -1,
         "ROW_PRESSURE": rows.state + paths.index(SENSORS[settings.sensor]),
         "ROW_INJECTED": rows.state + paths.index("nozzle.injected"),
         "STEP": float(settings.time_step),
@@ -285,7 +286,6 @@ def _constants(injector: Injector, settings: ObserverSettings, disturbance: Dist
         "CYLINDER": settings.cylinder_pressure,
         "RETURN": settings.return_pressure,
         "USUAL": point.rail_pressure,
-        "DENSITY": plan.reference_density(injector, point),
         "DISCREPANCY": settings.discrepancy,
         "DISCREPANCY_MEMORY": run.MEMORY,
         "FLOOR": run.FLOOR,
@@ -306,7 +306,8 @@ def _constants(injector: Injector, settings: ObserverSettings, disturbance: Dist
     }
 
 
-def _tables(injector: Injector, states: Sequence[DriftState]) -> str:
+def _tables(injector: Injector, settings: ObserverSettings) -> str:
+    states = settings.states
     paths = (*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)
     rows = []
     for state in states:
@@ -317,10 +318,16 @@ def _tables(injector: Injector, states: Sequence[DriftState]) -> str:
         texts = json.dumps(state.name), json.dumps(state.unit), str(index), *(repr(float(number)) for number in numbers)
         rows.append(f"    {{{', '.join(texts)}}},\n")
     extra = ", ".join(str(i) for i, state in enumerate(states) if state.scatter > 0.0)
-    warmth = ", ".join(map(repr, response.warm_steps(injector).tolist()))
+    learnt = FUEL_TEMPERATURE in [state.parameter for state in states]
+    steps = response.warm_steps(injector) if learnt else np.zeros(1)
+    here = injector.values[FUEL_TEMPERATURE] + steps
+    both = [injector.fuel.density(settings.cylinder_pressure, here + more).tolist() for more in (0.0, 1.0)]
+    densities = ", ".join(f"{{{cold!r}, {warmer!r}}}" for cold, warmer in zip(*both, strict=True))
     return (
         "typedef struct {\n    const char *name, *unit;\n    int parameter;\n"
         "    double power, value, change, deviation, walk, scatter, limit;\n} cr_drift;\n"
         f"static const cr_drift cr_states[] = {{\n{''.join(rows)}}};\n"
-        f"static const int cr_o_extra[] = {{{extra or '0'}}};\nstatic const double cr_o_warmth[] = {{{warmth}}};\n"
+        f"static const int cr_o_extra[] = {{{extra or '0'}}};\n"
+        f"static const double cr_o_warmth[] = {{{', '.join(map(repr, steps.tolist()))}}};\n"
+        f"static const double cr_o_density[][2] = {{{densities}}}; /* at cylinder pressure, and 1 K warmer [kg/m3] */\n"
     )

@@ -17,7 +17,7 @@ typedef struct { /* plain data; the blocks of injectors follow it */
     double ring[CR_O_RING], from[CR_MOST_INJECTIONS], until[CR_MOST_INJECTIONS];
     int32_t on, pulses, excess;
     /* the shot that is being evaluated */
-    int32_t line, turn, i, j, k, samples, steps, injections, ended, shots, vectors;
+    int32_t line, turn, warm, i, j, k, samples, steps, injections, ended, shots, vectors;
     double begun, rest, first; /* time of its first energising, pressure at rest, time of the first sample */
     cr_head clock;
     double measured[CR_O_SAMPLES], pressure[CR_O_SAMPLES], x[N], away[N];
@@ -200,7 +200,7 @@ static void read_figures(Observer *o, int lane) {
     for (int p = 0; p < o->injections; p++) {
         int first = o->cuts[p], last = o->cuts[p + 1], body[2] = {-1, -1};
         double most = 0.0, *figures = &o->figures[lane][0][p];
-        figures[0] = (injected[last] - injected[first]) / CR_O_DENSITY;
+        figures[0] = (injected[last] - injected[first]) / cr_o_density[o->warm][lane == CR_O_WARMER];
         figures[CR_MOST_INJECTIONS] = figures[2 * CR_MOST_INJECTIONS] = NAN;
         for (int k = first; k < last; k++)
             if (injected[k + 1] - injected[k] > most) most = injected[k + 1] - injected[k];
@@ -285,9 +285,10 @@ static int place_states(Observer *o) {
         for (int e = 0; e < E; e++) x += cr_o_extra[e] == s ? o->z[N + e] : 0.0;
         o->x[s] = rint(x / cell) * cell;
         if (s == CR_O_TEMPERATURE) {
-            o->x[s] = cr_o_warmth[0];
-            for (size_t i = 1; i < sizeof cr_o_warmth / sizeof *cr_o_warmth; i++)
-                if (fabs(cr_o_warmth[i] - x) < fabs(o->x[s] - x)) o->x[s] = cr_o_warmth[i];
+            o->warm = 0;
+            for (int i = 1; i < (int)(sizeof cr_o_warmth / sizeof *cr_o_warmth); i++)
+                if (fabs(cr_o_warmth[i] - x) < fabs(cr_o_warmth[o->warm] - x)) o->warm = i;
+            o->x[s] = cr_o_warmth[o->warm];
         }
         o->away[s] = x - o->x[s];
     }
