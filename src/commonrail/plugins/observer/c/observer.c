@@ -448,7 +448,7 @@ static void evaluate(Observer *o) {
         }
         for (int e = 0; e < E; e++) o->z[N + e] = 0.0;
         if (!invert(o->prior[0], o->inverse[0], N)) goto failed;
-        PAUSE(PRODUCTS(4 * N * N * N));
+        PAUSE(PRODUCTS(2 * N * N * N));
         for (o->turn = 0; o->turn < CR_O_ITERATIONS; o->turn++) {
             if (place_states(o)) {
                 for (o->i = 0; o->i < PLACES; o->i++) {
@@ -496,7 +496,7 @@ static void evaluate(Observer *o) {
             }
             o->ended = correct(o);
             if (o->ended < 0) goto failed;
-            PAUSE(PRODUCTS(4 * ALL * ALL * ALL));
+            PAUSE(PRODUCTS(2 * ALL * ALL * ALL));
             if (o->ended) break;
         }
         conclude(o);
