@@ -146,7 +146,7 @@ def check_alike(found: list[dict[str, float]], expected: Observation) -> None:
         assert shot.drift is not None
         assert shot.drift_deviations is not None
         count = shot.figures.shape[1]
-        assert one["injections"] == count
+        assert (one["valid"], one["injections"]) == (1.0, count)
         for row, name in enumerate(("quantity", "opening", "closing")):
             keys = [f"injection[{i + 1}].{name}" for i in range(count)]
             assert [one[key] for key in keys] == pytest.approx(shot.figures[row], rel=1e-9)
@@ -239,14 +239,23 @@ def test_shots_that_do_not_fit_are_missed_and_counted(library: Library, log: Log
 
 
 def test_a_shot_that_cannot_be_simulated_has_no_figures(library: Library, log: Logged) -> None:
-    """The rail's pressure is that of the cylinder; the states stay as they were."""
+    """The rail's pressure is that of the cylinder behind a pair with an alarm; the states stay as they were."""
     memory = library.begun()
+    *_, before = library.shots(memory, log)
+    assert (before["valid"], before["failed"], before["injections"]) == (1.0, 0.0, 2.0)
+    assert before["alarm"] > 0.0
     for share in log.command[:700].tolist():
         library.step(memory, 5e6, share)
     found = library.read(memory)
-    assert (found["failed"], found["shots"], found["missed"]) == (1.0, 1.0, 0.0)
-    assert np.isnan(found["injection[1].quantity"])
-    assert found["drift.nozzle_flow"] == 0.0
+    assert (found["failed"], found["shots"], found["valid"], found["missed"]) == (1.0, SHOTS + 1.0, 0.0, 0.0)
+    assert found["start"] == pytest.approx(len(log.time) * SAMPLING + log.energisings[0][0])
+    assert found["injections"] == 1.0
+    assert found["rail_pressure"] == pytest.approx(5e6)
+    assert [found[key] for key in found if key.startswith("alarm_")] + [found["alarm"]] == [0.0] * 4
+    assert np.isnan([found["consistency"], *(found[key] for key in found if key.startswith("injection["))]).all()
+    assert [found[key] for key in found if key.startswith("drift")] == [
+        before[key] for key in before if key.startswith("drift")
+    ]
 
 
 def test_a_number_that_is_not_finite_is_told(library: Library) -> None:

@@ -140,6 +140,7 @@ def online_variables(online: Online) -> list[Variable]:
     since = "from the start of the first energising of the shot on"
     outputs = [
         ("shots", "1", "shots evaluated so far; the other outputs are those of the last one"),
+        ("valid", "1", "1 if that one has figures; 0 if it could not be simulated, and before the first shot"),
         ("start", "s", "start of its first energising, after the start of the simulation"),
         ("rail_pressure", "Pa", "pressure that the sensor showed before it"),
         ("injections", "1", "injections of the shot"),

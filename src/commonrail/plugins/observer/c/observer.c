@@ -330,6 +330,16 @@ static int correct(Observer *o) {
     return largest < CR_O_CONVERGED;
 }
 
+/* Which shot the outputs are of, and whether it has figures. */
+static void name_shot(Observer *o, int valid) {
+    o->out.valid = valid;
+    o->out.start = o->begun;
+    o->out.rail_pressure = o->rest;
+    o->out.injections = o->injections;
+    o->out.consistency = valid ? o->consistency : NAN;
+    o->out.alarm = o->out.alarm_ago = o->out.alarm_size = o->out.alarm_deviation = 0.0;
+}
+
 /* Figures of the shot into the output, and the states learnt. */
 static void conclude(Observer *o) {
     for (int p = 0; p < CR_MOST_INJECTIONS; p++)
@@ -350,11 +360,7 @@ static void conclude(Observer *o) {
         o->out.drift[s] = o->mean[s];
         o->out.drift_deviation[s] = sqrt(o->covariance[s][s]);
     }
-    o->out.consistency = o->consistency;
-    o->out.rail_pressure = o->rest;
-    o->out.start = o->begun;
-    o->out.injections = o->injections;
-    o->out.alarm = o->out.alarm_ago = o->out.alarm_size = o->out.alarm_deviation = 0.0;
+    name_shot(o, 1);
 }
 
 /* Sums of the test for a step at one of the last shots: `StepTest` of plugins/observer/kalman.py. */
@@ -514,6 +520,7 @@ static void evaluate(Observer *o) {
         break;
     failed:
         o->out.failed += 1.0;
+        name_shot(o, 0);
         for (int p = 0; p < CR_MOST_INJECTIONS; p++)
             for (int f = 0; f < 6; f++) (&o->out.injection[p].quantity)[f] = NAN;
     }

@@ -22,10 +22,12 @@ typedef struct cr_injection {
 
 typedef struct cr_observed {
     double shots;       /* evaluated so far; the rest is of the last one */
+    double valid;       /* 1; 0 where it could not be simulated, and before the first: it has no figures, and taught nothing */
     double start;       /* of its first energising, after the first sample [s] */
     double rail_pressure; /* shown before it [Pa] */
     double injections;
-    double consistency; /* squared innovation over its expectation, 1 on average; beyond CR_TRUSTED nothing was learnt */
+    double consistency; /* squared innovation over its expectation, 1 on average; beyond CR_TRUSTED nothing was
+                         * learnt; NaN without figures */
     double missed;      /* shots so far without figures: too long, or begun before the one before was evaluated */
     double failed;      /* shots so far that could not be simulated */
     double alarms;      /* so far */
