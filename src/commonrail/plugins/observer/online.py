@@ -50,7 +50,7 @@ BEGIN = 20.0  # units that the beginning of a lane counts
 # Multiples of first deviations at which shots are simulated. By the slopes, which are differences, a rounding grows a
 # hundredfold in every iteration and would make another result within some shots; on a grid C and Python have the same.
 GRID = 0.05
-ITERATIONS = 2  # as accurate as 4 on the injectors of docs/howto/observer.md (Online), and half the work
+ITERATIONS = 2  # about as accurate as 4 on the injectors of docs/howto/observer.md (Online), and half the work
 
 
 class Online(NamedTuple):
