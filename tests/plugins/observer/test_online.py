@@ -149,8 +149,10 @@ def check_alike(found: list[dict[str, float]], expected: Observation) -> None:
         assert (one["valid"], one["injections"]) == (1.0, count)
         for row, name in enumerate(("quantity", "opening", "closing")):
             keys = [f"injection[{i + 1}].{name}" for i in range(count)]
-            assert [one[key] for key in keys] == pytest.approx(shot.figures[row], rel=1e-9)
-            assert [one[f"{key}_deviation"] for key in keys] == pytest.approx(shot.deviations[row], rel=1e-9)
+            assert [one[key] for key in keys] == pytest.approx(shot.figures[row], rel=1e-9, nan_ok=True)
+            assert [one[f"{key}_deviation"] for key in keys] == pytest.approx(
+                shot.deviations[row], rel=1e-9, nan_ok=True
+            )
         drift = [one[key] for key in one if key.startswith("drift.")]
         assert np.abs((drift - shot.drift) / shot.drift_deviations).max() < 1e-9
         assert [one[key] for key in one if key.startswith("drift_d")] == pytest.approx(shot.drift_deviations, rel=1e-9)
@@ -171,6 +173,18 @@ def test_the_library_finds_what_python_finds(library: Library, log: Logged, by_p
     check_alike(list(library.shots(memory, log)), by_python)
     last = library.read(memory)
     assert (last["missed"], last["failed"]) == (0.0, 0.0)
+
+
+def test_an_injection_that_does_not_open_has_no_deviations(rigid_volume: Injector, library: Library) -> None:
+    time = SAMPLING * np.arange(1000)
+    pressure = 90e6 + 0.05e6 * np.random.default_rng(3).standard_normal(len(time))
+    command = np.zeros(len(time))
+    command[201:203] = 1.0
+    given = Logged(np.asarray(time), pressure, command, [(200 * SAMPLING, 2 * SAMPLING)])
+    expected = observe(rigid_volume, time, pressure, given.energisings, SETTINGS, threads=1)
+    found = list(library.shots(library.begun(), given))
+    assert np.isnan(found[0]["injection[1].quantity_deviation"])
+    check_alike(found, expected)
 
 
 def test_the_fmu_finds_what_python_finds(

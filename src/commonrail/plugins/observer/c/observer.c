@@ -38,7 +38,8 @@ typedef struct { /* plain data; the blocks of injectors follow it */
 static void *block_of(Observer *o, int b) { return (char *)o + OBSERVER_BYTES + (size_t)b * (size_t)o->block; }
 static double sensor(const Observer *o, int state) { return state >= 0 ? o->x[state] : 0.0; } /* -1: there is none */
 static double middle(const Observer *o, int j) { /* time of an averaged sample */
-    return o->first + CR_SAMPLING * (j * CR_O_MANY + 0.5 * (CR_O_MANY - 1));
+    double t = o->first + CR_SAMPLING * (j * CR_O_MANY + 0.5 * (CR_O_MANY - 1));
+    return fabs(t) < 1e-6 * CR_O_MANY * CR_SAMPLING ? 0.0 : t; /* at the start but for rounding */
 }
 static double true_rest(const Observer *o) { /* in whole pascals: a rounding changes nothing that is simulated */
     return rint((o->rest - sensor(o, CR_O_OFFSET)) / (1.0 + sensor(o, CR_O_GAIN)));
@@ -342,7 +343,8 @@ static void name_shot(Observer *o, int valid) {
 
 /* Figures of the shot into the output, and the states learnt. */
 static void conclude(Observer *o) {
-    for (int p = 0; p < CR_MOST_INJECTIONS; p++)
+    for (int p = 0; p < CR_MOST_INJECTIONS; p++) {
+        int opens = p < o->injections && isfinite(o->figures[0][1][p]); /* else its slopes tell nothing */
         for (int f = 0; f < 3; f++) {
             double variance = f ? CR_O_TIMES * CR_O_TIMES : 0.0, value = NAN, by[ALL];
             if (p < o->injections) {
@@ -351,8 +353,9 @@ static void conclude(Observer *o) {
                 for (int a = 0; a < ALL; a++) variance += by[a] * dot(o->posterior[a], by, ALL);
             }
             (&o->out.injection[p].quantity)[f] = value;
-            (&o->out.injection[p].quantity)[f + 3] = p < o->injections ? sqrt(variance) : NAN;
+            (&o->out.injection[p].quantity)[f + 3] = opens && isfinite(value) ? sqrt(variance) : NAN;
         }
+    }
     for (int s = 0; s < N; s++) {
         o->before[s] = o->mean[s];
         o->mean[s] = o->z[s];

@@ -14,7 +14,7 @@ extern "C" {
 
 /*SIZES*/
 /* Figures of one injection, and their standard deviations: volume [m3], and instants from the shot's first energising on
- * [s]; NaN where there is none. */
+ * [s]; NaN where there is none, and the deviations of an injection that does not open. */
 typedef struct cr_injection {
     double quantity, opening, closing;
     double quantity_deviation, opening_deviation, closing_deviation;
