@@ -41,6 +41,8 @@ def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
     if _trains(record):
         heights.append(380)
     drawn = [(c, figure_html(c, f"figure-{i}", h)) for i, (c, h) in enumerate(zip(charts, heights, strict=True))]
+    if _trains(record):  # what was asked for comes first
+        drawn = [drawn[-1], *drawn[:-1]]
     return analysis_html(
         "observer.html",
         __package__,
