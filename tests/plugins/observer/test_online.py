@@ -272,10 +272,11 @@ def test_a_shot_that_cannot_be_simulated_has_no_figures(library: Library, log: L
     ]
 
 
-def test_a_number_that_is_not_finite_is_told(library: Library) -> None:
+def test_a_number_that_no_sensor_shows_is_told(library: Library) -> None:
     memory = library.begun()
     assert library.step(memory, 100e6, 0.0) == 0
     assert library.step(memory, float("nan"), 0.0) != 0
+    assert library.step(memory, 1e160, 0.0) != 0  # whose square is none
     assert library.begin(memory, 8, 0.0) != 0
 
 

@@ -46,7 +46,7 @@ CR_API size_t cr_observer_size(void); /* bytes */
  * a block of injectors, 0 for CR_WORK_OF_STEP. Takes as long as some shots. Returns a status of cr_check. */
 CR_API int cr_observer_begin(void *memory, size_t size, double work);
 /* One sample: pressure now, and the share of the sampling interval that ends now in which the coil was energised, 0 to 1.
- * Returns 0, or CR_BAD_BOUNDARY where a number is not finite: the last sample counts again. */
+ * Returns 0, or CR_BAD_BOUNDARY where a number is not finite or 10 GPa: the last sample counts again. */
 CR_API int cr_observer_step(void *memory, double pressure, double command);
 CR_API void cr_observer_read(const void *memory, cr_observed *observed);
 
