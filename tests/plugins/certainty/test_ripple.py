@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.estimate import Estimate, _level, estimate, estimate_at
+from commonrail.plugins.certainty.estimate import Estimate, _with_other_tops, estimate, estimate_at
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.profile import MOST_RATIO, ripple_of
@@ -87,7 +87,7 @@ def test_starts_that_a_ripple_catches_lead_to_the_top_of_the_smooth_likelihood()
 
         own = Likelihood(plain.space, plain.blocks, rippled, forward=1e-5)
         starts = plain.space.to_unit(TRUTH + errors * random.uniform(-20.0, 20.0, (6, 3)))
-        caught, found = estimate(own, starts), estimate(own, starts, level=True)
+        caught, found = estimate(own, starts), estimate(own, starts, other_tops=True)
         settled += found.settled - caught.settled
         if found.settled:
             assert found.apart(smooth.unit) < 1.5  # of its own standard errors, of which their distance is a part
@@ -118,7 +118,7 @@ def test_tops_that_data_cannot_tell_from_the_best_are_in_the_interval(rise: floa
     there = estimate_at(own, own.space.to_unit(best), own.residuals(best[None])[0], smooth.slopes)
     spread = np.sqrt(np.diag(smooth.covariance.total))
     ends = smooth.unit + spread * np.random.default_rng(4).uniform(-1.0, 1.0, (6, 3))
-    found = _level(replace(there, starts=6, agreeing=1, ends=ends))
+    found = _with_other_tops(replace(there, starts=6, agreeing=1, ends=ends))
     assert found.settled == (rise < 7.8)
     if found.settled:  # where 2 ln L has fallen by 3.84: at a top that is less low, or by the parabola through it
         reached = 2.0 / max(rise / 3.84, 1.0) ** 0.5
@@ -136,7 +136,7 @@ def test_a_place_at_a_bound_settles_nothing() -> None:
 
     own = Likelihood(plain.space, plain.blocks, rippled, forward=1e-5)
     starts = plain.space.to_unit(np.random.default_rng(3).uniform([1.0, 2.0, 8.0], [3.0, 4.0, 9.9], (6, 3)))
-    found = estimate(own, starts, level=True)
+    found = estimate(own, starts, other_tops=True)
     assert found.point[2] == pytest.approx(10.0)
     assert not found.settled
 

@@ -161,7 +161,6 @@ NEAR = 15  # steps of one under noise that the last one's end showed
 # 95 % ends where 2 ln L has fallen by `SEEN`: a top that is less low must be inside, and one that is lower says, by a
 # parabola through it, how far the interval reaches at least.
 JOINT, SEEN = 0.95, 3.84
-CLOSE = AGREED**0.5  # standard errors one parameter is off where a smooth likelihood has fallen by `AGREED`
 NEARBY, DISTANCE = 4, 2.0  # starts about the end of a single ascent, and their distance in standard errors
 CLOSEST = 40  # members of a library that are compared as starts
 # Members of an ensemble, or more where there are many parameters, and its steps: of nine parameters of a map and six
@@ -185,24 +184,23 @@ class Estimate:
         Floats  # (k, n), second changes, halved, for one standard deviation of each, the values moving with it
     )
     covariance: Covariance
-    # starts of the search, and how many of them ended within 0.5 of the largest 2 ln L, or beyond the ripple within the
-    # joint region of the best one's
+    # starts of the search, and how many of them ended within 0.5 of the largest 2 ln L, or at tops of a ripple within
+    # the joint region of the best one
     starts: int
     agreeing: int
     gain: float  # fall of the cost that the last linear model still promises; zero where its step, tried, brings none
     simulated: int  # points simulated
     ends: Floats  # (k, d), where the starts of the search ended
-    beyond_ripple: bool = False  # they agree, but only beyond the ripple
+    beyond_ripple: bool = False  # they agree, but only as several tops of a ripple
 
     @property
     def settled(self) -> bool:
         """True if the search has ended: no gain is left, and enough of several starts agree."""
         return self.gain < SETTLED and (self.starts == 1 or self.agreeing >= min(LEAST_AGREEING, self.starts))
 
-    def apart(self, unit: Floats, other: Floats | None = None) -> Floats:
-        """Largest distance (…,) of positions (…, d) from another (d,), by default its own, in standard errors."""
-        errors = np.sqrt(np.diag(self.covariance.total))
-        return np.asarray((np.abs(unit - (self.unit if other is None else other)) / errors).max(axis=-1))
+    def apart(self, unit: Floats) -> float:
+        """Largest distance of a position (d,) from its own, in standard errors."""
+        return float(np.max(np.abs(unit - self.unit) / np.sqrt(np.diag(self.covariance.total))))
 
     def position_shifts(self, shifts: Floats) -> Floats:
         """Changes (k, d) of the positions by changes (k, n) of the residuals."""
@@ -303,11 +301,12 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
     return np.asarray(near[farthest(near, min(many, len(near)))])
 
 
-def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS, level: bool = False) -> Estimate:
+def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS, other_tops: bool = False) -> Estimate:
     """Most likely values from several starts.
 
     `likelihood`: its noise need not be known; `starts` (k, d): positions between the bounds; the first is the best one
-    so far; `rounds`: turns of noise and values; `level`: where the search has not settled, see beyond the ripple.
+    so far; `rounds`: turns of noise and values; `other_tops`: let those of a rippled likelihood
+    widen the intervals, and settle a search that ended at several.
     Raises `SimulationError` if the first start cannot be simulated.
     """
     before = likelihood.simulated
@@ -340,8 +339,8 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS, le
     found = replace(_at_top(own, near), starts=len(starts), agreeing=agreeing, ends=ends.unit)
     # points about a single end find tops beside it alone: on a virtual bench of nine parameters three were pinned to
     # values four standard errors off
-    if level and (len(starts) > 1 or (short and not found.settled)):
-        found = _level(found)
+    if other_tops and (len(starts) > 1 or (short and not found.settled)):
+        found = _with_other_tops(found)
     covariance, refitted = with_refits(found.covariance, own, found.unit)
     simulated += own.simulated + refitted + likelihood.simulated - before
     return replace(found, covariance=covariance, simulated=simulated)
@@ -353,8 +352,8 @@ def _at_top(own: Likelihood, near: Ascent) -> Estimate:
     return with_outliers(_over_intervals(_ended(estimate_at(own, unit, errors, central_slopes(own, unit[None])[0]))))
 
 
-def _level(found: Estimate) -> Estimate:
-    """The estimate with what the ripple of its likelihood leaves open, and how many ends of the search it joins.
+def _with_other_tops(found: Estimate) -> Estimate:
+    """The estimate, its intervals widened by other tops of a rippled likelihood, which may settle the search.
 
     All ends ascend under its noise; for a single one, points about it do. Those within the joint region of the best one
     widen the intervals, and if there are enough, the search has settled.

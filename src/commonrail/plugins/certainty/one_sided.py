@@ -219,12 +219,12 @@ def estimate_within(study: Study, likelihood: Likelihood, starts: Floats, thread
     keys = one_sided(study)
     free = with_uncertain_free(study, keys) if keys else None
     if free is None:
-        found = estimate(likelihood, starts, level=True)
+        found = estimate(likelihood, starts, other_tops=True)
         return Within(study, found, found, {})
     wide, d = Likelihood.of(free, threads), likelihood.space.dimension
     if starts.shape[1] == d:
         starts = np.column_stack([starts, _begins(wide, d, len(starts))])
-    whole = estimate(wide, starts, level=True)
+    whole = estimate(wide, starts, other_tops=True)
     fitted = dict(zip(wide.names[d:], _rounded(wide, whole.point)[d:].tolist(), strict=True))
     over = mixture_of(whole, d)
     whole = replace(whole, simulated=whole.simulated + over.simulated)

@@ -17,7 +17,7 @@ from commonrail.calibration.study import Study
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import FEW
 from commonrail.plugins.certainty.covariance import student
-from commonrail.plugins.certainty.estimate import CLOSE, Estimate, assimilated, library, starts_from
+from commonrail.plugins.certainty.estimate import AGREED, Estimate, assimilated, library, starts_from
 from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.lack_of_fit import DRIFT, LackOfFit, assess_residuals, of_missing, with_drift
 from commonrail.plugins.certainty.likelihood import Likelihood
@@ -30,6 +30,7 @@ MEMBERS = 512  # of the library from which further starts are chosen: eight ense
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
 PROFILED = "profile likelihood"
 MOST_RESTARTS = 3  # from profile points that beat the optimum
+CLOSE = AGREED**0.5  # standard errors one parameter is off where a smooth likelihood has fallen by `AGREED`
 
 
 def certify(
