@@ -138,7 +138,7 @@ def _llvm() -> Any:
 
 
 def _stated(field: str) -> str:
-    """What Linux states of the processor under a name; "" where it does not."""
+    """Field of the processor in Linux's `/proc/cpuinfo`; "" without one."""
     with suppress(OSError):
         for line in CPU_FACTS.read_text(encoding="utf-8", errors="replace").splitlines():
             if line.startswith(field):

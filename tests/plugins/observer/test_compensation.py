@@ -67,7 +67,7 @@ def mapped(rigid_volume: Injector) -> list[Compensated]:
 
 @pytest.fixture(scope="module")
 def observed(rigid_volume: Injector, part: Injector, mapped: list[Compensated]) -> Observation:
-    """What is observed of the part with the times of the map, each train twice."""
+    """Observation of the part with the times of the map, each train twice."""
     return observe(rigid_volume, *log_of(part, 2 * mapped, 1), threads=1)
 
 

@@ -67,7 +67,7 @@ _WHEN = (1980, 1, 1, 0, 0, 0)
 
 
 class Instance(NamedTuple):
-    """What makes an FMU of a model: its variables, and the sources around the library's that know them.
+    """Variables of an FMU, and the C sources that connect them with the library.
 
     `texts`: by name, with ``cr`` in place of the model's name; ``fmu.h`` has a line ``/*START*/`` where the
     token is put. `page`: HTML of the documentation. `blocks`: with blocks of injectors.

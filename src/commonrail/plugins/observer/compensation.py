@@ -97,7 +97,7 @@ def compensate(
 
 
 def _of(last: Sequence[Compensated], trains: Sequence[InjectionTrain]) -> tuple[Compensated, ...]:
-    """What was compensated, refused unless it is of these trains but for what the sensor shows of the rail."""
+    """Earlier compensations, which must have the quantities and dwells of these trains; rail pressures may differ."""
     given = instances(last, Compensated, "last")
     if [(one.train.quantities, one.train.dwells) for one in given] != [(one.quantities, one.dwells) for one in trains]:
         raise ConfigurationError("`last` must hold the same quantities and dwells as the trains, in their order.")

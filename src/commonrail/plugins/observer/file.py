@@ -75,7 +75,7 @@ class ObservedShot(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What the next log goes on from: belief, test for drift, and the number of shots so far."""
+    """State of the filter after a log, from which the next one continues; `shots`: number so far."""
 
     belief: Belief
     test: StepTest

@@ -54,7 +54,7 @@ ITERATIONS = 2  # about as accurate as 4 on the injectors of docs/howto/observer
 
 
 class Online(NamedTuple):
-    """What an online observer is made of: `sampling` is the time between its samples [s].
+    """Model and settings of an online observer; `sampling`: time between its samples [s].
 
     `settings` must have the disturbance, which is not learnt online.
     """

@@ -204,7 +204,7 @@ def observe(
 
 
 class _Wanted(NamedTuple):
-    """What --wanted, --dwells and --rail-pressures say [m³, s, Pa]; no quantities where nothing is wanted."""
+    """Values of --wanted, --dwells and --rail-pressures [m³, s, Pa]; no quantities without --wanted."""
 
     quantities: list[float]
     dwells: list[float]
