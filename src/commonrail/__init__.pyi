@@ -85,14 +85,14 @@ from .plugins.family.injector_type import dump_type as dump_type
 from .plugins.family.injector_type import load_type as load_type
 from .plugins.family.type import type_from_fleet as type_from_fleet
 from .plugins.family.type import type_from_runs as type_from_runs
-from .plugins.features.measures import FeatureStatus as FeatureStatus
+from .plugins.features.injections import FeatureStatus as FeatureStatus
 from .plugins.features.rate_trace import RateTrace as RateTrace
 from .plugins.features.result import Features as Features
 from .plugins.features.result import Injection as Injection
 from .plugins.features.run import features as features
 from .plugins.features.settings import FeatureSettings as FeatureSettings
-from .plugins.features.shots import ShotStatistic as ShotStatistic
-from .plugins.features.shots import shot_statistics as shot_statistics
+from .plugins.features.shot_statistics import ShotStatistic as ShotStatistic
+from .plugins.features.shot_statistics import shot_statistics as shot_statistics
 from .plugins.features.targets import FeatureData as FeatureData
 from .plugins.features.targets_file import FeatureTarget as FeatureTarget
 from .plugins.foreign_fmu.data import FmuData as FmuData

@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError, PluginError
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
-from commonrail.plugins.features.measures import FeatureStatus
+from commonrail.plugins.features.injections import FeatureStatus
 from commonrail.plugins.features.rate_trace import RateTrace
 from commonrail.plugins.features.result import Features
 from commonrail.plugins.features.run import features

@@ -12,7 +12,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.features.rate_trace import RateTrace
 from commonrail.plugins.features.result import Features
 from commonrail.plugins.features.run import features
-from commonrail.plugins.features.shots import ShotStatistic, shot_statistics
+from commonrail.plugins.features.shot_statistics import ShotStatistic, shot_statistics
 from tests.plugins.features.analytic import PEAK, noisy, trapezoid
 
 QUANTITY = 575e-6 * PEAK

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from commonrail.plugins.features.measures import FeatureStatus, averaged
+from commonrail.plugins.features.injections import FeatureStatus, averaged
 from commonrail.plugins.features.rate_trace import RateTrace
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.settings import FeatureSettings

@@ -7,7 +7,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.plugins.features.measures import TracedInjection
+from commonrail.plugins.features.injections import TracedInjection
 from commonrail.plugins.features.table import Estimate, Feature
 
 

@@ -24,7 +24,7 @@ from commonrail.plugins.features.rate_trace import RATE_UNITS, RateTrace, bounds
 from commonrail.plugins.features.result import Features, unit_of
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.settings import FeatureSettings
-from commonrail.plugins.features.shots import ShotStatistic
+from commonrail.plugins.features.shot_statistics import ShotStatistic
 from commonrail.plugins.features.table import features_of_traces
 from commonrail.plugins.features.targets import FeatureData
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table

@@ -10,7 +10,7 @@ from commonrail.base.text import MISSING, field_unit, listed, quantity
 from commonrail.plugins.features.file import ComparedFeatures
 from commonrail.plugins.features.rate_trace import RATE_UNITS
 from commonrail.plugins.features.result import Features, Injection, decimals_of, unit_of
-from commonrail.plugins.features.shots import ShotStatistic
+from commonrail.plugins.features.shot_statistics import ShotStatistic
 from commonrail.plugins.features.table import features_of_traces
 
 Row = tuple[str, int]  # feature and number of the injection

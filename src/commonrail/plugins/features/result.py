@@ -9,7 +9,7 @@ from typing import Any
 
 from commonrail.base.text import number
 from commonrail.engine.operating_point import Energising
-from commonrail.plugins.features.measures import FeatureStatus
+from commonrail.plugins.features.injections import FeatureStatus
 from commonrail.plugins.features.rate_trace import RATE_UNITS
 from commonrail.plugins.features.settings import Levels
 from commonrail.plugins.features.table import features_of_traces, find_feature, known_name

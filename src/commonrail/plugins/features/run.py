@@ -12,7 +12,7 @@ import numpy as np
 from commonrail.base.arguments import instance
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import Energising, OperatingPoint
-from commonrail.plugins.features.measures import (
+from commonrail.plugins.features.injections import (
     FeatureStatus,
     Instant,
     Instants,

@@ -22,7 +22,7 @@ from commonrail.base.hooks import note
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.plugins.features.measures import TracedInjection, second_difference
+from commonrail.plugins.features.injections import TracedInjection, second_difference
 
 STEADY_PART = 0.2  # last part of the longest energising whose mean rate is the steady rate of a simulation
 SHIFT = 1e-3  # flow added to a rate to make a sum of absolute errors linear [m³/s]; some ten times any injector's

@@ -117,7 +117,7 @@ def _energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energisin
 def _print_file(found: dict[str, Features], *, repeated: bool, out: Path | None, json: bool) -> None:
     from commonrail.plugins.features.file import features_record, write_features
     from commonrail.plugins.features.page import feature_sentences, feature_table, shot_table
-    from commonrail.plugins.features.shots import shot_statistics
+    from commonrail.plugins.features.shot_statistics import shot_statistics
 
     shots = shot_statistics(list(found.values())) if repeated and len(found) > 1 else ()
     if out is not None:
