@@ -137,8 +137,7 @@ def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:
     if model.sampling == "centred":
         if model.first_bound is not None:
             raise (at / "first_bound").error('this key belongs to sampling = "mean"; remove it')
-        middles = 0.5 * (time[1:] + time[:-1])
-        return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
+        return bounds_around(time)
     first = 2.0 * time[0] - time[1]
     if model.first_bound is not None:
         first = model.first_bound
@@ -147,6 +146,12 @@ def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:
                 f"{to_text(first, 's')} must lie before the first sample at {to_text(float(time[0]), 's')}"
             )
     return np.concatenate(([first], time))
+
+
+def bounds_around(time: Floats) -> Floats:
+    """Bounds (n + 1,) in the middle between times (n,)."""
+    middles = 0.5 * (time[1:] + time[:-1])
+    return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
 
 
 def within_window(samples: Samples, model: RateModel, at: Place) -> Samples:

@@ -17,10 +17,11 @@ from commonrail.base.units import fits, to_text
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
+from commonrail.data.curves.samples import bounds_around
 from commonrail.data.records import MEASURED
 from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.engine.operating_point import Energising
-from commonrail.plugins.features.rate_trace import RATE_UNITS, RateTrace, bounds_around, rate_trace
+from commonrail.plugins.features.rate_trace import RATE_UNITS, RateTrace, rate_trace
 from commonrail.plugins.features.result import Features, unit_of
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.settings import FeatureSettings

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from commonrail.base.arguments import array, instances, settle, shown
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
+from commonrail.data.curves.samples import bounds_around
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.solution import Solution
 
@@ -129,9 +130,3 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
         "Features are found in a rate of injection: a RateTrace, what commonrail.simulate returns, a Trace or a "
         f"RateData, not {shown(source)}."
     )
-
-
-def bounds_around(time: Floats) -> Floats:
-    """Bounds (n + 1,) in the middle between times (n,)."""
-    middles = 0.5 * (time[1:] + time[:-1])
-    return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
