@@ -19,6 +19,7 @@ from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import equal_ends, fitted_values
 from commonrail.calibration.space import Space
+from commonrail.calibration.study import Study
 from commonrail.data.base import Role
 from commonrail.data.registry import of_role
 
@@ -86,6 +87,13 @@ class FinishedFit:
     shared: dict[str, Any] = field(default_factory=dict)
 
 
+def plain_objective(study: Study, threads: int | None) -> Objective:
+    """Objective of a study's fit data in 64 bits, without screening and conditions."""
+    goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
+    names, fitted = study.space.names, of_role(study.data, Role.FIT)
+    return Objective(study.injector, names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits)
+
+
 def identify(calibration: Calibration, threads: int | None = None) -> Identified:
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
@@ -94,11 +102,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     `KeyboardInterrupt` if a stop was asked for.
     """
     study = instance(calibration, Calibration, "calibration").study
-    fitted = of_role(study.data, Role.FIT)
-    goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
-    objective = Objective(
-        study.injector, study.space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
-    )
+    objective = plain_objective(study, threads)
     best = np.array([calibration.best[name] for name in study.space.names])
     found = identify_at(study.space, objective, best)
     if found.influence:

@@ -13,9 +13,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.hooks import note as warn
 from commonrail.base.text import number
+from commonrail.calibration.identifiability import plain_objective
 from commonrail.calibration.influence import around
-from commonrail.calibration.objective import Goal, Objective
-from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.cli.model_name import read_model_name
@@ -23,7 +22,6 @@ from commonrail.data.base import DataSet, Role
 from commonrail.data.curves.data import RateData
 from commonrail.data.metering import with_meters
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.registry import of_role
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import candidate_matrix
 from commonrail.engine.simulate import simulate_batch
@@ -111,11 +109,7 @@ def _of_injector(fan: Fan) -> Fan | None:
 
 def _on_level(study: Study, best: Floats, threads: int | None) -> Floats | None:
     """Fits (members, d) [SI] at or just below the level of the objective, None where the best cannot be simulated."""
-    goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
-    fitted, space = of_role(study.data, Role.FIT), study.space
-    objective = Objective(
-        study.injector, space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
-    )
+    objective, space = plain_objective(study, threads), study.space
     level = (1.0 + WORSE) * float(objective.costs(best[None]).costs[0])
     place = around(space, best)
     residuals = objective.residuals(place.values)
