@@ -256,11 +256,10 @@ def _map(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
 
 
 def _of_map(path: Path, found: FoundMap, form: FileForm, given: GivenUnits) -> Survey:
-    axes = {"rail pressure": found.rail_pressure, "energising time": found.energising_time, "quantity": found.quantity}
     facts = {
         name: f"{values.min():g} to {values.max():g} {found.units[name]}"
         + (f", {len(set(values.tolist()))} values" if name != "quantity" else f", {len(values)} points")
-        for name, values in axes.items()
+        for name, values in found.values.items()
     }
     layout = "matrix" if found.form.startswith("a matrix") else "found"
     block = {"kind": "quantities", "file": path.name, "layout": layout} | _form_keys(form)

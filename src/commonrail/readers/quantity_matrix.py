@@ -59,6 +59,11 @@ class FoundMap:
     lines: IndexArray  # (n,): line of the file, or row of the sheet, of each point
 
     @property
+    def values(self) -> dict[str, Floats]:
+        """Values (n,) by the names of `KINDS`."""
+        return dict(zip(KINDS, (self.rail_pressure, self.energising_time, self.quantity), strict=True))
+
+    @property
     def by_mass(self) -> bool:
         """True if the quantities are masses."""
         return compatible(self.units["quantity"], "kg")

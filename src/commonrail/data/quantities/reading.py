@@ -50,13 +50,8 @@ def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *,
 def _table(path: Path, found: FoundMap, quantity: str) -> Table:
     units = {kind: _SI.get(kind, "kg" if found.by_mass else "m3") for kind in found.units}
     names = {"rail pressure": "rail_pressure", "energising time": "energising_time", "quantity": quantity}
-    content = {
-        "rail pressure": found.rail_pressure,
-        "energising time": found.energising_time,
-        "quantity": found.quantity,
-    }
     with np.errstate(over="ignore"):
-        columns = {names[kind]: convert(v, found.units[kind], units[kind]) for kind, v in content.items()}
+        columns = {names[kind]: convert(v, found.units[kind], units[kind]) for kind, v in found.values.items()}
     table = Table(
         path,
         columns,
