@@ -7,7 +7,7 @@ from pathlib import Path
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import fixed, listed, quantity, significant
+from commonrail.base.text import fixed, listed, quantity, quantity_range, significant
 from commonrail.data.records import Record, Traces
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
@@ -94,7 +94,7 @@ def family_tables(record: Record) -> list[Table]:
         ("between parts", "relation"),
         ("type", lambda p: quantity(p["value"], p["unit"])),
         ("spread of the next part", lambda p: quantity(p["spread"], p["unit"], 3)),
-        ("bounds", lambda p: f"{quantity(p['lower'], p['unit'], 3)} to {quantity(p['upper'], p['unit'], 3)}"),
+        ("bounds", lambda p: quantity_range(p["lower"], p["upper"], p["unit"], 3)),
         *((f"part {name}", lambda p, name=name: quantity(p["parts"].get(name), p["unit"])) for name in names),
     ]
     note = (

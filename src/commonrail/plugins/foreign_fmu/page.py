@@ -7,7 +7,7 @@ from pathlib import Path
 
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import number, quantity, significant
+from commonrail.base.text import number, quantity, quantity_range, significant
 from commonrail.data.records import Record, origin_of, present
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD
@@ -109,7 +109,7 @@ def fmu_tables(record: Record) -> list[Table]:
         ("start", lambda p: quantity(p["start"], p["unit"])),
         ("best", lambda p: quantity(p["best"], p["unit"], 6)),
         ("standard error", lambda p: quantity(p["standard_error"], p["unit"], 2)),
-        ("bounds", lambda p: f"{quantity(p['lower'], p['unit'], 3)} to {quantity(p['upper'], p['unit'], 3)}"),
+        ("bounds", lambda p: quantity_range(p["lower"], p["upper"], p["unit"], 3)),
         ("verdict", "verdict"),
     ]
     note = "Numbers are in the units of the FMU. Standard errors are local, and say nothing about other optima."
