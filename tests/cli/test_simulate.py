@@ -51,7 +51,7 @@ def test_a_parameter_can_be_changed(command: Command) -> None:
 
 
 def test_the_body_can_be_rigid(command: Command) -> None:
-    record = command(*SIMULATE, "--variant", "rigid", "--json").record
+    record = command("simulate", "virtual-lino-2016@rigid", *POINT, "--json").record
     assert record["injector"]["variant"].startswith("rigid body")
     assert record["injected_volume"] < 0.9 * solution().injected_volume
 
@@ -128,10 +128,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     ("arguments", "words"),
     [
         (("simulate", "nothing", *POINT), "nothing: there is no such file, run folder or injector of the catalogue"),
-        (
-            ("simulate", "direct-acting-kr", *POINT, "--variant", "flexible"),
-            "a direct-acting injector has a rigid body",
-        ),
+        (("simulate", "direct-acting-kr@flexible", *POINT), "a direct-acting injector has a rigid body"),
         ((*SIMULATE, "--set", "rail.volume=20cm3"), 'does not read rail.volume; take a model with rail_boundary = "v'),
         (("simulate", "nothing.toml", *POINT), "nothing.toml"),
         ((*SIMULATE, "--cylinder-pressure", "5"), "--cylinder-pressure: "),

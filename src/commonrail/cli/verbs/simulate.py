@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from commonrail.base import registry
-from commonrail.base.choices import Actuation, Body, Engine, Precision
+from commonrail.base.choices import Engine, Precision
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.text import FieldUnit, field_unit, number, quantity
 from commonrail.base.units import parse
@@ -64,9 +63,6 @@ def simulate(
         str | None, Option(help="End of the simulation, e.g. 4ms. [default: 2.5ms after the last energising]")
     ] = None,
     set_: Settings = (),
-    variant: Annotated[
-        Body | None, Option(help="Body of plunger and needle. [default: as in the injector file]")
-    ] = None,
     engine: Annotated[
         Engine,
         Option(
@@ -133,7 +129,7 @@ def simulate(
         horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
     step = parse(time_step or "1us", "s", "--time-step")
-    chosen = with_overrides(with_body(named.injector, variant), set_)
+    chosen = with_overrides(named.injector, set_)
     refuse_return_pressure(chosen)
     begin = time.perf_counter()
     solution = solve(chosen, point, engine, step, precision)
@@ -145,7 +141,7 @@ def simulate(
     fast = engine is Engine.LANES and precision is Precision.F64  # whose code is there: a second simulation is cheap
     heat = registry.shipped("simulations")["heating"].load()
     run = run._replace(heating=heat(chosen, point, solution, step if fast else None))
-    files = _write(run, out, report, None if set_ or variant else named.run)
+    files = _write(run, out, report, None if set_ else named.run)
     if json:
         print_json(record(run) | {"files": files})
     else:
@@ -237,15 +233,6 @@ class Run(NamedTuple):
     precision: Precision = Precision.F64
     shown: Metered | None = None
     heating: Beside = Beside()
-
-
-def with_body(injector: Injector, body: Body | None) -> Injector:
-    """The injector with a flexible or rigid body, unchanged for None."""
-    if body is None:
-        return injector
-    if injector.variant.actuation is Actuation.DIRECT and body is Body.FLEXIBLE:
-        raise InputError("--variant flexible: a direct-acting injector has a rigid body; omit it.")
-    return replace(injector, variant=injector.variant._replace(body=body))
 
 
 def solve(
