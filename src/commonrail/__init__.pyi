@@ -77,14 +77,14 @@ from .plugins.diagnose.trim import PartTrim as PartTrim
 from .plugins.diagnose.trim import trim as trim
 from .plugins.family.adapt import Adapted as Adapted
 from .plugins.family.adapt import adapt as adapt
+from .plugins.family.from_results import type_from_fleet as type_from_fleet
+from .plugins.family.from_results import type_from_runs as type_from_runs
 from .plugins.family.injector_type import FixedValue as FixedValue
 from .plugins.family.injector_type import InjectorType as InjectorType
 from .plugins.family.injector_type import TypeParameter as TypeParameter
 from .plugins.family.injector_type import TypePart as TypePart
 from .plugins.family.injector_type import dump_type as dump_type
 from .plugins.family.injector_type import load_type as load_type
-from .plugins.family.type import type_from_fleet as type_from_fleet
-from .plugins.family.type import type_from_runs as type_from_runs
 from .plugins.features.injections import FeatureStatus as FeatureStatus
 from .plugins.features.rate_trace import RateTrace as RateTrace
 from .plugins.features.result import Features as Features

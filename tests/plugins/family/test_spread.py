@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.plugins.family.type import over_parts, without_prior
+from commonrail.plugins.family.from_results import over_parts, without_prior
 
 X = np.array([4.0, 5.0, 7.0, 8.0])
 

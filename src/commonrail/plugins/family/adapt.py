@@ -41,8 +41,8 @@ from commonrail.plugins.family.drawn import (
     scattering,
     stays_shut,
 )
+from commonrail.plugins.family.from_results import OF_PART
 from commonrail.plugins.family.injector_type import InjectorType, load_type
-from commonrail.plugins.family.type import OF_PART
 from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.location import Place, Reach

@@ -18,9 +18,9 @@ from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
 from commonrail.plugins.family.drawn import FLOW
+from commonrail.plugins.family.from_results import FEWEST, PartValues, fixed_values, over_parts, without_prior
 from commonrail.plugins.family.injector_type import InjectorType, TypeParameter, TypePart
 from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
-from commonrail.plugins.family.type import FEWEST, PartValues, fixed_values, over_parts, without_prior
 from commonrail.workers.workers import Workers
 
 # Type of injector that a joint fit has taught: values, and the spread of the next part about them.

@@ -89,9 +89,9 @@ def type_(
       commonrail type runs/part-1 --part-spread 3% --out cri2.toml
     """
     from commonrail.base.output import write_text
+    from commonrail.plugins.family.from_results import FLEET
     from commonrail.plugins.family.injector_type import dump_type
     from commonrail.plugins.family.run import TYPE
-    from commonrail.plugins.family.type import FLEET
 
     check_file(out, "--out")
     share = None if part_spread is None else parse(part_spread, "1", "--part-spread")
@@ -119,7 +119,7 @@ def type_(
 
 
 def _from_results(sources: Sequence[Path], name: str, share: float | None) -> InjectorType:
-    from commonrail.plugins.family.type import FLEET, type_from_fleet, type_from_runs
+    from commonrail.plugins.family.from_results import FLEET, type_from_fleet, type_from_runs
 
     fleets = [source for source in sources if (source / FLEET).is_file()]
     if fleets and len(sources) > 1:
