@@ -187,7 +187,7 @@ def _disturbance(
     return np.asarray(delivered * drop[-1] / delivered[-1] - drop)
 
 
-def judge(path: Path, out: Path | None, sensor: str, others: str, chosen: slice) -> None:
+def judge(path: Path, out: Path | None, sensor: str, others: str, chosen: slice, horizon: int = 1) -> None:
     """Run the observer and the baselines over chosen injectors, and print their errors."""
     data = np.load(path, allow_pickle=True)
     model = cr.load_injector(MODEL)
@@ -195,7 +195,7 @@ def judge(path: Path, out: Path | None, sensor: str, others: str, chosen: slice)
     for k, truth in list(enumerate(data["rows"]))[chosen]:
         rng = np.random.default_rng([int(data["seed"]), k, 7])
         log = log_of(truth["shots"], rng, sensor, others)
-        settings = ObserverSettings(sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN)
+        settings = ObserverSettings(horizon=horizon, sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN)
         found = observe(model, log[0], log[1], log[2], settings, threads=1)
         drops = _drops(model, log, truth["shots"])
         raised = [(i, shot.alarm.state) for i, shot in enumerate(found.shots) if shot.alarm is not None]
@@ -328,13 +328,14 @@ def main() -> None:
     parser.add_argument("--drift", type=float, default=0.0)
     parser.add_argument("--sensor", choices=("rail", "line"), default="rail")
     parser.add_argument("--others", choices=("apart", "at once", "none"), default="apart", help="neighbours and pump")
+    parser.add_argument("--horizon", type=int, default=1)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     if given.what == "truths":
         truths(given.file, given.injectors, given.shots, given.seed, given.drift)
     else:
         chosen = slice(given.first, given.first + given.injectors)
-        judge(given.file, given.out, given.sensor, given.others, chosen)
+        judge(given.file, given.out, given.sensor, given.others, chosen, given.horizon)
 
 
 if __name__ == "__main__":

@@ -123,17 +123,18 @@ def test_the_sensor_shows_the_rail_pressure_that_is_wanted(rigid_volume: Injecto
 def test_an_observation_goes_on_with_the_next_log(
     rigid_volume: Injector, part: Injector, mapped: list[Compensated], observed: Observation
 ) -> None:
-    """Two halves of a log, one after the other, give what the whole gives."""
+    """Two halves of a log, one after the other, give what the whole gives to a filter."""
     states = observed.settings.states
     fresh = Memory(Belief.before(states), StepTest(states, 20, 4.0), 0)
     time, pressure, pulses = log_of(part, 2 * mapped, 1)
     half = 4e-3 + 3 * CYCLE - 6e-3  # between the shots
-    before, found = replace(observed, memory=fresh), list[ObservedShot]()
+    before = replace(observed, memory=fresh, settings=replace(observed.settings, horizon=1))
+    at_once, found = observe(rigid_volume, time, pressure, pulses, previous=before), list[ObservedShot]()
     for own, count in ((time < half, slice(0, 6)), (time >= half, slice(6, 12))):
         before = observe(rigid_volume, time[own], pressure[own], pulses[count], previous=before, threads=1)
         found += before.shots
     assert before.memory.shots == 6
-    for one, whole in zip(found, observed.shots, strict=True):
+    for one, whole in zip(found, at_once.shots, strict=True):
         assert one.figures is not None
         assert one.figures == pytest.approx(whole.figures, rel=1e-9)
     with pytest.raises(ConfigurationError, match="no settings"):

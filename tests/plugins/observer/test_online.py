@@ -40,6 +40,7 @@ SAMPLING, CYCLE = 20e-6, 20e-3
 SETTINGS = ObserverSettings(
     disturbance=Disturbance(0.07e6, 0.5e9, 2e-3, 0.02e6, 1e3, 1e-3),
     learning=0,
+    horizon=1,
     significance=1.0,
     window=2,
     states=tuple(state._replace(limit=3e-3 if state.name == "nozzle flow" else 0.0) for state in STATES),

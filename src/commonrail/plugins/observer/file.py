@@ -184,6 +184,7 @@ class Observation(Shown):
             "rail_volume": float(self.injector.values["rail.volume"]),
             "sensor": settings.sensor,
             "learning": settings.learning,
+            "horizon": settings.horizon,
             "significance": settings.significance,
             "discrepancy": settings.discrepancy,
             "time_step": settings.time_step,

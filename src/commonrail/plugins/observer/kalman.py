@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from commonrail.base.arrays import Floats
@@ -31,7 +32,11 @@ class Belief(NamedTuple):
 
     def walked(self, states: tuple[DriftState, ...]) -> Belief:
         """Belief about the next shot."""
-        return self._replace(covariance=self.covariance + np.diag([state.walk**2 for state in states]))
+        return self.spread([state.walk**2 for state in states])
+
+    def spread(self, variances: ArrayLike) -> Belief:
+        """Belief with variances (states,) more."""
+        return self._replace(covariance=self.covariance + np.diag(variances))
 
 
 class Update(NamedTuple):
@@ -48,6 +53,13 @@ class Update(NamedTuple):
         Measured less simulated pressure at the new states [Pa].
     rate, rate_deviation : (times,)
         Of injection, as in `Response`, and its standard deviation [m³/s].
+    at, own : (states,)
+        States at which the shot was simulated last, and those found; with what the shot has for itself.
+    response : Response
+        Simulated there.
+    information : (states, states)
+    score : (states,)
+        Of what the shot alone says of states x: its log-likelihood is score·x - x·information·x / 2 but for a constant.
     """
 
     belief: Belief
@@ -57,6 +69,11 @@ class Update(NamedTuple):
     residual: Floats
     rate: Floats
     rate_deviation: Floats
+    at: Floats
+    own: Floats
+    response: Response
+    information: Floats
+    score: Floats
 
 
 def update(
@@ -108,9 +125,8 @@ def update(
     consistency, step = np.nan, np.zeros_like(z)
     found: Response | None = None
     for k in range(iterations):
-        both = z[:n].copy()
-        both[extra] += z[n:]
-        found = simulate(both)
+        at = _own(z, n, extra)
+        found = simulate(at)
         if found is None:
             return None
         slopes = _twice(found.slopes, extra)
@@ -124,12 +140,14 @@ def update(
             consistency = float(rest @ rest - gain @ posterior @ gain) / len(rest)
             if consistency > trusted:
                 posterior, step = prior, np.zeros_like(z)
+                white, rest = np.zeros_like(white), np.zeros_like(rest)
                 break
         step = np.clip(step, -3.0 * spread, 3.0 * spread)
         z = z + step
         if np.max(np.abs(step) / spread) < CONVERGED:
             break
     assert found is not None  # there is one iteration or more
+    information, score = _of_states(white, rest, n, scatter)
     figure_slopes, rate_slopes = _twice(found.figure_slopes, extra), _twice(found.rate_slopes, extra)
     variances = np.einsum("abi,ij,abj->ab", figure_slopes, posterior, figure_slopes)
     variances[1:] += TIMES**2
@@ -141,7 +159,26 @@ def update(
         measured - found.pressure - slopes @ step,
         found.rate + rate_slopes @ step,
         np.sqrt(np.einsum("ti,ij,tj->t", rate_slopes, posterior, rate_slopes)),
+        at,
+        _own(z, n, extra),
+        found,
+        information,
+        score + information @ belief.mean,
     )
+
+
+def _own(z: Floats, n: int, extra: list[int]) -> Floats:
+    """States (n,) of a shot with what it has for itself."""
+    own = z[:n].copy()
+    own[extra] += z[n:]
+    return own
+
+
+def _of_states(white: Floats, rest: Floats, n: int, scatter: Floats) -> tuple[Floats, Floats]:
+    """Information and score, about the states before a shot, without what it has for itself."""
+    gram, score = white.T @ white, white.T @ rest
+    shared = np.linalg.solve(gram[n:, n:] + np.diag(scatter**-2.0), np.column_stack([gram[n:, :n], score[n:]])).T
+    return gram[:n, :n] - shared[:n] @ gram[n:, :n], score[:n] - gram[:n, n:] @ shared[n]
 
 
 def _twice(slopes: Floats, extra: list[int]) -> Floats:

@@ -66,7 +66,7 @@ class Online(NamedTuple):
     @classmethod
     def after(cls, found: Observation, sampling: float) -> Online:
         """Observer with the settings of an observation and the disturbance found in its log."""
-        given = replace(found.settings, disturbance=found.disturbance, grid=GRID, iterations=ITERATIONS)
+        given = replace(found.settings, disturbance=found.disturbance, grid=GRID, iterations=ITERATIONS, horizon=1)
         return cls(found.injector, given, sampling)
 
 

@@ -78,6 +78,11 @@ def observer_lines(record: Record) -> list[str]:
         f"{record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
     ]
+    if record["horizon"] > 1 and len(record["shots"]) > 1:
+        lines.append(
+            f"Shots are estimated {record['horizon']} together: later ones correct those before, the last one stands as "
+            "found. Alarms came without shots that followed."
+        )
     strange = _strange(record)
     if strange:
         lines.append(

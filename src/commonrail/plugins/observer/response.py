@@ -50,6 +50,14 @@ class Response(NamedTuple):
     rate: Floats
     rate_slopes: Floats
 
+    def moved(self, by: Floats) -> Response:
+        """Response at states that differ by so much (states,), linear."""
+        return self._replace(
+            pressure=self.pressure + self.slopes @ by,
+            figures=self.figures + self.figure_slopes @ by,
+            rate=self.rate + self.rate_slopes @ by,
+        )
+
 
 class Simulator:
     """Simulates shots of one injector.
@@ -80,13 +88,7 @@ class Simulator:
             return None
         if found is None or not np.isfinite(found.pressure).all():
             return None
-        if np.array_equal(whole, x):
-            return found
-        return found._replace(
-            pressure=found.pressure + found.slopes @ (x - whole),
-            figures=found.figures + found.figure_slopes @ (x - whole),
-            rate=found.rate + found.rate_slopes @ (x - whole),
-        )
+        return found if np.array_equal(whole, x) else found.moved(x - whole)
 
     def _at_grid(self, x: Floats) -> Floats:
         """States on the grid of the settings, with the fuel's temperature at the nearest step that the fuel covers."""

@@ -21,6 +21,7 @@ from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import Memory, Observation, ObservedShot
+from commonrail.plugins.observer.horizon import Horizon, Measured
 from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, cut_log, states_of
@@ -170,23 +171,31 @@ class _Run:
         begin = time.perf_counter()
         states, found = self.settings.states, list[ObservedShot]()
         belief, test, earlier = self.memory
+        horizon = Horizon(states, self.settings.horizon, self.settings.iterations)
         with held_interrupts() as request:
             for k, shot in enumerate(self.shots):
                 if request.asked:
                     break
                 before = belief.walked(states)
-                rest, open_loop, done = self._one(shot, before)
+                rest, open_loop, made, done = self._one(shot, before)
                 alarm = None
                 if done is not None:
                     belief = done.belief
                     if earlier + k >= self.settings.learning and done.consistency <= TRUSTED:
                         test.add(before, belief)
                         alarm = test.alarm()
-                if alarm is not None:  # what has changed is learnt again
-                    changed = np.array([(state.name == alarm.state) * state.deviation for state in states])
-                    belief = belief._replace(covariance=belief.covariance + np.diag(changed**2))
-                    test.reset()
                 found.append(_observed(shot, rest, open_loop, done, alarm))
+                if done is not None:
+                    horizon.add(k, made, done, before)
+                if alarm is not None:  # what has changed is learnt again
+                    changed = np.array([(state.name == alarm.state) * state.deviation**2 for state in states])
+                    horizon.change(alarm.ago, changed)
+                    belief = belief.spread(changed)
+                    test.reset()
+                if self.settings.horizon > 1 and done is not None:
+                    belief = horizon.solve()
+                    for i, better in horizon.found():
+                        found[i] = _corrected(found[i], better)
                 report(Progress(k + 1, len(self.shots)))
             if not found:
                 request.check()
@@ -204,21 +213,21 @@ class _Run:
             time.perf_counter() - begin,
         )
 
-    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[float, tuple[Floats, Floats] | None, Update | None]:
-        """Pressure at rest [Pa] of a shot, figures and rate of the model alone, and the update."""
-        states, at = self.settings.states, self.simulator.averaged(shot.time, shot.time)
+    def _one(
+        self, shot: ShotRecord, belief: Belief
+    ) -> tuple[float, tuple[Floats, Floats] | None, Measured, Update | None]:
+        """Pressure at rest [Pa] of a shot, figures and rate of the model alone, what was measured, and the update."""
+        at = self.simulator.averaged(shot.time, shot.time)
         at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # a sample at the start is there but for rounding
         samples = self.simulator.averaged(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
-        done = update(
-            belief,
-            states,
+        made = Measured(
             samples - rest,
             with_discrepancy(self.disturbance, self.settings, at),
             lambda x: self.simulator.at(shot, rest, x),
-            self.settings.iterations,
         )
-        return rest, self.simulator.figures(shot, rest), done
+        done = update(belief, self.settings.states, *made, self.settings.iterations)
+        return rest, self.simulator.figures(shot, rest), made, done
 
 
 def _observed(
@@ -232,8 +241,18 @@ def _observed(
     shown = shot.start, rest, shot.energisings, figures
     if done is None:
         return ObservedShot(*shown, None, None, None, None, None, None, None, None, rate)
-    deviations = np.sqrt(np.diag(done.belief.covariance))
-    learnt = done.belief.mean, deviations, done.consistency, alarm
+    observed = ObservedShot(*shown, None, None, None, None, done.consistency, alarm, None, None, rate)
+    return _corrected(observed, done)
+
+
+def _corrected(shot: ObservedShot, done: Update) -> ObservedShot:
+    """Shot with the figures of an update."""
     known = np.isfinite(done.figures) & np.isfinite(done.figures[1])  # it opens; else its slopes tell nothing
-    spread = np.where(known, done.deviations, np.nan)
-    return ObservedShot(*shown, done.figures, spread, *learnt, done.rate, done.rate_deviation, rate)
+    return shot._replace(
+        figures=done.figures,
+        deviations=np.where(known, done.deviations, np.nan),
+        drift=done.belief.mean,
+        drift_deviations=np.sqrt(np.diag(done.belief.covariance)),
+        rate=done.rate,
+        rate_deviation=done.rate_deviation,
+    )

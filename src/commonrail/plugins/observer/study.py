@@ -120,6 +120,8 @@ class ObserverSettings:
         Standard deviations of a step that an alarm asks for.
     iterations : int
         Largest number of linearisations of a shot.
+    horizon : int
+        Shots that are estimated together, so that later ones correct a shot. 1 is the filter alone.
     grid : float
         Shots are simulated at states that are multiples of so many standard deviations before the first shot, whole
         pascals and nanoseconds, and with the same bits on all machines; they are linear from there to the states
@@ -151,6 +153,7 @@ class ObserverSettings:
     window: int = 20
     significance: float = 4.0
     iterations: int = 4
+    horizon: int = 10
     grid: float = 0.0
     time_step: Quantity = DEFAULT_STEP
     states: tuple[DriftState, ...] = STATES
@@ -174,6 +177,7 @@ class ObserverSettings:
             window=whole(self.window, "window", 1),
             significance=amount(self.significance, "1", "significance", Limits(1.0, 20.0)),
             iterations=whole(self.iterations, "iterations", 1),
+            horizon=whole(self.horizon, "horizon", 1),
             grid=amount(self.grid, "1", "grid", Limits(0.0, 10.0)),
             time_step=check_step(self.time_step),
         )

@@ -73,6 +73,9 @@ def observe(
         ),
     ] = (),
     learning: Annotated[int, Option(min=0, help="Shots without alarms at the beginning.")] = 10,
+    horizon: Annotated[
+        int, Option(min=1, help="Shots estimated together, so that later ones correct a shot; 1: the filter alone.")
+    ] = 10,
     wanted: Annotated[
         str | None,
         Option(help="Quantities of a train, e.g. 2.4,24mm3: energising times that deliver them by the learnt states."),
@@ -129,7 +132,9 @@ def observe(
         raise InputError(f"{words} one of the two.")
     if design:
         of_log = "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
-        refuse_unused({name: (False, "a LOG") for name in (*of_log.split(), "learning", "wanted", "out", "online")})
+        refuse_unused(
+            {name: (False, "a LOG") for name in (*of_log.split(), "learning", "horizon", "wanted", "out", "online")}
+        )
     refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
     asked = _Wanted.read(wanted, dwells, rail_pressures)
     if energisings is not None and is_given("command"):
@@ -146,6 +151,7 @@ def observe(
         return_pressure=back,
         noise=None if noise is None else parse(noise, "Pa", "--noise"),
         learning=learning,
+        horizon=horizon,
         deviations=_deviations(uncertain),
     )
     if log is None:

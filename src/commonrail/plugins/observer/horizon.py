@@ -1,0 +1,116 @@
+"""Moving horizon: least squares on the last shots together, each simulated again where its states have moved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+from commonrail.plugins.observer.kalman import TRUSTED, Belief, Update, update
+from commonrail.plugins.observer.response import Response
+from commonrail.plugins.observer.study import DriftState
+
+MOVED = 0.5  # change of a state at which its shot is simulated again, in standard deviations before the first shot
+
+
+class Measured(NamedTuple):
+    """Pressure of a shot less that at rest, its covariance and its simulation, as `update` takes them."""
+
+    pressure: Floats
+    covariance: Callable[[Response], Floats]
+    simulate: Callable[[Floats], Response | None]
+
+
+class _Shot:
+    """One shot of a horizon: its latest update, and the variances by which states may have changed before it."""
+
+    def __init__(self, number: int, measured: Measured, found: Update) -> None:
+        self.number, self.measured, self.found = number, measured, found
+        self.trusted = found.consistency <= TRUSTED
+        self.extra = np.zeros(len(found.own))
+
+    def updated(self, belief: Belief, states: tuple[DriftState, ...]) -> Update:
+        """Update of a belief about this shot, its response taken for linear."""
+        at, response = self.found.at, self.found.response
+        trusted = np.inf if self.trusted else -1.0
+        pressure, covariance, _ = self.measured
+        done = update(belief, states, pressure, covariance, lambda x: response.moved(x - at), 1, trusted=trusted)
+        assert done is not None  # nothing is simulated
+        return done._replace(at=at, response=response)
+
+
+class Horizon:
+    """The last shots, estimated together.
+
+    Forward a Kalman filter, backward information of the later shots (Fraser and Potter 1969, IEEE Trans. Automatic
+    Control 14, 387); repeated at the new states this is Gauss-Newton on the states of all shots (Bell 1994, SIAM J.
+    Optimization 4, 626). Shots before the horizon enter by the belief before its first one.
+
+    Parameters
+    ----------
+    states : tuple of DriftState
+    length : int
+        Shots.
+    passes : int
+        Largest number of passes; shots whose states have moved are simulated again between two.
+    """
+
+    def __init__(self, states: tuple[DriftState, ...], length: int, passes: int) -> None:
+        self.states, self.length, self.passes = states, length, passes
+        self._walks = np.array([state.walk**2 for state in states])
+        self._spread = np.array([state.deviation for state in states])
+        self._shots: list[_Shot] = []
+        self._before: list[Belief] = []  # about each shot, by those before it
+
+    def add(self, number: int, measured: Measured, found: Update, before: Belief) -> None:
+        """Take the newest shot with its update from a belief `before` it; the oldest leaves."""
+        self._shots = [*self._shots, _Shot(number, measured, found)][-self.length :]
+        self._before = [*self._before, before][-self.length :]
+
+    def change(self, ago: int, variances: Floats) -> None:
+        """Let states change before one of the trusted shots, so many ago, by variances (states,)."""
+        trusted = [shot for shot in self._shots if shot.trusted]
+        trusted[max(len(trusted) - 1 - ago, 0)].extra += variances
+
+    def solve(self) -> Belief:
+        """Estimate all shots; the belief after the newest."""
+        for k in range(self.passes):
+            belief = self._pass()
+            moved = [s for s in self._shots if np.max(np.abs(s.found.own - s.found.at) / self._spread) > MOVED]
+            if not moved or k + 1 == self.passes:
+                break
+            for shot in moved:
+                response = shot.measured.simulate(shot.found.own)
+                if response is not None:
+                    shot.found = shot.found._replace(at=shot.found.own, response=response)
+        return belief
+
+    def found(self) -> list[tuple[int, Update]]:
+        """Numbers of the shots and their updates by all of them."""
+        return [(shot.number, shot.found) for shot in self._shots]
+
+    def _pass(self) -> Belief:
+        forward, belief = list[Update](), self._before[0]
+        for i, shot in enumerate(self._shots):
+            self._before[i] = belief
+            forward.append(shot.updated(belief.spread(shot.extra), self.states))
+            belief = forward[-1].belief.spread(self._walks)
+        information: Floats = np.zeros((len(self.states),) * 2)  # of the later shots
+        score: Floats = np.zeros(len(self.states))
+        for shot, before, one in zip(reversed(self._shots), reversed(self._before), reversed(forward), strict=True):
+            joined = _joined(before.spread(shot.extra), information, score)
+            shot.found = shot.updated(joined, self.states) if information.any() else one
+            information, score = information + one.information, score + one.score
+            through = np.eye(len(score)) + information * (self._walks + shot.extra)
+            both = np.asarray(np.linalg.solve(through, np.column_stack([information, score])), float)
+            information, score = both[:, :-1], both[:, -1]
+        return forward[-1].belief
+
+
+def _joined(belief: Belief, information: Floats, score: Floats) -> Belief:
+    """Belief with information (states, states) and score (states,) of other shots."""
+    factor = np.linalg.inv(np.eye(len(score)) + belief.covariance @ information)
+    covariance = factor @ belief.covariance
+    return Belief(belief.mean + covariance @ (score - information @ belief.mean), 0.5 * (covariance + covariance.T))
