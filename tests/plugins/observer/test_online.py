@@ -18,6 +18,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
+from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.export.object_files import target_named
 from commonrail.plugins.observer.disturbance import Disturbance
@@ -48,6 +49,7 @@ SETTINGS = ObserverSettings(
     grid=GRID,
 )
 SHOTS = 6  # of the log
+BAD_MEMORY = 18  # of the header of the library
 WORK = 100.0  # so much that shots 20 ms apart are evaluated in time
 
 
@@ -279,6 +281,20 @@ def test_a_number_that_no_sensor_shows_is_told(library: Library) -> None:
     assert library.step(memory, float("nan"), 0.0) != 0
     assert library.step(memory, 1e160, 0.0) != 0  # whose square is none
     assert library.begin(memory, 8, 0.0) != 0
+
+
+@pytest.mark.parametrize("work", [float("nan"), float("inf"), -1.0, 0.0])
+def test_a_work_that_bounds_no_step_is_refused(library: Library, work: float) -> None:
+    """Zero is the usual work; a parameter of the FMU that is outside its domain has that status too."""
+    memory = (c_double * (library.size // 8))()
+    assert library.begin(memory, library.size, work) == (0 if work == 0.0 else Status.OUTSIDE_DOMAIN)
+
+
+def test_memory_that_is_not_aligned_for_doubles_is_refused(library: Library) -> None:
+    memory = (c_double * (library.size // 8 + 1))()
+    place = ctypes.addressof(memory)
+    assert library.begin(place + 4, library.size, 0.0) == BAD_MEMORY
+    assert library.begin(place + 8, library.size, 0.0) == 0
 
 
 def test_the_verb_writes_an_fmu_at_the_rate_of_the_log(command: Command, log: Logged, tmp_path: Path) -> None:

@@ -112,7 +112,8 @@ int cr_observer_begin(void *memory, size_t size, double work) {
     Observer *o = memory;
     cr_boundary at_rest = {CR_O_USUAL, CR_O_CYLINDER, CR_O_RETURN, 0.0};
     double parameters[CR_PARAMETERS];
-    if (!o || size < cr_observer_size()) return CR_BAD_MEMORY;
+    if (!o || (uintptr_t)memory % sizeof(double) || size < cr_observer_size()) return CR_BAD_MEMORY;
+    if (!(work >= 0.0) || !isfinite(work)) return CR_OUTSIDE_DOMAIN;
     cr_defaults(parameters);
     int status = cr_check(parameters, &at_rest, CR_O_STEP, NULL);
     if (status) return status;

@@ -43,7 +43,8 @@ CR_API const char *cr_state_unit(int index);
 CR_API size_t cr_observer_size(void); /* bytes */
 /* Begin before the first shot; `memory` must be aligned for doubles, and is fastest aligned to 64
  * bytes; copy its bytes to keep a state. `work`: inner work of a step at most, in time steps of
- * a block of injectors, 0 for CR_WORK_OF_STEP. Takes as long as some shots. Returns a status of cr_check. */
+ * a block of injectors, 0 for CR_WORK_OF_STEP. Takes as long as some shots. Returns CR_OK, CR_BAD_MEMORY,
+ * CR_OUTSIDE_DOMAIN where `work` is negative or not finite, or a status of cr_check. */
 CR_API int cr_observer_begin(void *memory, size_t size, double work);
 /* One sample: pressure now, and the share of the sampling interval that ends now in which the coil was energised, 0 to 1.
  * Returns 0, or CR_BAD_BOUNDARY where a number is not finite or 10 GPa: the last sample counts again. */
