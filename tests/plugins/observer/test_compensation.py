@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -165,6 +166,35 @@ def test_wrong_trains_are_refused_in_a_sentence(rigid_volume: Injector, observed
         compensate(rigid_volume, [])
     with pytest.raises(ConfigurationError, match="none beside"):
         compensate(observed, TRAINS, ObserverSettings())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"train": replace(TRAINS[0], rail_pressure=60e6)}, "rail pressures within 5 %"),
+        ({"train": replace(TRAINS[0], dwells=(0.5e-3,))}, "dwells"),
+        ({"train": None}, "must be an InjectionTrain"),
+        ({"energising_times": None}, "energising times of last"),
+        ({"energising_times": np.array([1e-4, np.nan])}, "finite"),
+        ({"energising_times": np.array([1e-4, -1e-4])}, "between 0 s and"),
+        ({"energising_times": np.array([1e-4])}, "`last` must hold times"),
+    ],
+)
+def test_a_last_compensation_of_other_trains_is_refused(
+    rigid_volume: Injector, mapped: list[Compensated], change: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        compensate(rigid_volume, TRAINS, last=[mapped[0]._replace(**change), *mapped[1:]], threads=1)
+    near = [mapped[0]._replace(train=replace(TRAINS[0], rail_pressure=1.04 * RAIL))]
+    assert compensate(rigid_volume, TRAINS[:1], last=near, threads=1)[0].met
+
+
+@pytest.mark.parametrize(
+    ("quantities", "dwells"), [("12 mm3", ()), (12e-9, ()), (None, ()), (("4 mm3", "12 mm3"), "1 ms")]
+)
+def test_a_train_that_is_no_list_says_how_to_write_one(quantities: Any, dwells: Any) -> None:
+    with pytest.raises(ConfigurationError, match="must be a list, such as"):
+        InjectionTrain(RAIL, quantities, dwells)
 
 
 def test_the_verb_gives_times_over_the_dwell(

@@ -7,7 +7,7 @@ import warnings
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.design import observer_design
+from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.file import LogColumns, Observation, read_log
 from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
 from commonrail.plugins.observer.response import RATE_STEP, Simulator, cuts_of, figures_of
@@ -28,6 +29,7 @@ from commonrail.plugins.observer.study import (
     GAIN,
     OFFSET,
     STATES,
+    DriftState,
     ObserverSettings,
     ShotRecord,
     cut_log,
@@ -258,6 +260,57 @@ def test_what_cannot_be_observed_is_refused_in_a_sentence(rigid_volume: Injector
         observe(rigid_volume, *log[:2], [(5e-3, 1e-9)])
 
 
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    "energisings",
+    [None, 5e-3, "5 ms", b"ab", [5e-3], [None], ["ab"], [(5e-3,)], [(5e-3, 5e-4, 1.0)], {5e-3: 5e-4}, [(NAN, 5e-4)]],
+)
+def test_energisings_that_are_no_pairs_are_refused_with_an_example(rigid_volume: Injector, energisings: Any) -> None:
+    time = np.arange(0.0, 20e-3, 2e-5)
+    with pytest.raises(ConfigurationError, match="energising"):
+        observe(rigid_volume, time, np.full_like(time, 1e8), energisings)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"sensor": []}, "choose from rail"),
+        ({"disturbance": {}}, "must be a Disturbance"),
+        ({"disturbance": Disturbance(1e5, 1e9, NAN, 1e4, 1e3, 1e-3)}, "memory of the disturbance"),
+        ({"disturbance": Disturbance(0.0, 1e9, 2e-3, 1e4, 1e3, 1e-3)}, "noise of the disturbance"),
+        ({"states": (DriftState("x", "valve.lift", NAN, 0.1, 0.0, 0.0, 0.0),)}, "power of x"),
+        ({"states": (DriftState("x", "valve.lift", 1.0, 0.1, -1.0, 0.0, 0.0),)}, "walk of x"),
+        ({"states": (DriftState("x", "valve.lift", 1.0, 0.1, 0.0, 0.0, 0.0, "V"),)}, "unit of drift state"),
+        ({"states": 2 * STATES[:1]}, "may be there once"),
+        ({"deviations": {"nozzle flow": "1000000%"}}, "another part's"),
+        ({"deviations": {"fuel temperature": 1e6}}, "100 K"),
+        ({"deviations": {"sensor delay": 1.0}}, "1 ms"),
+    ],
+)
+def test_odd_settings_are_refused_in_a_sentence(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        ObserverSettings(**change)
+
+
+@pytest.mark.parametrize("parameter", ["", "no.such"])
+def test_a_drift_state_of_no_parameter_is_refused(rigid_volume: Injector, parameter: str) -> None:
+    state = DriftState("x", parameter, 1.0, 0.1, 0.0, 0.0, 0.0)
+    with pytest.raises(ConfigurationError, match="no parameter"):
+        states_of(rigid_volume, ObserverSettings(states=(*STATES[:1], state)))
+
+
+def test_a_log_says_where_it_is_wrong(rigid_volume: Injector) -> None:
+    time = np.arange(0.0, 20e-3, 1e-5)
+    uneven, pressure = np.where(time < 9.995e-3, time, time + 1e-4), np.full_like(time, 1e8)
+    with pytest.raises(ConfigurationError, match=r"sample 1001 at 0\.0101 s lies 110 µs behind .* 10 µs are usual"):
+        observe(rigid_volume, uneven, pressure, [(5e-3, 5e-4)])
+    pressure[700] = 1e300
+    with pytest.raises(ConfigurationError, match=r"1e\+300 Pa at 0\.007 s"):
+        observe(rigid_volume, time, pressure, [(5e-3, 5e-4)])
+
+
 def test_a_log_without_an_injection_says_so(rigid_volume: Injector) -> None:
     made = logged([rigid_volume] * 2, RAILS[:2], np.full(2, 20e-6))
     found = observe(rigid_volume, made.time, made.pressure, made.energisings, threads=1)
@@ -387,6 +440,7 @@ def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged)
         (("--model", "virtual-lino-2016"), "ideal rail"),
         (("--model", model, "--uncertain", "nozzle=3%"), "no such state"),
         (("--model", model, *2 * ("--uncertain", "nozzle flow=3%")), "given twice"),
+        (("--model", model, "--uncertain", "nozzle flow=1000000%"), "another part's"),
         (("--model", model, "--energisings", file, "--command", "I"), "keep one"),
     ):
         refused = command("observe", file, *wrong, *(options if "--energisings" not in wrong else options[:2]))

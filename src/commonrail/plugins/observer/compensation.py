@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize.elementwise import bracket_root, find_root
 
-from commonrail.base.arguments import instance, instances, thread_count
+from commonrail.base.arguments import amount, array, instance, instances, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import check_stop, naming, note
 from commonrail.engine import lanes, plan
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import ENERGISING_TIMES, OperatingPoint
 from commonrail.engine.status import which_failed
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.file import Compensated, Observation
@@ -26,6 +26,7 @@ NEAR = 0.02  # share to both sides of the first bracket; chosen
 MET = 1e-3  # largest miss of a quantity that counts as met, as a share: a tenth of the scatter of shots
 NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s], as of a map
 TAKEN = 0.5  # share of the way from present energising times to new ones; chosen on 6 parts, as in compensation_trial
+SAME_RAIL = 0.05  # share by which medians of the rail pressure differ from log to log at most; chosen [E]
 ITERATIONS = 20  # a bracket that doubles is as wide as all energising times after ten
 
 
@@ -51,8 +52,8 @@ def compensate(
     settings : ObserverSettings, optional
         Pressures and time step for an injector; an observation has its own.
     last : sequence of Compensated, optional
-        The same trains as they are injected at present: the new times lie half of the way from theirs, so that what
-        the states scatter from log to log moves the times less.
+        The same trains as they are injected at present, at rail pressures within 5 %: the new times lie half of the way
+        from theirs, so that what the states scatter from log to log moves the times less.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
 
@@ -70,6 +71,7 @@ def compensate(
     """
     instance(source, Injector | Observation, "source")
     wanted = instances(trains, InjectionTrain, "trains")
+    present = None if last is None else _times_of(last, wanted)
     if len({len(train.quantities) for train in wanted}) != 1:
         raise ConfigurationError("One call takes trains with equally many injections, and at least one train.")
     if isinstance(source, Observation):
@@ -88,20 +90,26 @@ def compensate(
     met = np.all(np.abs(found / [train.quantities for train in wanted] - 1.0) <= MET, axis=1)
     if not met.all():
         note(f"{np.sum(~met)} of {len(met)} trains do not meet their quantities; look at what they deliver.")
-    if last is not None:
-        present = np.array([one.energising_times for one in _of(last, wanted)])
+    if present is not None:
         times = present + TAKEN * (times - present)
         found = learnt.quantities(wanted, times)
     before = learnt.quantities(wanted, plain)
     return [Compensated(train, times[k], found[k], plain[k], before[k], bool(met[k])) for k, train in enumerate(wanted)]
 
 
-def _of(last: Sequence[Compensated], trains: Sequence[InjectionTrain]) -> tuple[Compensated, ...]:
-    """Earlier compensations, which must have the quantities and dwells of these trains; rail pressures may differ."""
+def _times_of(last: Sequence[Compensated], trains: Sequence[InjectionTrain]) -> Floats:
+    """Energising times (trains, injections) [s] of earlier compensations of these trains."""
     given = instances(last, Compensated, "last")
-    if [(one.train.quantities, one.train.dwells) for one in given] != [(one.quantities, one.dwells) for one in trains]:
-        raise ConfigurationError("`last` must hold the same quantities and dwells as the trains, in their order.")
-    return given
+    before = instances([one.train for one in given], InjectionTrain, "trains of last")
+    times = [array(one.energising_times, "s", "energising times of last", 1).tolist() for one in given]
+    if [(one.quantities, one.dwells, len(one.quantities)) for one in trains] != [
+        (one.quantities, one.dwells, len(row)) for one, row in zip(before, times, strict=True)
+    ] or any(abs(b.rail_pressure / a.rail_pressure - 1.0) > SAME_RAIL for a, b in zip(trains, before, strict=True)):
+        raise ConfigurationError(
+            "`last` must hold times for the same quantities and dwells as the trains, in their order, and rail "
+            f"pressures within {100.0 * SAME_RAIL:g} %; give the compensation of these trains, or none."
+        )
+    return np.array([[amount(t, "s", "energising time of last", ENERGISING_TIMES) for t in row] for row in times])
 
 
 @dataclass(frozen=True)

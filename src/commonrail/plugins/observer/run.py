@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import toeplitz
 
-from commonrail.base.arguments import array, function, instance, instances, thread_count
+from commonrail.base.arguments import array, function, instance, sequence, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import held_interrupts, note
 from commonrail.base.text import quantity
-from commonrail.engine.operating_point import Energising
+from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import Memory, Observation, ObservedShot
@@ -30,6 +30,7 @@ UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
 SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
 SHORTEST = 1e-6  # energising time, the step of the simulations; no injector answers a shorter one [s]
+PULSES = '[("10 ms", "700 us"), (0.05, 7e-4)], pairs of start and duration'
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
 
 
@@ -82,9 +83,9 @@ def observe(
     settings = _settings(injector, settings, previous)
     report = function(progress, "progress") or (lambda _: None)
     clock, shown = array(time, "s", "time", 1), array(pressure, "Pa", "pressure", 1)
-    pulses = instances([Energising(*pair) for pair in energisings], Energising, "energisings")
+    pulses = [_energising(pair) for pair in sequence(energisings, "energisings", PULSES)]
     _check_log(clock, shown, pulses)
-    shots = cut_log(clock, shown, pulses, settings)
+    shots = cut_log(clock, shown, tuple(pulses), settings)
     if not shots:
         raise ConfigurationError(
             "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
@@ -105,6 +106,14 @@ def _settings(injector: Injector, settings: ObserverSettings | None, previous: O
     return previous.settings
 
 
+def _energising(pair: object) -> Energising:
+    if not isinstance(pair, tuple | list | np.ndarray) or len(pair) != 2:
+        raise ConfigurationError(
+            f"The energisings must be a list, such as {PULSES}; each of them must have two numbers."
+        )
+    return Energising(*pair)
+
+
 def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> None:
     if len(clock) != len(shown) or len(clock) < 100:
         raise ConfigurationError(
@@ -112,10 +121,17 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
         )
     steps = np.diff(clock)
     middle = float(np.median(steps))
-    if not np.all(np.abs(steps - middle) <= UNEVEN * middle):
+    uneven = np.flatnonzero(~(np.abs(steps - middle) <= UNEVEN * middle))
+    if len(uneven):
+        i = int(uneven[0])
+        apart, usual = quantity(float(steps[i]), "s", 3), quantity(middle, "s", 3)
         raise ConfigurationError(
-            "The times of a log must be evenly spaced; resample it, or cut it where samples are missing."
+            f"The times of a log must be evenly spaced, and sample {i + 2} at {clock[i + 1]:.9g} s lies {apart} behind "
+            f"the one before it, where {usual} are usual; resample the log, or cut it there."
         )
+    if np.any(far := np.abs(shown) > RAIL_PRESSURES.high):
+        at = f"{shown[far][0]:.3g} Pa at {clock[far][0]:.9g} s"
+        raise ConfigurationError(f"The log has a pressure of {at}, which no sensor shows; correct it or its unit.")
     if SLOWEST * middle > 1.0 + UNEVEN:
         raise ConfigurationError(
             f"The log has {1e-3 / middle:.3g} samples a millisecond, and an observer needs {1e-3 * SLOWEST:g} or more; "

@@ -7,12 +7,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, Quantity, amount, array, instances, mapping, number, settle, whole
+from commonrail.base.arguments import (
+    Limits,
+    Quantity,
+    amount,
+    array,
+    instance,
+    instances,
+    mapping,
+    number,
+    plain_text,
+    sequence,
+    settle,
+    shown,
+    whole,
+)
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.text import quantity
+from commonrail.base.units import to_text
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
@@ -20,6 +35,13 @@ from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.observer.disturbance import Disturbance
 
 GAIN, OFFSET, DELAY = "sensor gain", "sensor offset", "sensor delay"
+# Largest first deviation of a state by its unit, and what lies beyond. Chosen [E].
+WIDEST = {
+    "1": (1.0, "a value several times as large is another part's"),
+    "K": (100.0, "no fuel is known over so many temperatures"),
+    "Pa": (20e6, "a sensor so far off is defect"),
+    "s": (1e-3, "the sensor would show a shot after it"),
+}
 SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each of them shows
 
 
@@ -160,8 +182,8 @@ class ObserverSettings:
     deviations: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.sensor not in SENSORS:
-            raise ConfigurationError(f'There is no sensor "{self.sensor}"; choose from {", ".join(SENSORS)}.')
+        if not isinstance(self.sensor, str) or self.sensor not in SENSORS:
+            raise ConfigurationError(f"There is no sensor {shown(self.sensor)}; choose from {', '.join(SENSORS)}.")
         times = Limits(1e-6, 20e-3)
         settle(
             self,
@@ -172,6 +194,7 @@ class ObserverSettings:
             gap=amount(self.gap, "s", "pause between shots", times),
             averaged=amount(self.averaged, "s", "averaging", times),
             noise=None if self.noise is None else amount(self.noise, "Pa", "noise", Limits(1.0, 10e6)),
+            disturbance=None if self.disturbance is None else _disturbance(self.disturbance),
             discrepancy=amount(self.discrepancy, "1", "discrepancy", Limits(0.0, 1.0)),
             learning=whole(self.learning, "learning"),
             window=whole(self.window, "window", 1),
@@ -181,14 +204,15 @@ class ObserverSettings:
             grid=amount(self.grid, "1", "grid", Limits(0.0, 10.0)),
             time_step=check_step(self.time_step),
         )
-        states = list(instances(self.states, DriftState, "states"))
+        states = [_state(state) for state in instances(self.states, DriftState, "states")]
         names = [state.name for state in states]
+        if len({*names}) < len(names):
+            raise ConfigurationError(f"Each drift state may be there once, and {len(names) - len({*names})} are twice.")
         for name, value in mapping(self.deviations, "deviations", '{"nozzle flow": 0.03}').items():
             if name not in names:
                 raise ConfigurationError(f'There is no drift state "{name}"{nearest(name, names)}.')
             state = states[names.index(name)]
-            deviation = amount(value, state.unit, f"deviation of {name}", Limits(0.0, 1e9))
-            states[names.index(name)] = state._replace(deviation=deviation)
+            states[names.index(name)] = _state(state._replace(deviation=value))
         settle(self, states=tuple(state for state in states if state.deviation > 0.0), deviations={})
         if not self.states:
             raise ConfigurationError("An observer needs a drift state whose deviation is above zero; leave some free.")
@@ -208,6 +232,31 @@ class ObserverSettings:
         return many
 
 
+def _disturbance(given: object) -> Disturbance:
+    """Disturbance whose covariance is one: noise and times above zero, and nothing below."""
+    figures = instance(given, Disturbance, "disturbance")._asdict()
+    for (name, value), unit in zip(figures.items(), ("Pa", "Pa/s", "s", "Pa", "Hz", "s"), strict=True):
+        least = 1e-9 if name in ("noise", "memory", "decay") else 0.0
+        figures[name] = amount(value, unit, f"{name} of the disturbance", Limits(least, 1e15))
+    return Disturbance(**figures)
+
+
+def _state(given: DriftState) -> DriftState:
+    """Drift state of texts and numbers within their limits."""
+    name, unit = plain_text(given.name, "name of a drift state"), plain_text(given.unit, "unit of a drift state")
+    if unit not in WIDEST:
+        raise ConfigurationError(f'The unit of drift state "{name}" must be one of {", ".join(WIDEST)}, not {unit}.')
+    numbers = {"power": amount(given.power, "1", f"power of {name}", Limits(-10.0, 10.0))}
+    for key in ("deviation", "walk", "scatter", "limit"):
+        numbers[key] = amount(getattr(given, key), unit, f"{key} of {name}", Limits(0.0, 1e9))
+    plain_text(given.parameter, f"parameter of {name}")
+    widest, beyond = WIDEST[unit]
+    if numbers["deviation"] > widest:
+        read, most = (to_text(value, unit) for value in (numbers["deviation"], widest))
+        raise ConfigurationError(f"The deviation of {name} may be {most} at most, and {read} was read: {beyond}.")
+    return DriftState._make((given._asdict() | numbers).values())
+
+
 def check_model(injector: Injector) -> None:
     """Refuse an injector whose simulated rail pressure does not answer the injection."""
     if injector.variant.boundary is not Boundary.VOLUME:
@@ -220,6 +269,10 @@ def check_model(injector: Injector) -> None:
 def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
     """States of which this injector has the parameter: its variant reads it, and it is not zero where it is scaled."""
     unread = unread_parameters(injector.variant)
+    for name, parameter in ((state.name, state.parameter) for state in settings.states):
+        if parameter not in injector.values and (parameter or name not in (GAIN, OFFSET, DELAY)):
+            like = nearest(parameter, injector.values)
+            raise ConfigurationError(f'Drift state "{name}" changes "{parameter}", which is no parameter{like}.')
     found = tuple(
         state
         for state in settings.states
@@ -313,7 +366,9 @@ class InjectionTrain:
 
     def __post_init__(self) -> None:
         volumes, pauses = Limits(1e-11, 1e-6, (1e-10, 1e-6), ("mm3",)), Limits(0.0, 0.1, (50e-6, 20e-3), ("us", "ms"))
-        quantities, dwells = array(self.quantities, "m3", "wanted quantities", 1), array(self.dwells, "s", "dwells", 1)
+        wanted = sequence(self.quantities, "wanted quantities", '("2.4 mm3", "24 mm3")')
+        between = sequence(self.dwells, "dwells", '("0.7 ms",)')
+        quantities, dwells = array(wanted, "m3", "wanted quantities", 1), array(between, "s", "dwells", 1)
         settle(
             self,
             rail_pressure=amount(self.rail_pressure, "Pa", "rail pressure", RAIL_PRESSURES),
