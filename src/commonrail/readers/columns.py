@@ -101,7 +101,7 @@ class Column(NamedTuple):
     otherwise : str
         Unit of a column that has none and for which none is stated; empty refuses it.
     stating : str
-        Where a unit can be stated: words of a sentence, such as an option's.
+        Where a unit can be stated: words of a sentence, such as an option's; empty if nowhere but in the file.
     """
 
     name: str

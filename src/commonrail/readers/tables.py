@@ -131,8 +131,9 @@ def _unit(column: Column, written: str, at: Place) -> str:
         raise at.error(f'the file gives the unit "{written}", {column.stating} "{column.stated}"; keep one of them')
     if not (written or column.stated or column.otherwise):
         example = _example(column).split()[0]
-        stating = "state it in the study" if column.stating == "the study" else f"give {column.stating}"
-        raise at.error(f'there is no unit; write it in the header, as in "{column.name} [{example}]", or {stating}')
+        stating = ", or state it in the study" if column.stating == "the study" else f", or give {column.stating}"
+        stating *= bool(column.stating)
+        raise at.error(f'there is no unit; write it in the header, as in "{column.name} [{example}]"{stating}')
     return written or column.stated or column.otherwise
 
 

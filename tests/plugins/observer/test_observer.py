@@ -363,6 +363,9 @@ def test_energisings_are_read_from_a_command_or_from_a_file(tmp_path: Path, log:
     assert found.pressure == pytest.approx(log.pressure, abs=0.1)
     # an edge lies between two samples
     assert np.array(found.energisings) == pytest.approx(np.array(log.energisings), abs=1.01 / RATE)
+    (tmp_path / "pulses.csv").write_text("start,duration [us]\n4,700\n19,800\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r'pulses.csv.*"start \[us\]"\.$'):  # nor anywhere else
+        read_log(written(tmp_path, log, False), columns._replace(energisings=tmp_path / "pulses.csv"))
     (tmp_path / "pulses.csv").write_text("start [ms],duration [us]\n4,700\n19,800\n", encoding="utf-8")
     apart = read_log(written(tmp_path, log, False), columns._replace(energisings=tmp_path / "pulses.csv"))
     assert np.array(apart.energisings) == pytest.approx(np.array([[4e-3, 700e-6], [19e-3, 800e-6]]))
@@ -386,6 +389,24 @@ def test_a_current_whose_hold_lies_below_half_of_its_peak_gives_the_energisings(
     read = read_log(file, LogColumns(pressure="p", command="I"))
     assert np.array(read.energisings) == pytest.approx(pulses, abs=20e-6)
     assert read.edges == pytest.approx((24e-6, 30e-6), abs=15e-6)  # from a tenth to half of 60 us
+
+
+@pytest.mark.parametrize("current", [False, True])
+def test_a_shot_whose_energising_the_log_cuts_is_counted_as_not_whole(tmp_path: Path, current: bool) -> None:
+    """A pilot before the log and a main 1 ms behind it are one shot; the last energising goes on behind the log."""
+    time = np.arange(0.0, 30e-3, 1e-5)
+    on = np.zeros_like(time)
+    for start, end in ((-1e-3, 0.1e-3), (2.5e-3, 3e-3), (12e-3, 12.5e-3), (29.5e-3, 31e-3)):
+        on[(time >= start) & (time < end)] = 1.0
+        on[(time >= start + 150e-6) & (time < end)] = 0.4 if current else 1.0
+    table = np.array([time, np.full_like(time, 1e8), on]).T
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time [s],pressure [Pa],command", comments="")
+    read = read_log(tmp_path / "log.csv", LogColumns())
+    assert len(read.energisings) == 4
+    with pytest.warns(RuntimeWarning, match="^2 of 3 shots are not whole"):
+        shots = cut_log(read.time, read.pressure, tuple(Energising(*p) for p in read.energisings), ObserverSettings())
+    assert [len(shot.energisings) for shot in shots] == [1]
+    assert shots[0].start == pytest.approx(12e-3, abs=3e-5)
 
 
 def test_a_log_of_few_samples_is_refused(rigid_volume: Injector) -> None:

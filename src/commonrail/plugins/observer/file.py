@@ -30,6 +30,7 @@ COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
 # A current shows an energising by its rise and fall, with a hold far below its peak. All are chosen [E].
 RISEN, SIGNIFICANT = 0.1, 5.0  # share of the range, and standard deviations of its noise, beyond which it flows
 HOLD, HOLDING = 0.75, 0.25  # share of the range below which a switch does not stay, and share of time of a current
+CUT = 2e-6  # beyond the edge of a log to where an energising that it cuts reaches at least [s]
 PAUSE = 50e-6  # shorter pauses of a current are its noise [s]
 
 
@@ -245,7 +246,8 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     """Log of pressure and command.
 
     An energising lasts while the command lies above the middle between its least and its largest value, or
-    while a current flows, whose hold may lie below that. A file of energisings has the columns start and duration.
+    while a current flows, whose hold may lie below that; one that the log cuts begins or ends beyond it. A file of
+    energisings has the columns start and duration.
     Raises `InputError` if a file cannot be read, or the command has no edge.
     """
     sheet = open_sheet(path, columns.form)
@@ -262,7 +264,10 @@ def read_log(path: Path, columns: LogColumns) -> Log:
         return Log(clock, pressure, *_edges(tables[1], columns.time, columns.command))
     pairs = take_columns(
         open_sheet(columns.energisings, columns.form),
-        [Column("start", "s", increasing=True), Column("duration", "s", domain=Domain.POSITIVE)],
+        [
+            Column("start", "s", increasing=True, stating=""),
+            Column("duration", "s", domain=Domain.POSITIVE, stating=""),
+        ],
         1,
     )
     return Log(
@@ -271,7 +276,7 @@ def read_log(path: Path, columns: LogColumns) -> Log:
 
 
 def _edges(table: Table, time: str, command: str) -> tuple[list[tuple[float, float]], tuple[float, float] | None]:
-    """Energisings of a command, each complete, and rise and fall of one that is a current, or stays between as one."""
+    """Energisings of a command, and rise and fall of one that is a current, or stays between as one."""
     clock, value, flows = table.columns[time], table.columns[command], table.units[command] == "A"
     least, most = float(value.min()), float(value.max())
     on = value > 0.5 * (least + most)
@@ -290,13 +295,15 @@ def _edges(table: Table, time: str, command: str) -> tuple[list[tuple[float, flo
         on = binary_closing(np.pad(high, wide), np.ones(wide))[wide:-wide]
     turns = np.flatnonzero(np.diff(on.astype(np.int8)))
     at = 0.5 * (clock[turns] + clock[turns + 1])  # between two samples
-    if on[0]:
-        at = at[1:]
-    pulses = [(float(a), float(b - a)) for a, b in zip(at[::2], at[1::2], strict=False)]
+    # one that the log cuts reaches over its edge, so that its shot is not whole, and is counted as such
+    at = np.concatenate([[clock[0] - CUT] * bool(on[0]), at, [clock[-1] + CUT] * bool(on[-1])])
+    pulses = [(float(a), float(b - a)) for a, b in zip(at[::2], at[1::2], strict=True)]
     if not flows:
         return pulses, None
     times = []
     for i, (start, duration) in enumerate(pulses):  # from zero along a straight line, to where the hold ends
+        if start < clock[0] or start + duration > clock[-1]:
+            continue
         first, last = np.searchsorted(clock, [start, start + duration])
         course, now = value[first:last] - rest, clock[first:last]
         held = np.flatnonzero(course >= HOLD * np.median(course[len(course) // 2 :]))
