@@ -20,6 +20,7 @@ from commonrail.plugins.observer.kalman import Belief, StepTest
 from commonrail.plugins.observer.response import cuts_of, figures_of
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
+from commonrail.plugins.observer.verb import _Wanted
 from tests.cli.conftest import Command, check_made_again
 
 RATE, CYCLE = 50e3, 15e-3
@@ -195,6 +196,18 @@ def test_a_last_compensation_of_other_trains_is_refused(
 def test_a_train_that_is_no_list_says_how_to_write_one(quantities: Any, dwells: Any) -> None:
     with pytest.raises(ConfigurationError, match="must be a list, such as"):
         InjectionTrain(RAIL, quantities, dwells)
+
+
+def test_masses_are_volumes_at_the_learnt_temperature(observed: Observation) -> None:
+    """By 30 K more of the fuel the volume grows as its density in the cylinder falls."""
+    wanted = _Wanted.read("4,12 mg", "0.4ms", None)
+    names = [state.name for state in observed.settings.states]
+    mean = np.where([name == "fuel temperature" for name in names], 30.0, 0.0)
+    warmer = replace(observed, memory=observed.memory._replace(belief=observed.memory.belief._replace(mean=mean)))
+    (train,) = wanted.added(warmer, 1).compensation
+    injector = observed.injector
+    density = injector.fuel.density(observed.settings.cylinder_pressure, injector.values["fuel.temperature"] + 30.0)
+    assert train.train.quantities == pytest.approx(np.array([4e-6, 12e-6]) / density)
 
 
 def test_the_verb_gives_times_over_the_dwell(

@@ -312,6 +312,13 @@ def test_the_verb_writes_an_fmu_at_the_rate_of_the_log(command: Command, log: Lo
     (found,) = re.findall(r"_SAMPLING (\S+)\n", text)
     assert float(found) == pytest.approx(SAMPLING, rel=1e-6)
     assert "name a folder" in command(*given, tmp_path / "log.csv").sentence
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("mine")
+    bare = "observe", tmp_path / "none.csv", "--model", model, "--online"  # refused before the log is read
+    assert "no observer's" in command(*bare, tmp_path / "full").sentence
+    assert "ending of a file" in command(*bare, tmp_path / "nodir.so").sentence
+    assert not (tmp_path / "nodir.so").exists()
+    assert "none.csv" in command(*bare, tmp_path / "new").sentence
     assert "--online" in command("observe", "--design", "--model", model, "--online", tmp_path / "x").err
 
 

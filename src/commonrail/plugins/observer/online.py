@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.cli.options import check_file, check_folder
 from commonrail.engine.job import make_rows
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
@@ -24,7 +25,7 @@ from commonrail.plugins.export.description import RAIL, Kind, Variable
 from commonrail.plugins.export.entry_points import LANES
 from commonrail.plugins.export.fmu import Instance, tools_of, write_instance
 from commonrail.plugins.export.library import Library, write_library_with
-from commonrail.plugins.export.object_files import Target, own_platform, target_named
+from commonrail.plugins.export.object_files import Target, compiler_for, own_platform, target_named
 from commonrail.plugins.export.sources import Model, model_of
 from commonrail.plugins.observer import kalman, response, run
 from commonrail.plugins.observer.disturbance import MEAN, TREND, Disturbance
@@ -70,15 +71,34 @@ class Online(NamedTuple):
         return cls(found.injector, given, sampling)
 
 
-def write_online(online: Online, place: Path) -> list[str]:
-    """Write the observer for this machine: as an FMU if `place` ends with .fmu, else as a library in that folder.
+def check_online(place: Path) -> list[Target]:
+    """Refuse a place where `write_online` could not write, or would among other files; returns the platform.
 
-    Returns what was written. Errors as of `write_observer_library`.
+    InputError or ConfigurationError.
     """
     names = own_platform()
     if not names:
         raise ConfigurationError("An observer is not written for machines such as this one; see `commonrail export`.")
     targets = [target_named(names[0])]
+    if place.suffix == ".fmu":
+        check_file(place, "--online")
+        tools_of(targets, 2)
+        return targets
+    check_folder(place)
+    compiler_for(targets[0])
+    if place.suffix[1:2].isalpha() and not place.exists():
+        raise InputError(f"--online: {place} has the ending of a file; name a new folder without one, or FILE.fmu.")
+    if place.exists() and any(place.iterdir()) and not any(place.glob("*_observer.h")):
+        raise InputError(f"--online: {place} has files that are no observer's; name a new folder, or FILE.fmu.")
+    return targets
+
+
+def write_online(online: Online, place: Path) -> list[str]:
+    """Write the observer for this machine: as an FMU if `place` ends with .fmu, else as a library in that folder.
+
+    Returns what was written. Errors as of `check_online` and `write_observer_library`.
+    """
+    targets = check_online(place)
     if place.suffix == ".fmu":
         write_observer_fmu(online, place, targets)
         return [str(place)]

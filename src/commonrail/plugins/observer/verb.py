@@ -19,8 +19,6 @@ from commonrail.cli.options import (
     Settings,
     SheetName,
     Threads,
-    check_file,
-    check_folder,
     is_given,
     read_axis,
     read_form,
@@ -78,7 +76,7 @@ def observe(
     ] = 10,
     wanted: Annotated[
         str | None,
-        Option(help="Quantities of a train, e.g. 2.4,24mm3: energising times that deliver them by the learnt states."),
+        Option(help="Quantities of a train, e.g. 2.4,24mm3 or 2,20mg: energising times that deliver them as learnt."),
     ] = None,
     dwells: Annotated[
         str | None, Option(help="Dwells for --wanted, e.g. 0.3:2:0.1ms, from end to start of energisings.")
@@ -122,6 +120,7 @@ def observe(
     from commonrail.plugins.observer.file import LogColumns, read_log
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
     from commonrail.plugins.observer.study import ObserverSettings, check_model
+    from commonrail.readers.location import Place, located
     from commonrail.readers.toml import UNSTATED
     from commonrail.report.analysis import run_into, synthetic_lines
 
@@ -140,7 +139,9 @@ def observe(
     if energisings is not None and is_given("command"):
         raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
     if online is not None:
-        check_file(online, "--online") if online.suffix == ".fmu" else check_folder(online)
+        from commonrail.plugins.observer.online import check_online
+
+        check_online(online)
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     check_model(injector)
@@ -154,6 +155,7 @@ def observe(
         horizon=horizon,
         deviations=_deviations(uncertain),
     )
+    asked.trains(asked.rail_pressures or [100e6], asked.density(injector, settings))  # refused before a log is read
     if log is None:
         from commonrail.plugins.observer.design import design_table, observer_design
 
@@ -177,7 +179,8 @@ def observe(
     refused: list[str] = []
 
     def observed() -> Observation:
-        found = replace(_run(injector, read, settings, threads), origin=origin)
+        with located(Place(log.name)):
+            found = replace(_run(injector, read, settings, threads), origin=origin)
         try:
             return asked.added(found, threads)
         except (CommonrailError, KeyboardInterrupt) as error:  # the shots are written all the same
@@ -210,33 +213,41 @@ def observe(
 
 
 class _Wanted(NamedTuple):
-    """Values of --wanted, --dwells and --rail-pressures [m³, s, Pa]; no quantities without --wanted."""
+    """Values of --wanted, --dwells and --rail-pressures [m³ or kg, s, Pa]; no quantities without --wanted."""
 
     quantities: list[float]
     dwells: list[float]
     rail_pressures: list[float]
+    unit: str
 
     @classmethod
     def read(cls, wanted: str | None, dwells: str | None, rail_pressures: str | None) -> _Wanted:
-        axes = [(wanted, "m3", "--wanted"), (dwells, "s", "--dwells"), (rail_pressures, "Pa", "--rail-pressures")]
-        read = cls(*([] if one is None else read_axis(one, unit, name).tolist() for one, unit, name in axes))
+        unit = "kg" if "g" in (wanted or "") else "m3"  # a mass or a volume
+        axes = [(wanted, unit, "--wanted"), (dwells, "s", "--dwells"), (rail_pressures, "Pa", "--rail-pressures")]
+        values = [[] if one is None else read_axis(one, kind, name).tolist() for one, kind, name in axes]
+        read = cls(values[0], values[1], values[2], unit)
         if wanted is not None and (len(read.quantities) > 1) != bool(read.dwells):
             raise InputError(
                 "--wanted: one quantity has no dwell; omit --dwells."
                 if read.dwells
                 else "--wanted: several quantities need the dwells between them; add --dwells, such as 0.3:2:0.1ms."
             )
-        read.trains(read.rail_pressures or [100e6])  # wrong values are refused before the log is observed
         return read
 
-    def trains(self, rail_pressures: list[float]) -> list[InjectionTrain]:
-        """Trains at rail pressures [Pa], each dwell in turn."""
+    def density(self, injector: Injector, settings: ObserverSettings, warmer: float = 0.0) -> float:
+        """Density of the fuel in the cylinder by which masses are volumes [kg/m³]; 1 where volumes are wanted."""
+        temperature = injector.values["fuel.temperature"] + warmer
+        return 1.0 if self.unit == "m3" else float(injector.fuel.density(settings.cylinder_pressure, temperature))
+
+    def trains(self, rail_pressures: list[float], density: float) -> list[InjectionTrain]:
+        """Trains at rail pressures [Pa], each dwell in turn; `density`: of the fuel, if masses are wanted [kg/m³]."""
         from commonrail.plugins.observer.study import InjectionTrain
 
         if not self.quantities:
             return []
         gaps = [(dwell,) * (len(self.quantities) - 1) for dwell in self.dwells] or [()]
-        return [InjectionTrain(rail, tuple(self.quantities), gap) for rail in rail_pressures for gap in gaps]
+        volumes = tuple(one / density for one in self.quantities)
+        return [InjectionTrain(rail, volumes, gap) for rail in rail_pressures for gap in gaps]
 
     def added(self, found: Observation, threads: int | None) -> Observation:
         """The observation with the energising times of the trains."""
@@ -247,7 +258,10 @@ class _Wanted(NamedTuple):
         from commonrail.plugins.observer.compensation import compensate
 
         before = float(np.median([shot.rail_pressure for shot in found.shots]))
-        trains = self.trains(self.rail_pressures or [before])
+        states = zip(found.settings.states, found.memory.belief.mean.tolist(), strict=True)
+        warmer = sum(value for state, value in states if state.parameter == "fuel.temperature")
+        density = self.density(found.injector, found.settings, warmer)
+        trains = self.trains(self.rail_pressures or [before], density)
         return replace(found, compensation=compensate(found, trains, threads=threads)) if trains else found
 
 
