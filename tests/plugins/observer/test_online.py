@@ -217,6 +217,21 @@ def test_the_fmu_finds_what_python_finds(
     check_alike([{name: float(row[name]) for name in names} for row in rows], by_python)
 
 
+def test_an_edge_that_is_smeared_over_samples_is_one_edge(library: Library, log: Logged) -> None:
+    """As an importer interpolates: half a sample later, with as many injections of the same durations."""
+    smeared = 0.5 * (log.command + np.append(0.0, log.command[:-1]))
+    later = np.append(log.pressure[0], 0.5 * (log.pressure[1:] + log.pressure[:-1]))
+    count = round((4e-3 + 2 * CYCLE) / SAMPLING)
+    sharp, found = (
+        list(library.shots(library.begun(), Logged(log.time, pressure[:count], command[:count], [])))
+        for pressure, command in ((log.pressure, log.command), (later, smeared))
+    )
+    assert [one["injections"] for one in found] == [one["injections"] for one in sharp] == [1.0, 2.0]
+    for one, other in zip(found, sharp, strict=True):
+        assert one["injection[1].quantity"] == pytest.approx(other["injection[1].quantity"], rel=0.01)
+        assert one["start"] == pytest.approx(other["start"] + 0.5 * SAMPLING, abs=1e-9)
+
+
 def test_a_copy_of_the_memory_goes_on_alike(library: Library, log: Logged) -> None:
     """Copied while a shot is evaluated, to another place."""
     memory = library.begun(30.0)

@@ -12,7 +12,7 @@ enum { Q = CR_O_QUIET, M = CR_O_SAMPLES - CR_O_QUIET, LOWER = CR_O_LANES - 1 };
 typedef struct { /* plain data; the blocks of injectors follow it */
     uint64_t stamp;
     int64_t block, ring_slots, count; /* bytes of a block, samples so far */
-    double work, spent;
+    double work, spent, share; /* share: of the last sample in which the coil was energised */
     /* the shot that is being sampled, in samples */
     double ring[CR_O_RING], from[CR_MOST_INJECTIONS], until[CR_MOST_INJECTIONS];
     int32_t on, pulses, excess;
@@ -584,10 +584,18 @@ int cr_observer_step(void *memory, double pressure, double command) {
     }
     double now = (double)o->count, share = good ? fmin(fmax(command, 0.0), 1.0) : o->on;
     share = share < 1e-6 ? 0.0 : share > 1.0 - 1e-6 ? 1.0 : share; /* but for rounding */
+    double before = o->share;
+    o->share = share;
     o->ring[o->count % CR_O_RING] = good ? pressure : o->ring[(o->count + CR_O_RING - 1) % CR_O_RING];
     o->count++;
     if (share > 0.0 && !o->on) {
         double start = now - share;
+        if (o->pulses && before > 0.0) { /* an edge over some samples, as interpolation makes it: its middle counts */
+            double *from = o->from + o->pulses - 1, *until = o->until + o->pulses - 1;
+            if (share < 1.0) *until += share;
+            else *from = start - (*until - *from), *until = now, o->on = 1;
+            return good ? CR_OK : CR_BAD_BOUNDARY;
+        }
         if (o->pulses && start - o->until[o->pulses - 1] >= CR_PAUSE / CR_SAMPLING) close_shot(o);
         if (o->pulses == CR_MOST_INJECTIONS) o->excess = 1, o->pulses--;
         o->from[o->pulses++] = start;
