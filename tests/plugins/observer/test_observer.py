@@ -276,7 +276,8 @@ def test_energisings_that_are_no_pairs_are_refused_with_an_example(rigid_volume:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"sensor": []}, "choose from rail"),
+        ({"sensor": []}, "sensor must be a str"),
+        ({"sensor": "nose"}, "choose from rail"),
         ({"disturbance": {}}, "must be a Disturbance"),
         ({"disturbance": Disturbance(1e5, 1e9, NAN, 1e4, 1e3, 1e-3)}, "memory of the disturbance"),
         ({"disturbance": Disturbance(0.0, 1e9, 2e-3, 1e4, 1e3, 1e-3)}, "noise of the disturbance"),

@@ -7,28 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import (
-    Limits,
-    Quantity,
-    amount,
-    array,
-    instance,
-    instances,
-    mapping,
-    number,
-    plain_text,
-    sequence,
-    settle,
-    shown,
-    whole,
-)
+from commonrail.base.arguments import Limits, amount, array, instance, instances, mapping, sequence, settle, whole
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.text import quantity
 from commonrail.base.units import to_text
-from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
+from commonrail.engine.operating_point import OTHER_PRESSURES, RAIL_PRESSURES, Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import unread_parameters
@@ -177,18 +163,18 @@ class ObserverSettings:
     iterations: int = 4
     horizon: int = 10
     grid: float = 0.0
-    time_step: Quantity = DEFAULT_STEP
+    time_step: float | str = DEFAULT_STEP
     states: tuple[DriftState, ...] = STATES
     deviations: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.sensor, str) or self.sensor not in SENSORS:
-            raise ConfigurationError(f"There is no sensor {shown(self.sensor)}; choose from {', '.join(SENSORS)}.")
+        if instance(self.sensor, str, "sensor") not in SENSORS:
+            raise ConfigurationError(f'There is no sensor "{self.sensor}"; choose from {", ".join(SENSORS)}.')
         times = Limits(1e-6, 20e-3)
         settle(
             self,
-            cylinder_pressure=number(self.cylinder_pressure, "Pa", "cylinder pressure"),
-            return_pressure=number(self.return_pressure, "Pa", "return pressure"),
+            cylinder_pressure=amount(self.cylinder_pressure, "Pa", "cylinder pressure", OTHER_PRESSURES),
+            return_pressure=amount(self.return_pressure, "Pa", "return pressure", OTHER_PRESSURES),
             before=amount(self.before, "s", "time before a shot", times),
             after=amount(self.after, "s", "time after a shot", times),
             gap=amount(self.gap, "s", "pause between shots", times),
@@ -243,13 +229,13 @@ def _disturbance(given: object) -> Disturbance:
 
 def _state(given: DriftState) -> DriftState:
     """Drift state of texts and numbers within their limits."""
-    name, unit = plain_text(given.name, "name of a drift state"), plain_text(given.unit, "unit of a drift state")
+    name, unit = (instance(text, str, "name and unit of a drift state") for text in (given.name, given.unit))
+    instance(given.parameter, str, f"parameter of {name}")
     if unit not in WIDEST:
         raise ConfigurationError(f'The unit of drift state "{name}" must be one of {", ".join(WIDEST)}, not {unit}.')
     numbers = {"power": amount(given.power, "1", f"power of {name}", Limits(-10.0, 10.0))}
     for key in ("deviation", "walk", "scatter", "limit"):
         numbers[key] = amount(getattr(given, key), unit, f"{key} of {name}", Limits(0.0, 1e9))
-    plain_text(given.parameter, f"parameter of {name}")
     widest, beyond = WIDEST[unit]
     if numbers["deviation"] > widest:
         read, most = (to_text(value, unit) for value in (numbers["deviation"], widest))
