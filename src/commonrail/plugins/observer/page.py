@@ -80,8 +80,8 @@ def observer_lines(record: Record) -> list[str]:
     ]
     if record["horizon"] > 1 and len(record["shots"]) > 1:
         lines.append(
-            f"Shots are estimated {record['horizon']} together: later ones correct those before, the last one stands as "
-            "found. Alarms came without shots that followed."
+            f"Shots are estimated {record['horizon']} together, so that later ones correct those before them; the last "
+            "stands as the filter found it, and so do the alarms."
         )
     strange = _strange(record)
     if strange:

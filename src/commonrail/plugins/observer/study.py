@@ -93,7 +93,7 @@ STATES = (
     DriftState("plunger gap", "plunger_needle.plunger_gap", 1.0, 0.10, 0.0, 0.0, 0.0),
     DriftState("fuel temperature", "fuel.temperature", 0.0, 10.0, 0.2, 0.0, 0.0, "K"),
     DriftState(GAIN, "", 0.0, 0.011, 1e-5, 0.0, 0.02),
-    DriftState(OFFSET, "", 0.0, 0.7e6, 1e3, 0.0, 2e6, "Pa"),
+    DriftState(OFFSET, "", 0.0, 0.7e6, 1e3, 0.0, 4e6, "Pa"),
     DriftState(DELAY, "", 0.0, 3e-6, 1e-8, 0.0, 10e-6, "s"),
 )
 
