@@ -52,18 +52,19 @@ class ClockedMemory(NamedTuple):
 
 
 @physics
-def fill_rings(memory, rows):  # type: ignore[no-untyped-def]
-    """Fill the rings with the waves of rest, and set the delays; true if those of all lanes are alike."""
+def fill_rings(memory, rows, copy):  # type: ignore[no-untyped-def]
+    """Fill the rings with the waves of rest, and set the delays; true if those of all lanes are alike.
+
+    Row by row by `copy`, as of `Machine`: of loops the compiler makes one over the slots, which scatters each number.
+    """
     work, waves, ring = memory.work, memory.waves, memory.ring
-    for wave in range(3):
-        for slot in range(ring):
-            for lane in range(rows.lanes):
-                waves[at(rows, wave * ring + slot, lane)] = work[at(rows, rows.leaving + wave, lane)]
     alike = True
     for wave in range(3):
-        row = rows.feed_delay if wave < 2 else rows.back_delay
+        rest, row = at(rows, rows.leaving + wave, 0), rows.feed_delay if wave < 2 else rows.back_delay
+        copy(work, at(rows, rows.arriving + wave, 0), work, rest)
+        for slot in range(ring):
+            copy(waves, at(rows, wave * ring + slot, 0), work, rest)
         for lane in range(rows.lanes):
-            work[at(rows, rows.arriving + wave, lane)] = work[at(rows, rows.leaving + wave, lane)]
             delay = min(max(work[at(rows, row, lane)], 1.0), ring - 2.0)
             work[at(rows, rows.delay_steps + wave, lane)] = float(int(delay))
             work[at(rows, rows.delay_fraction + wave, lane)] = delay - int(delay)
@@ -210,10 +211,10 @@ def make_settings(real: Any) -> Law:
     return setting_of  # type: ignore[no-any-return]
 
 
-def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> Law:
+def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting, copy: Law = copy_number) -> Law:
     """Function (memory, theta, candidates, given, out) that puts lanes to rest; true if all their delays are alike.
 
-    `setting_of`: function (given, lane) that gives the `Setting` of a lane.
+    `setting_of`: function (given, lane) that gives the `Setting` of a lane; `copy`: as of `Machine`.
     """
     wired = wiring(variant)
     load_parameters, load_fuel, store_inputs = wired.parameters.load, FUEL.load, INPUTS.store
@@ -245,7 +246,7 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
             work[at(rows, rows.leaving, lane)] = work[at(rows, rows.accumulation_pressure, lane)]
             work[at(rows, rows.leaving + 1, lane)] = work[at(rows, rows.accumulation_pressure, lane)]
             work[at(rows, rows.leaving + 2, lane)] = work[at(rows, rows.return_pressure, lane)]
-        return fill_rings(memory, rows)
+        return fill_rings(memory, rows, copy)
 
     return begin  # type: ignore[no-any-return]
 
@@ -310,7 +311,7 @@ def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
 def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     """Function (memory, job, samples, block, trace, out) that simulates one block."""
     real, keep = machine.real, machine.keep
-    begin = make_begin(variant, rows, make_settings(real))
+    begin = make_begin(variant, rows, make_settings(real), machine.copy)
     advance = make_advance(variant, rows, make_own_inputs())
     arrive, leave = make_wave_transport(rows, machine.copy, machine.gather)
     row_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
