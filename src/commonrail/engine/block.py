@@ -18,9 +18,9 @@ from commonrail.engine.recorder import (
     StopRule,
     at,
     check,
-    crossed,
+    crossing,
+    keep_if_asked,
     next_horizon,
-    record,
     record_crossing,
     report_ended,
     set_densities,
@@ -40,15 +40,7 @@ class Memory(NamedTuple):
     work: Any  # (rows × lanes,)
     waves: Any  # (3 × ring × lanes,): rings of the three waves
     ring: int  # slots of a ring
-
-
-class ClockedMemory(NamedTuple):
-    """`Memory` with the origins of the clocks [s], (2 × lanes,) in double precision."""
-
-    work: Any
-    waves: Any
-    ring: int
-    origins: Any
+    origins: Any  # of the clocks [s], (2 × lanes,) in double precision; None for inputs that need none
 
 
 @physics
@@ -60,7 +52,9 @@ def fill_rings(memory, rows, copy):  # type: ignore[no-untyped-def]
     work, waves, ring = memory.work, memory.waves, memory.ring
     alike = True
     for wave in range(3):
-        rest, row = at(rows, rows.leaving + wave, 0), rows.feed_delay if wave < 2 else rows.back_delay
+        rest = at(rows, rows.accumulation_pressure if wave < 2 else rows.return_pressure, 0)
+        row = rows.feed_delay if wave < 2 else rows.back_delay
+        copy(work, at(rows, rows.leaving + wave, 0), work, rest)
         copy(work, at(rows, rows.arriving + wave, 0), work, rest)
         for slot in range(ring):
             copy(waves, at(rows, wave * ring + slot, 0), work, rest)
@@ -84,6 +78,12 @@ def arrived(work, rows, wave, lane):  # type: ignore[no-untyped-def]
 def copy_number(target, to, source, first):  # type: ignore[no-untyped-def]
     """A row of one lane."""
     target[to] = source[first]
+
+
+@physics
+def any_number(source, first):  # type: ignore[no-untyped-def]
+    """True if a row of one lane is not zero."""
+    return source[first] != 0.0
 
 
 @physics
@@ -189,6 +189,7 @@ class Machine(NamedTuple):
     real: Any  # of the numbers that it computes in
     copy: Law  # function (target, to, source, first) that copies a row
     gather: Law  # as `compiler.laws.row_gatherer`
+    any_of: Law  # as `compiler.laws.row_tester`
     inlets: Callable[[Any], Inlets]  # function (rows) -> Inlets
     keep: Law  # function (work, rows, trace, block, k) that copies a state into a trace
 
@@ -243,9 +244,6 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting, copy:
             work[at(rows, rows.farthest_lift, lane)] = farthest_lift(c)
             rests = work[at(rows, rows.tip, lane)] < 0.0 and work[at(rows, rows.valve_lift, lane)] < 0.0
             out[lane, FIGURE.closed_at_start] = 1.0 if rests else 0.0
-            work[at(rows, rows.leaving, lane)] = work[at(rows, rows.accumulation_pressure, lane)]
-            work[at(rows, rows.leaving + 1, lane)] = work[at(rows, rows.accumulation_pressure, lane)]
-            work[at(rows, rows.leaving + 2, lane)] = work[at(rows, rows.return_pressure, lane)]
         return fill_rings(memory, rows, copy)
 
     return begin  # type: ignore[no-any-return]
@@ -269,10 +267,10 @@ def make_own_inputs() -> Law:
     return own_inputs  # type: ignore[no-any-return]
 
 
-def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs) -> Law:
+def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs, any_of: Law = any_number) -> Law:
     """Function (work, count, inputs, dt) that takes all lanes one step on; the compiler vectorises the loop in it.
 
-    `inputs_of`: function (inputs, work, rows, lane) that gives the `Inputs` of a lane.
+    `inputs_of`: function (inputs, work, rows, lane) that gives the `Inputs` of a lane; `any_of`: as of `Machine`.
     """
     wired = wiring(variant)
     load_coefficients, load_state, store_state = wired.coefficients.load, wired.state.load, wired.state.store
@@ -287,46 +285,35 @@ def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs) -> L
             arriving = Waves(arrived(work, rows, 0, lane), arrived(work, rows, 1, lane), arrived(work, rows, 2, lane))
             after, away = step(c, s, u, arriving, dt)
             old, new = lifts(s.body.z).tip, lifts(after.body.z).tip
-            work[at(rows, rows.tip_before, lane)] = old
+            work[at(rows, rows.tip_before, lane)], work[at(rows, rows.crossing, lane)] = old, crossing(old, new)
             work[at(rows, rows.greatest_lift, lane)] = max(work[at(rows, rows.greatest_lift, lane)], new)
             work[at(rows, rows.injected_before, lane)] = s.nozzle.injected
             store_state(work, at(rows, rows.state, lane), rows.lanes, after)
             work[at(rows, rows.leaving, lane)] = away.down
             work[at(rows, rows.leaving + 1, lane)] = away.up
             work[at(rows, rows.leaving + 2, lane)] = away.back
-        if crossed(work, rows) > 0:  # rarely: the loop above stays free of it
+        if any_of(work, at(rows, rows.crossing, 0)):  # rarely: the loop above stays free of it
             for lane in range(rows.lanes):
                 record_crossing(work, rows, lane, count)
 
     return advance  # type: ignore[no-any-return]
 
 
-@physics
-def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves of step k into a trace that is not empty."""
-    if trace.shape[0] > 0:
-        record(work, rows, trace[block, k])
-
-
 def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     """Function (memory, job, samples, block, trace, out) that simulates one block."""
     real, keep = machine.real, machine.keep
     begin = make_begin(variant, rows, make_settings(real), machine.copy)
-    advance = make_advance(variant, rows, make_own_inputs())
+    advance = make_advance(variant, rows, make_own_inputs(), machine.any_of)
     arrive, leave = make_wave_transport(rows, machine.copy, machine.gather)
     row_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
 
     @physics
     def simulate(memory, job, samples, block, trace, out):  # type: ignore[no-untyped-def]
-        work, points, dt = memory.work, job.points[block], real(job.dt)
-        candidates = job.candidates[block]
+        work, points, candidates, dt = memory.work, job.points[block], job.candidates[block], real(job.dt)
         alike = begin(memory, job.theta, candidates, (job.courses.settings, points, dt), out) or rows.lanes == 1
-        set_horizons(work, rows, points, job.courses.steps, job.courses.earliest_end)
+        horizon = set_horizons(work, rows, points, job.courses.steps, job.courses.earliest_end)
         set_densities(work, rows, candidates, points, samples.density)
         keep(work, rows, trace, block, 0)
-        horizon = 0
-        for lane in range(rows.lanes):
-            horizon = max(horizon, job.courses.steps[points[lane]])
         row, traced = row_of(job.courses, points), is_traced(job.courses, points)
         next_end, due, bound = next_horizon(work, rows, real(0)), first, 0
         for k in range(horizon):
@@ -343,9 +330,8 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
                 take_sample(work, rows, Sample(real(s[0]), real(s[1]), real(s[2]), real(s[3])), bound == 0)
                 bound += 1
             keep(work, rows, trace, block, k + 1)
-            is_due = k % job.check_every == job.check_every - 1
             rule = StopRule(real(k), real(job.checks_at_rest), real(job.check_every))
-            if is_due and check(work, rows, rule, out):
+            if k % job.check_every == job.check_every - 1 and check(work, rows, rule, out):
                 break
             if real(k + 1) >= next_end:
                 report_ended(work, rows, real(k + 1), out)
@@ -359,25 +345,26 @@ def entries(precision: str, width: str, *words: str) -> dict[str, tuple[Callable
 
     It returns 1 if the table was made for another kernel. For `cache.Source`.
     """
-    from commonrail.compiler.laws import TABLE, clock_reader, exchange_rounding, of_table, row_copier, row_gatherer
+    from commonrail.compiler import laws
 
     variant, vector = Variant(*words), VECTORS[Precision(precision)]._replace(lanes=int(width))
     rows, lanes, columns, size = shape_of(variant, vector)
-    clocks = partial(make_clocks, read=clock_reader(lanes))
-    machine = Machine(vector.real, row_copier(lanes), row_gatherer(lanes), clocks, keep_if_asked)
+    copy, gather, any_of = laws.row_copier(lanes), laws.row_gatherer(lanes), laws.row_tester(lanes)
+    clocks = partial(make_clocks, read=laws.clock_reader(lanes))
+    machine = Machine(vector.real, copy, gather, any_of, clocks, keep_if_asked)
     simulate = make_simulate(variant, make_rows(variant, lanes), machine)
-    figures = len(Outcome._fields)
+    figures, exchange = len(Outcome._fields), laws.exchange_rounding
 
     def blocks(shape, job, samples, trace, out, scratch, first, stride):  # type: ignore[no-untyped-def]
         if shape.rows != rows or shape.lanes != lanes or shape.columns != columns or shape.size != size:
             return 1
         if job.theta.shape[1] != columns or out.shape[1] != lanes or out.shape[2] != figures:
             return 1
-        mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
-        memory = ClockedMemory(scratch.work, scratch.waves, job.ring, scratch.origins)
+        mode = exchange(FLUSH_TINY, KEEP_ALL)
+        memory = Memory(scratch.work, scratch.waves, job.ring, scratch.origins)
         for block in range(first, job.points.shape[0], stride):
             simulate(memory, job, samples, block, trace, out[block])
-        exchange_rounding(mode, KEEP_NONE)
+        exchange(mode, KEEP_NONE)
         return 0
 
-    return {"lanes": (of_table(blocks, tuple(GIVEN), vector.real), TABLE)}
+    return {"lanes": (laws.of_table(blocks, tuple(GIVEN), vector.real), laws.TABLE)}

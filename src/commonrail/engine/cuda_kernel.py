@@ -21,7 +21,16 @@ from numba import cuda
 
 from commonrail.base.choices import Precision
 from commonrail.compiler.laws import offer_overloads
-from commonrail.engine.block import INPUTS, Inlets, Machine, Memory, copy_number, gather_number, make_simulate
+from commonrail.engine.block import (
+    INPUTS,
+    Inlets,
+    Machine,
+    Memory,
+    any_number,
+    copy_number,
+    gather_number,
+    make_simulate,
+)
 from commonrail.engine.job import VECTORS, Job, Samples, make_rows
 from commonrail.engine.recorder import at, record
 from commonrail.physics.law import physics
@@ -113,13 +122,13 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
     """
     rows, real = make_rows(variant, 1), VECTORS[precision].real
     keep = keep_state if traced else keep_nothing
-    machine = Machine(real, copy_number, gather_number, make_table_reader, keep)
+    machine = Machine(real, copy_number, gather_number, any_number, make_table_reader, keep)
     simulate, count, kind = make_simulate(variant, rows, machine), rows.end, numba.from_dtype(np.dtype(real))
 
     def march(job, samples, rings, trace, out):  # type: ignore[no-untyped-def]
         thread = cuda.grid(1)
         if thread < job.points.shape[0]:
-            memory = Memory(cuda.local.array(count, kind), rings[:, thread], job.ring)
+            memory = Memory(cuda.local.array(count, kind), rings[:, thread], job.ring, None)
             simulate(memory, job, samples, thread, trace, out[thread : thread + 1])
 
     return march

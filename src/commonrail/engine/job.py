@@ -210,6 +210,7 @@ class Progress(NamedTuple):
     is_open: float  # 1 while the needle counts as open
     injected_at_lift: float  # mass injected when the tip last left its seat [kg]
     tip_before: float  # lift of the tip before the step [m]
+    crossing: float  # 1 if it has passed the seat, or become open or closed, in the step
     checks_at_rest: float  # checks for which it has rested
     injected_at_check: float  # mass injected at the last check [kg]
     has_ended: float  # 1 once the lane has ended

@@ -116,7 +116,7 @@ def entries(*words: str) -> dict[str, Any]:
 
     def march(memory, ring, first, theta, settings, inputs, out):  # type: ignore[no-untyped-def]
         mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
-        held, dt = Memory(memory[:size], memory[size:], ring), settings[3]
+        held, dt = Memory(memory[:size], memory[size:], ring, None), settings[3]
         if inputs.shape[0] == 0:
             begin(held, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
         for i in range(inputs.shape[0]):

@@ -39,13 +39,9 @@ class StopRule(NamedTuple):
 
 
 @physics
-def crossed(work, rows):  # type: ignore[no-untyped-def]
-    """Lanes whose tip has passed the seat or `CLEAR_LIFT` in this step, upwards or downwards."""
-    count = 0
-    for lane in range(rows.lanes):
-        old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
-        count += int((old <= 0.0) != (new <= 0.0)) + int((old <= CLEAR_LIFT) != (new <= CLEAR_LIFT))
-    return count
+def crossing(old, new):  # type: ignore[no-untyped-def]
+    """1 if a tip has passed the seat or `CLEAR_LIFT` in this step, upwards or downwards; lifts before and after it."""
+    return 1.0 if (old <= 0.0) != (new <= 0.0) or (old <= CLEAR_LIFT) != (new <= CLEAR_LIFT) else 0.0
 
 
 @physics
@@ -84,10 +80,16 @@ def set_densities(work, rows, candidates, points, density):  # type: ignore[no-u
 
 @physics
 def set_horizons(work, rows, points, steps, earliest_end):  # type: ignore[no-untyped-def]
-    """Keep the number of each lane's steps, and the first one at which its injection may have ended."""
+    """Keep the number of each lane's steps, and the first one at which its injection may have ended.
+
+    Returns the largest number of steps.
+    """
+    most = 0
     for lane in range(rows.lanes):
         work[at(rows, rows.steps, lane)] = steps[points[lane]]
         work[at(rows, rows.earliest_end, lane)] = earliest_end[points[lane]]
+        most = max(most, steps[points[lane]])
+    return most
 
 
 @physics
@@ -218,3 +220,10 @@ def record(work, rows, trace):  # type: ignore[no-untyped-def]
     for row in range(trace.shape[0]):
         for lane in range(trace.shape[1]):
             trace[row, lane] = work[at(rows, first + row, lane)]
+
+
+@physics
+def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
+    """Copy state and leaving waves of step k into a trace that is not empty."""
+    if trace.shape[0] > 0:
+        record(work, rows, trace[block, k])

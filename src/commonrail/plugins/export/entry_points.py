@@ -148,12 +148,12 @@ def _loop_entries(variant: Variant) -> tuple[Law, Law]:
     candidates = (-1, 0)  # operating point, then the candidate of the lane, as in a block
 
     def begin(work, waves, ring, theta, rail, cylinder, low, dt, figures):  # type: ignore[no-untyped-def]
-        memory = Memory(carray(work, (working,)), carray(waves, (max(3 * ring, columns),)), ring)
+        memory = Memory(carray(work, (working,)), carray(waves, (max(3 * ring, columns),)), ring, None)
         own, out = carray(theta, (1, columns)), carray(figures, (1, noted))
         put(memory, own, candidates, Setting(rail, cylinder, low, dt), out)
 
     def march(work, waves, ring, first, count, inputs, dt):  # type: ignore[no-untyped-def]
-        memory = Memory(carray(work, (working,)), carray(waves, (3 * ring,)), ring)
+        memory = Memory(carray(work, (working,)), carray(waves, (3 * ring,)), ring, None)
         table = carray(inputs, (count, inputs_of_step))
         for n in range(count):
             k = first + n
@@ -230,16 +230,16 @@ def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:
     """
     from numba import carray, types
 
-    from commonrail.compiler.laws import row_copier, row_gatherer
+    from commonrail.compiler.laws import row_copier, row_gatherer, row_tester
 
     variant = Variant(*words)
     rows, copy, gather = make_rows(variant, LANES), row_copier(LANES), row_gatherer(LANES)
-    advance = make_advance(variant, rows, make_own_inputs())
+    advance = make_advance(variant, rows, make_own_inputs(), row_tester(LANES))
     arrive, leave = make_wave_transport(rows, copy, gather)
     working, first_input, given, noted = rows.end, rows.inputs, len(INPUTS.paths), len(Outcome._fields)
 
     def march(work, waves, ring, first, count, inputs, dt, alike):  # type: ignore[no-untyped-def]
-        memory = Memory(carray(work, (working * LANES,)), carray(waves, (3 * ring * LANES,)), ring)
+        memory = Memory(carray(work, (working * LANES,)), carray(waves, (3 * ring * LANES,)), ring, None)
         table = carray(inputs, (count * given * LANES,))
         for n in range(count):
             k = first + n
