@@ -8,7 +8,7 @@ the model without the pressure, and the drop of the rail's pressure, volume Ã— Î
 fuel's volume at 0.1 MPa, which the observer does not know of.
 
     python -m tools.observer_trial truths FILE.npz --injectors 40 --shots 25 --seed 2
-    python -m tools.observer_trial judge FILE.npz --injectors 40
+    python -m tools.observer_trial judge FILE.npz --injectors 40 [--with current,return]
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,11 @@ MODEL = "cri2-16"
 RATE, CYCLE = 100e3, 40e-3  # samples a second; time from shot to shot [s]: that of 3,000 revolutions a minute
 CYLINDER, RETURN = 5e6, 0.5e6
 AFTER = 2.1e-3  # simulated beyond the last energising [s]
+STILL = 0.2e-3  # simulated without an energising, for the guides' leak over the rest of a cycle [s]
 FULL_SCALE = 220e6  # of the sensor [Pa]
+# Of further sensors [E]: noise of the current, 1 % of its peak, and its full scale [A]; noise of a shot's return
+# quantity; gains of both.
+CURRENT_NOISE, CURRENT_SCALE, RETURN_NOISE, METER = 0.19, 40.0, 0.02, 0.01
 MARGIN = 0.1e-3  # beside an injection in which its rate is judged too [s]
 
 # Relative standard deviations of the truths [E], in the size of the tolerances of cases/tolerance; the first are the
@@ -190,12 +195,15 @@ def true_shot(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: 
     time, injected = np.asarray(found.time), np.asarray(found.injected)
     figures = figures_of(time, injected, cuts_of(time, injected, point.pulses))  # defined as the observer's
     figures[0] /= found.reference_density
+    still = simulate_reference(injector, cr.OperatingPoint(rail, 0.0, CYLINDER, RETURN, horizon=STILL), 2e-6, coarse)
     return {
         "rail": rail,
         "pulses": pulses,
         "pressure": np.asarray(found.channels["rail_pressure"])[::5],
         "line": np.asarray(found.channels["accumulation_pressure"])[::5],
         "injected": injected[::5] / found.reference_density,  # every RATE_STEP
+        "current": np.asarray(found.channels["coil_current"]),  # every 2 us
+        "returned": found.returned_mass + still.returned_mass / STILL * (CYCLE - point.duration),  # in a cycle [kg]
         "figures": figures,
     }
 
@@ -233,6 +241,28 @@ def log_of(
     return clock, np.round(shown / (FULL_SCALE / 4096)) * (FULL_SCALE / 4096), pulses
 
 
+def further_of(
+    shots: list[dict[str, Any]], log: tuple[Any, ...], rng: np.random.Generator, names: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """Samples of further sensors in a log: current of the coil [A], and return flow, each cycle's mean [kg/s]."""
+    clock, _, pulses = log
+    made = {name: np.zeros(len(clock)) for name in names}
+    gains = METER * rng.standard_normal(2)
+    firsts = np.cumsum([0, *(len(shot["pulses"]) for shot in shots)])[:-1]
+    starts = [pulses[i][0] - shot["pulses"][0][0] for i, shot in zip(firsts, shots, strict=True)]
+    for start, end, shot in zip(starts, [*starts[1:], starts[-1] + CYCLE], shots, strict=True):
+        if "current" in made:
+            grid = start + 2e-6 * np.arange(len(shot["current"]))
+            made["current"] += (1.0 + gains[0]) * np.interp(clock, grid, shot["current"], left=0.0, right=0.0)
+        if "return" in made:
+            own = (1.0 + gains[1]) * shot["returned"] * (1.0 + RETURN_NOISE * rng.standard_normal())
+            made["return"][(clock >= start) & (clock < end)] = own / (end - start)
+    if "current" in made:
+        shown = made["current"] + CURRENT_NOISE * rng.standard_normal(len(clock))
+        made["current"] = np.round(shown / (CURRENT_SCALE / 4096)) * (CURRENT_SCALE / 4096)
+    return made
+
+
 def _disturbance(
     clock: np.ndarray, starts: np.ndarray, rng: np.random.Generator, parts: tuple[float, ...]
 ) -> np.ndarray:
@@ -255,7 +285,16 @@ def _disturbance(
     return np.asarray(delivered * drop[-1] / delivered[-1] - drop)
 
 
-def judge(path: Path, out: Path | None, sensor: str, others: str, chosen: slice, horizon: int = 1) -> None:
+def judge(
+    path: Path,
+    out: Path | None,
+    sensor: str,
+    others: str,
+    chosen: slice,
+    *,
+    horizon: int = 10,
+    further: Sequence[str] = (),
+) -> None:
     """Run the observer and the baselines over chosen injectors, and print their errors."""
     data = np.load(path, allow_pickle=True)
     model = cr.load_injector(MODEL)
@@ -263,8 +302,9 @@ def judge(path: Path, out: Path | None, sensor: str, others: str, chosen: slice,
     for k, truth in list(enumerate(data["rows"]))[chosen]:
         rng = np.random.default_rng([int(data["seed"]), k, 7])
         log = log_of(truth["shots"], rng, sensor, others)
+        more = further_of(truth["shots"], log, np.random.default_rng([int(data["seed"]), k, 8]), further)
         settings = ObserverSettings(horizon=horizon, sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN)
-        found = observe(model, log[0], log[1], log[2], settings, threads=1)
+        found = observe(model, log[0], log[1], log[2], settings, further=more, threads=1)
         drops = _drops(model, log, truth["shots"])
         raised = [(i, shot.alarm.state) for i, shot in enumerate(found.shots) if shot.alarm is not None]
         alarms.append((next((i for i, state in raised if state == "nozzle flow"), -1), [i for i, _ in raised]))
@@ -397,14 +437,16 @@ def main() -> None:
     parser.add_argument("--air", type=float, default=0.0, help="truths: share of the fuel's volume at 0.1 MPa")
     parser.add_argument("--sensor", choices=("rail", "line"), default="rail")
     parser.add_argument("--others", choices=("apart", "at once", "none"), default="apart", help="neighbours and pump")
-    parser.add_argument("--horizon", type=int, default=1)
+    parser.add_argument("--horizon", type=int, default=10, help="judge: as that of `observe`")
+    parser.add_argument("--with", dest="further", default="", help="judge: further sensors, of current,return")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     if given.what == "truths":
         truths(given.file, given.injectors, given.shots, given.seed, given.drift, given.air)
     else:
         chosen = slice(given.first, given.first + given.injectors)
-        judge(given.file, given.out, given.sensor, given.others, chosen, given.horizon)
+        further = [name for name in given.further.split(",") if name]
+        judge(given.file, given.out, given.sensor, given.others, chosen, horizon=given.horizon, further=further)
 
 
 if __name__ == "__main__":

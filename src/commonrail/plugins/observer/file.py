@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from commonrail.physics.injector import Injector
 from commonrail.physics.law import Domain
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.kalman import Alarm, Belief, StepTest
-from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
+from commonrail.plugins.observer.study import FURTHER, InjectionTrain, ObserverSettings
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns
 
@@ -167,6 +168,15 @@ class Observation(Shown):
                 rows.append(row | {"alarm": shot["alarm"] and shot["alarm"]["state"]})
         return rows
 
+    def _further(self) -> dict[str, list[float]]:
+        """Noise of a sample [A] or of a shot's quantity [1], and discrepancy, of each further sensor."""
+        given = self.settings
+        figures = {
+            "current": (given.current_noise, given.current_discrepancy),
+            "return": (given.return_deviation * given.return_shots**0.5, given.return_discrepancy),
+        }
+        return {name: numbers(np.array(figures[name], float)) for name in given.further}
+
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; what does not exist is None."""
         settings = self.settings
@@ -188,6 +198,7 @@ class Observation(Shown):
             "horizon": settings.horizon,
             "significance": settings.significance,
             "discrepancy": settings.discrepancy,
+            "further": self._further(),
             "time_step": settings.time_step,
             "states": [state._asdict() for state in settings.states],
             "disturbance": self.disturbance._asdict(),
@@ -228,18 +239,22 @@ class LogColumns(NamedTuple):
     time_unit: str | None = None
     pressure_unit: str | None = None
     form: FileForm = PLAIN
+    further: Mapping[str, str] = MappingProxyType({})  # columns of further sensors by their names
 
 
 class Log(NamedTuple):
     """Times (samples,) [s], pressure (samples,) [Pa], (start, duration) of the energisings [s]; edges of a current.
 
-    These are the times in which it rose to half of its range, and fell [s].
+    These are the times in which it rose to half of its range, and fell [s]. Then samples (samples,) of further sensors
+    by their names; a return flow is a volume flow where `volume` says so.
     """
 
     time: Floats
     pressure: Floats
     energisings: list[tuple[float, float]]
     edges: tuple[float, float] | None = None
+    further: Mapping[str, Floats] = MappingProxyType({})
+    volume: bool = False
 
 
 def read_log(path: Path, columns: LogColumns) -> Log:
@@ -260,8 +275,14 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     else:
         tables = [take_columns(sheet, [time, *wanted])] * len(wanted)
     clock, pressure = tables[0].columns[columns.time], tables[0].columns[columns.pressure]
+    further, volume = {}, False
+    for name, heading in columns.further.items():
+        unit = ("kg/s", "m3/s") if name == "return" else FURTHER[name]
+        table = take_columns(sheet, [time, Column(heading, unit, stating="the heading of its column")])
+        volume = volume or table.units[heading] == "m3/s"
+        further[name] = np.interp(clock, table.columns[columns.time], table.columns[heading])  # MDF has several clocks
     if columns.energisings is None:
-        return Log(clock, pressure, *_edges(tables[1], columns.time, columns.command))
+        return Log(clock, pressure, *_edges(tables[1], columns.time, columns.command), further, volume)
     pairs = take_columns(
         open_sheet(columns.energisings, columns.form),
         [
@@ -270,9 +291,8 @@ def read_log(path: Path, columns: LogColumns) -> Log:
         ],
         1,
     )
-    return Log(
-        clock, pressure, list(zip(*(pairs.columns[name].tolist() for name in ("start", "duration")), strict=True))
-    )
+    pulses = list(zip(*(pairs.columns[name].tolist() for name in ("start", "duration")), strict=True))
+    return Log(clock, pressure, pulses, None, further, volume)
 
 
 def _edges(table: Table, time: str, command: str) -> tuple[list[tuple[float, float]], tuple[float, float] | None]:

@@ -215,6 +215,8 @@ def observer_texts(online: Online) -> dict[str, str]:
         raise ConfigurationError(
             "An observer without Python does not learn the disturbance; give its figures, such as those of `observe`."
         )
+    if settings.further:
+        raise ConfigurationError("An observer without Python reads one pressure; leave `further` empty.")
     if not settings.grid:
         raise ConfigurationError(
             f"An observer without Python simulates on a grid of states; give `grid`, such as {GRID}."

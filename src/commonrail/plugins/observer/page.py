@@ -74,7 +74,8 @@ def observer_lines(record: Record) -> list[str]:
         ]
     lines = [
         f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
-        f"closing of {len(found)} follow from the pressure at the {_place(record)} and the command, by the model of "
+        f"closing of {len(found)} follow from the pressure at the {_place(record)}{_further(record)} and the command, "
+        "by the model of "
         f"{record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
     ]
@@ -159,6 +160,11 @@ def _edge_lines(record: Record) -> list[str]:
 
 def _place(record: Record) -> str:
     return "rail" if record["sensor"] == "rail" else "injector's end of the line"
+
+
+def _further(record: Record) -> str:
+    words = {"current": "the coil's current", "return": "the return flow"}
+    return "".join(f", {words[name]}" for name in record.get("further", ()))
 
 
 def _deviation(rows: list[Record]) -> str:
@@ -434,7 +440,19 @@ def _facts(record: Record) -> list[tuple[str, str]]:
             f"{quantity(d['wave'], 'Pa', 2)} at {significant(d['frequency'] * 1e-3, 2)} kHz",
         ),
         ("Discrepancy", f"{percent(record['discrepancy'])} % of the drop of the pressure"),
+        *_further_facts(record),
     ]
+
+
+def _further_facts(record: Record) -> list[tuple[str, str]]:
+    facts = []
+    for name, (noise, lacks) in record.get("further", {}).items():
+        words = {
+            "current": ("Current", f"noise of a sample {quantity(noise, 'A', 2)}"),
+            "return": ("Return flow", f"standard deviation of a shot's {percent(noise)} %"),
+        }[name]
+        facts.append((words[0], f"{words[1]}; discrepancy {percent(lacks)} %"))
+    return facts
 
 
 OBSERVATION = Presenter(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,8 +15,18 @@ from commonrail.base.hooks import naming
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import which_failed
-from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.plugins.observer.study import DELAY, GAIN, OFFSET, SENSORS, ObserverSettings, ShotRecord
+from commonrail.physics.components.solenoid import Parameters
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
+from commonrail.plugins.observer.further import PATHS, coil_current, flowing, metered
+from commonrail.plugins.observer.study import (
+    DELAY,
+    GAIN,
+    METER_GAIN,
+    OFFSET,
+    SENSORS,
+    ObserverSettings,
+    ShotRecord,
+)
 
 # Steps of the temperature at which the fuel is computed, which takes as long as a shot; linear between [K].
 WARMTH = 5.0
@@ -32,9 +43,9 @@ class Response(NamedTuple):
 
     Attributes
     ----------
-    pressure : (samples,)
-        As the sensor shows it, less its value at rest [Pa].
-    slopes : (samples, states)
+    pressure : (rows,)
+        As the sensor shows it, less its value at rest [Pa]; behind it what further sensors show, in their units.
+    slopes : (rows, states)
     figures : (3, injections)
         Quantity [m³], opening and closing [s] of each injection; NaN without an injection.
     figure_slopes : (3, injections, states)
@@ -59,6 +70,18 @@ class Response(NamedTuple):
         )
 
 
+class Traced(NamedTuple):
+    """Times (samples,) [s], pressures [Pa], injected masses [kg] (candidates, samples).
+
+    `further`: currents [A] and returned masses [kg], of the same shape, by the names of sensors.
+    """
+
+    time: Floats
+    pressure: Floats
+    injected: Floats
+    further: dict[str, Floats]
+
+
 class Simulator:
     """Simulates shots of one injector.
 
@@ -76,7 +99,8 @@ class Simulator:
         self.names = tuple(state.parameter for state in self.states if state.parameter)
         self._variant = injector.wired(self.names)
         paths = lanes.trace_paths(self._variant)
-        self._rows = [paths.index(SENSORS[settings.sensor]), paths.index("nozzle.injected")]
+        more = [path for name in settings.further for path in PATHS[name]]
+        self._rows = {path: paths.index(path) for path in (SENSORS[settings.sensor], "nozzle.injected", *more)}
         self.simulations = 0
 
     def at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
@@ -104,7 +128,7 @@ class Simulator:
 
     def _at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
         n, by_name = len(self.states), {state.name: i for i, state in enumerate(self.states)}
-        sensor = {name: x[by_name[name]] if name in by_name else 0.0 for name in (GAIN, OFFSET, DELAY)}
+        sensor = {name: x[by_name[name]] if name in by_name else 0.0 for name in (GAIN, OFFSET, DELAY, METER_GAIN)}
         steps = np.array([1.0 if s.parameter == FUEL_TEMPERATURE else STEP * s.deviation for s in self.states])
         changed = [x + steps[i] * np.eye(n)[i] for i, state in enumerate(self.states) if state.parameter]
         scale = 1.0 + sensor[GAIN]
@@ -113,8 +137,8 @@ class Simulator:
         found = self._traces(shot, true, np.array([x, *changed]))
         if found is None:
             return None
-        time, pressure, injected = found
-        shown = scale * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])
+        time, injected = found.time, found.injected
+        shown = self._shown(shot, found, sensor)
         cuts = cuts_of(time, injected[0], shot.energisings)
         density = self._densities(np.array([x, *changed]))
         figures = np.array([figures_of(time, row, cuts) for row in injected])
@@ -129,20 +153,21 @@ class Simulator:
                 slopes[:, i] = (shown[lane] - shown[0]) / steps[i]
                 figure_slopes[..., i] = (figures[lane] - figures[0]) / steps[i]
                 rate_slopes[:, i] = (rates[lane] - rates[0]) / steps[i]
-            elif state.name == DELAY:
-                late = self._sampled(shot, time, pressure[:1], sensor[DELAY] + LATER)[0] - pressure[0, 0]
-                slopes[:, i] = (scale * late - shown[0]) / LATER
+            elif state.name not in (GAIN, OFFSET):
+                by = LATER if state.unit == "s" else STEP * state.deviation
+                other = self._shown(shot, found, {**sensor, state.name: sensor[state.name] + by})[0]
+                slopes[:, i] = (other - shown[0]) / by
         lower = self._traces(shot, true - LOWER, x[None])
         if lower is not None:  # both errors of the sensor also move the true pressure at rest
-            moved = scale * (self._sampled(shot, time, lower[1], sensor[DELAY])[0] - lower[1][0, 0])
-            by_rest = (moved - shown[0]) / LOWER
-            lowered = figures_of(time, lower[2][0], cuts)
+            by_rest = (self._shown(shot, lower, sensor)[0] - shown[0]) / LOWER
+            lowered = figures_of(time, lower.injected[0], cuts)
             lowered[0] /= density[0]
             figures_by_rest = (lowered - figures[0]) / LOWER
-            rate_by_rest = (rate_of(time, lower[2])[0] / density[0] - rates[0]) / LOWER
+            rate_by_rest = (rate_of(time, lower.injected)[0] / density[0] - rates[0]) / LOWER
+            own = np.where(np.arange(len(shown[0])) < len(self.averaged(shot.time, shot.time)), shown[0], 0.0)
             for name, drop, error in ((OFFSET, 0.0, 1.0 / scale), (GAIN, 1.0 / scale, true / scale)):
                 if name in by_name:
-                    slopes[:, by_name[name]] = drop * shown[0] + error * by_rest
+                    slopes[:, by_name[name]] = drop * own + error * by_rest
                     figure_slopes[..., by_name[name]] = error * figures_by_rest
                     rate_slopes[:, by_name[name]] = error * rate_by_rest
         sound = np.isfinite(slopes).all(axis=0)  # a change that cannot be simulated tells nothing
@@ -161,7 +186,7 @@ class Simulator:
         found = self._traces(shot, rest, x)
         if found is None:
             return None
-        time, _, injected = found
+        time, injected = found.time, found.injected
         figures, density = (
             figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings)),
             self._densities(x),
@@ -188,8 +213,8 @@ class Simulator:
         settings = self.settings
         return OperatingPoint(rail, pulses, settings.cylinder_pressure, settings.return_pressure, horizon=horizon)
 
-    def _traces(self, shot: ShotRecord, rail: float, x: Floats) -> tuple[Floats, Floats, Floats] | None:
-        """Times (n,) [s], pressures [Pa] and injected masses [kg] (candidates, n); None if the first fails."""
+    def _traces(self, shot: ShotRecord, rail: float, x: Floats) -> Traced | None:
+        """Courses at states (candidates, states); None if the first fails."""
         dt = float(self.settings.time_step)
         steps = int(np.ceil((float(shot.time[-1]) + 20e-6) / dt))
         fixed = self.settings.grid > 0.0
@@ -206,11 +231,32 @@ class Simulator:
         failed = which_failed(plan.statuses_of(self.names, theta, prepared, outcome))[:, 0] | ~inside
         if failed[0]:
             return None
-        pressure, injected = (
-            np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(x)] for row in self._rows
-        )
-        pressure = np.where(failed[:, None], np.nan, pressure)
-        return np.asarray(dt * np.arange(trace.shape[1])), pressure, np.where(failed[:, None], np.nan, injected)
+        rows = {
+            name: np.where(
+                failed[:, None], np.nan, np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(x)]
+            )
+            for name, row in self._rows.items()
+        }
+        further = {name: rows[PATHS[name][0]] for name in self.settings.further}
+        if "current" in further:
+            column = parameter_paths(self.injector.variant.actuation).index
+            names = ("valve.lift", *(f"solenoid.{name}" for name in Parameters._fields))
+            further["current"] = coil_current(
+                {name: theta[:, column(name), None] for name in names}, *(rows[path] for path in PATHS["current"])
+            )
+        time = np.asarray(dt * np.arange(trace.shape[1]))
+        return Traced(time, rows[SENSORS[self.settings.sensor]], rows["nozzle.injected"], further)
+
+    def _shown(self, shot: ShotRecord, traced: Traced, sensor: Mapping[str, float]) -> Floats:
+        """What the sensors show (candidates, rows), as `Response.pressure`, with errors of the sensors by name."""
+        time, pressure = traced.time, traced.pressure
+        parts = [(1.0 + sensor[GAIN]) * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])]
+        if "current" in shot.further:
+            flows = flowing(shot, self.averaged(shot.time, shot.time))
+            parts.append(self._sampled(shot, time, traced.further["current"], 0.0)[:, flows])
+        if "return" in shot.further:
+            parts.append(metered(traced.further["return"], time, shot.period, sensor[METER_GAIN]))
+        return np.hstack(parts)
 
     def _sampled(self, shot: ShotRecord, time: Floats, pressure: Floats, delay: float) -> Floats:
         """Averaged samples (candidates, samples) of pressures that the sensor shows later by a delay [s]."""

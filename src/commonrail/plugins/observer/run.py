@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import toeplitz
 
-from commonrail.base.arguments import array, function, instance, sequence, thread_count
+from commonrail.base.arguments import array, function, instance, mapping, sequence, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import held_interrupts, note
@@ -21,10 +21,11 @@ from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import Memory, Observation, ObservedShot
+from commonrail.plugins.observer.further import flowing, joined, noise_found
 from commonrail.plugins.observer.horizon import Horizon, Measured
 from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, update
 from commonrail.plugins.observer.response import Response, Simulator
-from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, cut_log, states_of
+from commonrail.plugins.observer.study import FURTHER, ObserverSettings, ShotRecord, check_model, cut_log, states_of
 
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
 SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
@@ -48,6 +49,7 @@ def observe(
     energisings: Sequence[tuple[float, float]],
     settings: ObserverSettings | None = None,
     *,
+    further: Mapping[str, ArrayLike] | None = None,
     previous: Observation | None = None,
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -67,6 +69,9 @@ def observe(
     energisings : sequence of (start, duration)
         In order [s].
     settings : ObserverSettings, optional
+    further : mapping of str to (samples,), optional
+        Samples of further sensors at the same times: "current", of the coil [A]; "return", flow through the return line
+        [kg/s], of which the mean from each shot to the next counts.
     previous : Observation, optional
         Of an earlier log of the same injector and sensor; states, disturbance and test for drift go on from it.
     threads : int, optional
@@ -80,12 +85,18 @@ def observe(
         holds no whole shot.
     """
     check_model(instance(injector, Injector, "injector"))
-    settings = _settings(injector, settings, previous)
+    given = mapping(further or {}, "further", '{"current": amperes}')
+    settings = _settings(injector, settings, previous, tuple(given))
+    check_model(injector, settings.further)
     report = function(progress, "progress") or (lambda _: None)
     clock, shown = array(time, "s", "time", 1), array(pressure, "Pa", "pressure", 1)
     pulses = [_energising(pair) for pair in sequence(energisings, "energisings", PULSES)]
     _check_log(clock, shown, pulses)
-    shots = cut_log(clock, shown, tuple(pulses), settings)
+    more = {name: array(given[name], FURTHER[name], name, 1) for name in settings.further}
+    for name, samples in more.items():
+        if len(samples) != len(clock):
+            raise ConfigurationError(f'The log has {len(clock)} times, but {len(samples)} samples of "{name}".')
+    shots = cut_log(clock, shown, tuple(pulses), settings, more)
     if not shots:
         raise ConfigurationError(
             "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
@@ -94,16 +105,26 @@ def observe(
     return _Run(injector, settings, shots, thread_count(threads), previous).all(report)
 
 
-def _settings(injector: Injector, settings: ObserverSettings | None, previous: Observation | None) -> ObserverSettings:
+def _settings(
+    injector: Injector, settings: ObserverSettings | None, previous: Observation | None, further: tuple[str, ...]
+) -> ObserverSettings:
     if previous is None:
         settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
-        return replace(settings, states=states_of(injector, settings))
-    instance(previous, Observation, "previous")
-    if settings is not None or injector is not previous.injector:
+        settings = replace(settings, further=settings.further or further)
+        known = replace(settings, states=states_of(injector, settings))
+    else:
+        known = instance(previous, Observation, "previous").settings
+        if settings is not None or injector is not previous.injector:
+            raise ConfigurationError(
+                "An observation goes on with its own injector and settings; give `previous.injector`, and no settings."
+            )
+    if set(known.further) != set(further):
+        named, given = (", ".join(names) or "none" for names in (known.further, further))
         raise ConfigurationError(
-            "An observation goes on with its own injector and settings; give `previous.injector`, and no settings."
+            f"The settings name as further sensors: {named}; samples were given of: {given}; give those of all and no "
+            "others."
         )
-    return previous.settings
+    return known
 
 
 def _energising(pair: object) -> Energising:
@@ -149,14 +170,17 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
             )
 
 
-def with_discrepancy(disturbance: Disturbance, settings: ObserverSettings, at: Floats) -> Callable[[Response], Floats]:
-    """Covariance (samples, samples) [Pa²] of disturbance and discrepancy at times (samples,) [s], from a response."""
+def with_discrepancy(
+    disturbance: Disturbance, settings: ObserverSettings, at: Floats, shot: ShotRecord
+) -> Callable[[Response], Floats]:
+    """Covariance (rows, rows) of disturbance and discrepancy at times (samples,) [s] of a shot, from a response."""
     before = disturbance.covariance(at) + FLOOR**2 * np.eye(len(at))
     alike = toeplitz(np.exp(-(at - at[0]) / MEMORY))
 
     def covariance(found: Response) -> Floats:
-        after = np.where(at > 0.0, settings.discrepancy * np.abs(found.pressure), 0.0)
-        return np.asarray(before + np.outer(after, after) * alike)
+        after = np.where(at > 0.0, settings.discrepancy * np.abs(found.pressure[: len(at)]), 0.0)
+        own = np.asarray(before + np.outer(after, after) * alike)
+        return joined(own, alike, settings, shot, found.pressure, at) if shot.further else own
 
     return covariance
 
@@ -182,6 +206,8 @@ class _Run:
         quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
         noise = None if settings.noise is None else settings.noise / many**0.5
         self.disturbance = settings.disturbance or learn(quiet, many * float(clock[1] - clock[0]), noise)
+        if "current" in settings.further and settings.current_noise is None:
+            self.settings = replace(settings, current_noise=noise_found(shots))
 
     def all(self, report: Callable[[Progress], None]) -> Observation:
         begin = time.perf_counter()
@@ -237,9 +263,15 @@ class _Run:
         at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # a sample at the start is there but for rounding
         samples = self.simulator.averaged(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
+        rows = [samples - rest]
+        if "current" in shot.further:
+            amperes = self.simulator.averaged(shot.further["current"], shot.time)
+            rows.append((amperes - amperes[at < 0.0].mean())[flowing(shot, at)])
+        if "return" in shot.further:
+            rows.append(shot.further["return"])
         made = Measured(
-            samples - rest,
-            with_discrepancy(self.disturbance, self.settings, at),
+            np.concatenate(rows),
+            with_discrepancy(self.disturbance, self.settings, at, shot),
             lambda x: self.simulator.at(shot, rest, x),
         )
         done = update(belief, self.settings.states, *made, self.settings.iterations)

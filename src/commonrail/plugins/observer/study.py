@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, amount, array, instance, instances, mapping, sequence, settle, whole
+from commonrail.base.arguments import (
+    Limits,
+    amount,
+    array,
+    instance,
+    instances,
+    known_names,
+    mapping,
+    sequence,
+    settle,
+    whole,
+)
 from commonrail.base.arrays import Floats
-from commonrail.base.choices import Boundary
+from commonrail.base.choices import Actuation, Boundary
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.text import quantity
@@ -29,6 +42,8 @@ WIDEST = {
     "s": (1e-3, "the sensor would show a shot after it"),
 }
 SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each of them shows
+METER_GAIN = "return meter gain"
+FURTHER = {"current": "A", "return": "kg/s"}  # sensors beside the pressure's, and the unit of each
 
 
 class DriftState(NamedTuple):
@@ -51,6 +66,8 @@ class DriftState(NamedTuple):
         Step that raises an alarm, if it is significant; 0 raises none.
     unit : str
         "1" for a relative change, or an SI unit.
+    of : str
+        Further sensor without which it is no state; empty for none.
     """
 
     name: str
@@ -61,13 +78,14 @@ class DriftState(NamedTuple):
     scatter: float
     limit: float
     unit: str = "1"
+    of: str = ""
 
 
 # Deviations, walks, scatters and limits are engineering estimates [E]; the deviations lie about the tolerances of
 # cases/tolerance. Those of the sensor stand for its gain and the rail's volume, its zero, and 5 µs of delay.
 # The nine from feed pipe length on are not learnt to say how they are: left out, the others took up their traces in the
 # pressure, above all the fuel's temperature those of the pipe's length, and so the quantity an error that stays.
-# With 23 parameters and the states themselves three blocks of lanes are full.
+# With 23 parameters and the states themselves three blocks of lanes are full. The last three belong to further sensors.
 STATES = (
     DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 1e-3, 5e-3, 0.03),
     DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 1e-3, 3e-3, 0.05),
@@ -95,6 +113,9 @@ STATES = (
     DriftState(GAIN, "", 0.0, 0.011, 1e-5, 0.0, 0.02),
     DriftState(OFFSET, "", 0.0, 0.7e6, 1e3, 0.0, 4e6, "Pa"),
     DriftState(DELAY, "", 0.0, 3e-6, 1e-8, 0.0, 10e-6, "s"),
+    DriftState("peak current", "drive.peak_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
+    DriftState("hold current", "drive.hold_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
+    DriftState(METER_GAIN, "", 0.0, 0.01, 1e-5, 0.0, 0.0, of="return"),
 )
 
 
@@ -106,6 +127,8 @@ class ObserverSettings:
     ----------
     sensor : str
         "rail", or "line" for a sensor at the injector's end of the line.
+    further : sequence of str
+        What is measured beside it: "current" of the coil, "return" flow.
     cylinder_pressure, return_pressure : float
         [Pa].
     before, after : float
@@ -120,6 +143,16 @@ class ObserverSettings:
         Pump, neighbours and noise of an averaged sample; by default found in the quiet pressure before the shots.
     discrepancy : float
         Standard deviation of what the simulated pressure lacks, as a share of its drop.
+    current_discrepancy, return_discrepancy : float
+        Standard deviations of what the model lacks, as shares of the current and the return quantity.
+    current_noise : float, optional
+        Standard deviation of a sample [A]; by default found in the current before the shots.
+    current_timing : float
+        Standard deviation of the edges of the energisings [s].
+    return_deviation : float
+        Standard deviation of the metered quantity, as a share of it.
+    return_shots : int
+        Cycles over which the meter averages: each shot counts with a variance that is so many times as large.
     learning : int
         Shots without alarms at the beginning.
     window : int
@@ -148,6 +181,7 @@ class ObserverSettings:
     """
 
     sensor: str = "rail"
+    further: tuple[str, ...] = ()
     cylinder_pressure: float = 5e6
     return_pressure: float = 0.5e6
     before: float = 2e-3
@@ -157,6 +191,12 @@ class ObserverSettings:
     noise: float | None = None
     disturbance: Disturbance | None = None
     discrepancy: float = 0.005
+    current_noise: float | None = None
+    current_discrepancy: float = 0.02  # this and those that follow are estimates [E]
+    current_timing: float = 1e-6
+    return_deviation: float = 0.02
+    return_shots: int = 1
+    return_discrepancy: float = 0.03
     learning: int = 10
     window: int = 20
     significance: float = 4.0
@@ -170,9 +210,11 @@ class ObserverSettings:
     def __post_init__(self) -> None:
         if instance(self.sensor, str, "sensor") not in SENSORS:
             raise ConfigurationError(f'There is no sensor "{self.sensor}"; choose from {", ".join(SENSORS)}.')
-        times = Limits(1e-6, 20e-3)
+        further = known_names(self.further, FURTHER, "further sensors", "current")
+        times, shares = Limits(1e-6, 20e-3), Limits(0.0, 1.0)
         settle(
             self,
+            further=tuple(name for name in FURTHER if name in further),
             cylinder_pressure=amount(self.cylinder_pressure, "Pa", "cylinder pressure", OTHER_PRESSURES),
             return_pressure=amount(self.return_pressure, "Pa", "return pressure", OTHER_PRESSURES),
             before=amount(self.before, "s", "time before a shot", times),
@@ -181,7 +223,15 @@ class ObserverSettings:
             averaged=amount(self.averaged, "s", "averaging", times),
             noise=None if self.noise is None else amount(self.noise, "Pa", "noise", Limits(1.0, 10e6)),
             disturbance=None if self.disturbance is None else _disturbance(self.disturbance),
-            discrepancy=amount(self.discrepancy, "1", "discrepancy", Limits(0.0, 1.0)),
+            discrepancy=amount(self.discrepancy, "1", "discrepancy", shares),
+            current_noise=None
+            if self.current_noise is None
+            else amount(self.current_noise, "A", "noise of the current", Limits(1e-6, 100.0)),
+            current_discrepancy=amount(self.current_discrepancy, "1", "discrepancy of the current", shares),
+            current_timing=amount(self.current_timing, "s", "timing of the current", Limits(0.0, 1e-3)),
+            return_deviation=amount(self.return_deviation, "1", "deviation of the return quantity", Limits(1e-4, 1.0)),
+            return_shots=whole(self.return_shots, "cycles of the meter", 1),
+            return_discrepancy=amount(self.return_discrepancy, "1", "discrepancy of the return quantity", shares),
             learning=whole(self.learning, "learning"),
             window=whole(self.window, "window", 1),
             significance=amount(self.significance, "1", "significance", Limits(1.0, 20.0)),
@@ -243,17 +293,28 @@ def _state(given: DriftState) -> DriftState:
     return DriftState._make((given._asdict() | numbers).values())
 
 
-def check_model(injector: Injector) -> None:
-    """Refuse an injector whose simulated rail pressure does not answer the injection."""
+def check_model(injector: Injector, further: tuple[str, ...] = ()) -> None:
+    """Refuse an injector whose simulated rail pressure does not answer the injection, or that lacks what is measured.
+
+    `further`: as in `ObserverSettings`.
+    """
     if injector.variant.boundary is not Boundary.VOLUME:
         raise ConfigurationError(
             f"{injector.name} is fed from an ideal rail, whose pressure tells nothing of the injection; take a model "
             "with a rail volume (@volume), and give its rail.volume."
         )
+    if injector.variant.actuation is Actuation.DIRECT and set(further) & {"current", "return"}:
+        raise ConfigurationError(
+            f"{injector.name} has no control valve, and the observer reads current and return flow of one alone; "
+            "leave them out."
+        )
 
 
 def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
-    """States of which this injector has the parameter: its variant reads it, and it is not zero where it is scaled."""
+    """States of which this injector has the parameter: its variant reads it, and it is not zero where it is scaled.
+
+    Those of a further sensor are left out where there is none.
+    """
     unread = unread_parameters(injector.variant)
     for name, parameter in ((state.name, state.parameter) for state in settings.states):
         if parameter not in injector.values and (parameter or name not in (GAIN, OFFSET, DELAY)):
@@ -262,8 +323,11 @@ def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftStat
     found = tuple(
         state
         for state in settings.states
-        if not state.parameter
-        or (state.parameter not in unread and (state.power == 0.0 or injector.values[state.parameter] > 0.0))
+        if (not state.of or state.of in settings.further)
+        and (
+            not state.parameter
+            or (state.parameter not in unread and (state.power == 0.0 or injector.values[state.parameter] > 0.0))
+        )
     )
     if not found:
         raise ConfigurationError(f"{injector.name} reads the parameter of no drift state; leave others free.")
@@ -283,6 +347,11 @@ class ShotRecord(NamedTuple):
         From `start` on [s], and as measured [Pa].
     quiet : (samples,)
         Pressure before the shot in which nothing of this injector is open [Pa], at the same spacing.
+    further : mapping of str to (samples,) or (1,)
+        What further sensors show: current of the coil [A] at `time`, and the mass through the return line from `start`
+        to the next shot [kg]; of the last shot there is none.
+    period : float
+        From `start` to the next shot [s].
     """
 
     start: float
@@ -290,14 +359,21 @@ class ShotRecord(NamedTuple):
     time: Floats
     pressure: Floats
     quiet: Floats
+    further: Mapping[str, Floats] = MappingProxyType({})
+    period: float = np.inf
 
 
 def cut_log(
-    time: Floats, pressure: Floats, energisings: tuple[Energising, ...], settings: ObserverSettings
+    time: Floats,
+    pressure: Floats,
+    energisings: tuple[Energising, ...],
+    settings: ObserverSettings,
+    further: Mapping[str, Floats] = MappingProxyType({}),
 ) -> list[ShotRecord]:
     """Shots of a log that are whole, half a sample less at the beginning; a note tells how many are not.
 
-    `time` (samples,): evenly spaced [s]; `pressure` (samples,): [Pa]; `energisings`: in order, in the time of the log.
+    `time` (samples,): evenly spaced [s]; `pressure` (samples,): [Pa]; `energisings`: in order, in the time of the log;
+    `further`: samples (samples,) of further sensors by name, in the units of `FURTHER`.
     """
     groups: list[list[Energising]] = []
     for pulse in energisings:
@@ -316,7 +392,14 @@ def cut_log(
         if start - settings.before >= time[0] - 0.5 * (time[1] - time[0]) and stop <= time[-1]:
             pulses = tuple(Energising(pulse.start - start, pulse.duration) for pulse in group)
             quiet = pressure[np.searchsorted(time, max(free, start - 2.0 * settings.before)) : zero]
-            shots.append(ShotRecord(start, pulses, time[first:last] - start, pressure[first:last], quiet))
+            own = {name: samples[first:last] for name, samples in further.items() if name != "return"}
+            if "return" in further and np.isfinite(following):
+                cycle = further["return"][(time >= start) & (time < following)]
+                own["return"] = np.array([cycle.mean() * (following - start)])
+            one = ShotRecord(
+                start, pulses, time[first:last] - start, pressure[first:last], quiet, own, following - start
+            )
+            shots.append(one)
         free = stop
     if 0 < len(shots) < len(groups):
         before, after = (quantity(span, "s", 3) for span in (settings.before, settings.after))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.units import parse, parse_difference
-from commonrail.cli.console import Bar, Stage, print_json, print_result, print_table, print_text, say
+from commonrail.cli.console import Bar, Stage, print_json, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import (
@@ -46,6 +46,17 @@ def observe(
     time: Annotated[str, Option(help="Column of the time.")] = "time",
     pressure: Annotated[str, Option(help="Column of the pressure.")] = "pressure",
     command: Annotated[str, Option(help="Column of the command, or of a coil current.")] = "command",
+    current: Annotated[str | None, Option(help="Column of the coil's current, as a further measurement.")] = None,
+    current_noise: Annotated[
+        str | None, Option(help="Standard deviation of a sample of it, e.g. 0.1A. [default: from it before shots]")
+    ] = None,
+    return_flow: Annotated[
+        str | None, Option(help="Column of the return flow, in a unit as kg/h or l/h; each cycle's mean counts.")
+    ] = None,
+    return_deviation: Annotated[
+        str | None, Option(help="Standard deviation of a return quantity. [default: 2%]")
+    ] = None,
+    return_shots: Annotated[int, Option(min=1, help="Cycles over which the return flow's meter averages.")] = 1,
     energisings: Annotated[
         Path | None, Option(metavar="FILE", help="File with columns start and duration, instead of --command.")
     ] = None,
@@ -95,7 +106,7 @@ def observe(
         ),
     ] = None,
     design: Annotated[
-        bool, Option("--design", help="Table of the accuracy of a rail sensor by rate and noise, without a log.")
+        bool, Option("--design", help="Table of the accuracy of sensors by rate and noise, without a log.")
     ] = False,
     threads: Threads = None,
     json: Json = False,
@@ -109,17 +120,20 @@ def observe(
     Examples:
       commonrail observe log.csv --model runs/first --out runs/observed
       commonrail observe log.mf4 --model cri2-16 --pressure p_rail --command I_inj1 --noise 0.1MPa
+      commonrail observe log.csv --model runs/first --current I_coil --return-flow q_return
       commonrail observe log.csv --model runs/first --wanted 2.4,24mm3 --dwells 0.3:2:0.1ms
       commonrail observe --design --model cri2-16 --uncertain "fuel temperature=2K"
     """
     from dataclasses import replace
+    from functools import partial
 
     from commonrail.base.hooks import held_interrupts
     from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
+    from commonrail.physics.injector import FUEL_TEMPERATURE
     from commonrail.plugins.observer.file import LogColumns, read_log
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
-    from commonrail.plugins.observer.study import ObserverSettings, check_model
+    from commonrail.plugins.observer.study import FURTHER, ObserverSettings, check_model
     from commonrail.readers.location import Place, located
     from commonrail.readers.toml import UNSTATED
     from commonrail.report.analysis import run_into, synthetic_lines
@@ -130,10 +144,16 @@ def observe(
         )
         raise InputError(f"{words} one of the two.")
     if design:
-        of_log = "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
-        refuse_unused(
-            {name: (False, "a LOG") for name in (*of_log.split(), "learning", "horizon", "wanted", "out", "online")}
-        )
+        of_log = "current current_noise return_flow return_deviation return_shots "
+        of_log += "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
+        of_log += " learning horizon wanted out online"
+        refuse_unused({name: (False, "a LOG") for name in of_log.split()})
+    refuse_unused({"current_noise": (current is not None, "--current")})
+    refuse_unused({name: (return_flow is not None, "--return-flow") for name in ("return_deviation", "return_shots")})
+    headings = {"current": current, "return": return_flow}
+    further = {name: heading for name, heading in headings.items() if heading is not None}
+    if online is not None and further:
+        raise InputError("--online: an observer without Python reads one pressure; omit the columns of other sensors.")
     refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
     asked = _Wanted.read(wanted, dwells, rail_pressures)
     if energisings is not None and is_given("command"):
@@ -144,31 +164,47 @@ def observe(
         check_online(online)
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
-    check_model(injector)
+    check_model(injector, tuple(further))
     cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
     settings = ObserverSettings(
         sensor=sensor,
+        further=tuple(further),
+        current_noise=None if current_noise is None else parse(current_noise, "A", "--current-noise"),
+        return_deviation=0.02 if return_deviation is None else parse(return_deviation, "1", "--return-deviation"),
+        return_shots=return_shots,
         cylinder_pressure=cylinder,
         return_pressure=back,
         noise=None if noise is None else parse(noise, "Pa", "--noise"),
         learning=learning,
         horizon=horizon,
-        deviations=_deviations(uncertain),
+        deviations=_deviations(uncertain, tuple(FURTHER if design else further)),
     )
     asked.trains(asked.rail_pressures or [100e6], asked.density(injector, settings))  # refused before a log is read
     if log is None:
-        from commonrail.plugins.observer.design import design_table, observer_design
+        from commonrail.plugins.observer.design import design_tables, sensor_designs
 
-        rows = observer_design(injector, settings)
-        print_result(
-            json, lambda: {"rows": [row._asdict() for row in rows]}, lambda: print_table(design_table(rows)), []
-        )
+        rows = sensor_designs(injector, settings)
+        shown = partial(print_text, [], design_tables(rows))
+        print_result(json, lambda: {"rows": [row._asdict() for row in rows]}, shown, [])
         return
     files = [log] if energisings is None else [log, energisings]
     columns = LogColumns(
-        time, pressure, command, energisings, time_unit, pressure_unit, read_form(encoding, decimal, sheet, files)
+        time,
+        pressure,
+        command,
+        energisings,
+        time_unit,
+        pressure_unit,
+        read_form(encoding, decimal, sheet, files),
+        further,
     )
     read = read_log(log, columns)
+    if energisings is None:  # edges of a command are known to a sample, those of a current less well
+        spacing = float(read.time[1] - read.time[0])
+        settings = replace(settings, current_timing=spacing if read.edges else max(spacing / 12**0.5, 1e-6))
+    if read.volume:  # at the return line's pressure and the fuel's temperature, as a map of return quantities
+        density = float(injector.fuel.density(back, injector.values[FUEL_TEMPERATURE]))
+        read = read._replace(further={**read.further, "return": density * read.further["return"]})
     source = injector.sources.get("rail.volume", UNSTATED)
     origin = {
         "log": log.name,
@@ -265,11 +301,16 @@ class _Wanted(NamedTuple):
         return replace(found, compensation=compensate(found, trains, threads=threads)) if trains else found
 
 
-def _deviations(texts: tuple[str, ...]) -> dict[str, float]:
+def _deviations(texts: tuple[str, ...], further: tuple[str, ...]) -> dict[str, float]:
+    from commonrail.plugins.observer.study import STATES
+
+    lacking = {state.name: state.of for state in STATES if state.of and state.of not in further}
     found: dict[str, float] = {}
     for name, value in map(_deviation, texts):
         if name in found:
             raise InputError(f"--uncertain {name}: it is given twice; keep one of the two.")
+        if name in lacking:
+            raise InputError(f"--uncertain {name}: it is a state where the {lacking[name]} is measured alone; omit it.")
         found[name] = value
     return found
 
@@ -312,6 +353,7 @@ def _run(injector: Injector, read: Log, settings: ObserverSettings, threads: int
             injector,
             *read[:3],
             settings,
+            further=read.further,
             threads=threads,
             progress=lambda p: bar.show(Stage("observing", p.done, p.total, injector.name)),
         )

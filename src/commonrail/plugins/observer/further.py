@@ -1,0 +1,86 @@
+"""Sensors beside the pressure's: the coil's current and the return flow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from commonrail.base.arrays import Bools, Floats
+from commonrail.physics.components import solenoid
+from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
+
+# Rows of a trace that each of them needs.
+PATHS = {"current": ("solenoid.flux", "valve.lift"), "return": ("cumulative_flows.returned",)}
+FADED = 0.3e-3  # after the end of an energising the current has gone [s]; chosen [E]
+RESTING = 20e-6  # the valve is closed for so long, and the guides alone give fuel to the return [s]
+CURRENT_NOISE = 0.2  # of a sample, where it is not known: 1 % of a usual peak [A]; an estimate [E]
+QUIETEST = 1e-4  # least noise of a sample of the current, as a share of the largest one: that of 12 bits
+
+
+def coil_current(theta: Mapping[str, Floats], flux: Floats, lift: Floats) -> Floats:
+    """Current of the coil (candidates, samples) [A], Eq. (11).
+
+    `theta`: parameters (candidates, 1) by their names; `flux` [Wb], `lift` of the valve [m]: (candidates, samples).
+    """
+    own = solenoid.Parameters(*(theta[f"solenoid.{name}"] for name in solenoid.Parameters._fields))  # type: ignore[arg-type]
+    gap = theta["valve.lift"] - lift
+    return np.asarray(solenoid.circuit(solenoid.coefficients(own), flux, gap).current)  # type: ignore[arg-type]
+
+
+def flowing(shot: ShotRecord, at: Floats) -> Bools:
+    """Averaged samples at times (samples,) [s] in which the coil's current counts."""
+    last = shot.energisings[-1]
+    return np.asarray((at > -1e-9) & (at < last.start + last.duration + FADED))
+
+
+def metered(returned: Floats, time: Floats, period: float, gain: float) -> Floats:
+    """Mass through the return line in a cycle, as a meter shows it (candidates, 1) [kg].
+
+    That of the simulation and, beyond it, the guides' leakage at rest, which is what flows before the valve opens.
+
+    `returned` (candidates, samples): mass so far [kg] at `time` (samples,) [s]; `period` [s].
+    """
+    k = int(np.searchsorted(time, RESTING))
+    leak = (returned[:, k] - returned[:, 0]) / (time[k] - time[0])
+    return np.asarray((1.0 + gain) * (returned[:, -1] + leak * (period - time[-1])))[:, None]
+
+
+def noise_found(shots: Sequence[ShotRecord]) -> float:
+    """Standard deviation of a sample of the current before shots [A], not less than that of 12 bits."""
+    still = [shot.further["current"][shot.time < 0.0] for shot in shots]
+    largest = max(float(np.abs(shot.further["current"]).max()) for shot in shots)
+    return max(float(np.concatenate([one - one.mean() for one in still]).std()), QUIETEST * largest)
+
+
+def joined(
+    first: Floats, alike: Floats, settings: ObserverSettings, shot: ShotRecord, shown: Floats, at: Floats
+) -> Floats:
+    """Covariance (rows, rows) of the pressure and all further sensors, whose errors are independent of each other's.
+
+    Parameters
+    ----------
+    first : (samples, samples)
+        Covariance of the pressure [Pa²].
+    alike : (samples, samples)
+        Correlation of what the model lacks.
+    settings : ObserverSettings
+    shot : ShotRecord
+    shown : (rows,)
+        Simulated, those of the pressure first.
+    at : (samples,)
+        Times of averaged samples [s].
+    """
+    blocks = [first]
+    if "current" in shot.further:
+        flows = flowing(shot, at)
+        amperes = shown[len(at) : len(at) + int(flows.sum())]
+        steep = np.gradient(amperes, at[flows]) if len(amperes) > 1 else 0.0
+        lacking = np.hypot(settings.current_discrepancy * amperes, settings.current_timing * steep)
+        noise = (settings.current_noise or CURRENT_NOISE) / settings.averaged_samples(shot.time) ** 0.5
+        blocks.append(noise**2 * np.eye(len(lacking)) + np.outer(lacking, lacking) * alike[flows][:, flows])
+    if "return" in shot.further:
+        share = settings.return_shots * settings.return_deviation**2 + settings.return_discrepancy**2
+        blocks.append(np.atleast_2d(share * shown[-1] ** 2))
+    return np.asarray(block_diag(*blocks))
