@@ -278,7 +278,8 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     further, volume = {}, False
     for name, heading in columns.further.items():
         unit = ("kg/s", "m3/s") if name == "return" else FURTHER[name]
-        table = take_columns(sheet, [time, Column(heading, unit, stating="the heading of its column")])
+        column = Column(heading, unit, stating="the heading of its column")
+        table = take_columns(open_sheet(path, columns.form), [time, column])  # it may be the command's column too
         volume = volume or table.units[heading] == "m3/s"
         further[name] = np.interp(clock, table.columns[columns.time], table.columns[heading])  # MDF has several clocks
     if columns.energisings is None:

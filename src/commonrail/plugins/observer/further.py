@@ -16,6 +16,9 @@ PATHS = {"current": ("solenoid.flux", "valve.lift"), "return": ("cumulative_flow
 FADED = 0.3e-3  # after the end of an energising the current has gone [s]; chosen [E]
 RESTING = 20e-6  # the valve is closed for so long, and the guides alone give fuel to the return [s]
 CURRENT_NOISE = 0.2  # of a sample, where it is not known: 1 % of a usual peak [A]; an estimate [E]
+# Share of the bend of the current over two samples by which it is not linear in the states: where within a sample the
+# regulator meets its limit changes its slopes by them a hundredfold. Chosen [E].
+CORNER = 0.5
 QUIETEST = 1e-4  # least noise of a sample of the current, as a share of the largest one: that of 12 bits
 
 
@@ -79,7 +82,8 @@ def joined(
         steep = np.gradient(amperes, at[flows]) if len(amperes) > 1 else 0.0
         lacking = np.hypot(settings.current_discrepancy * amperes, settings.current_timing * steep)
         noise = (settings.current_noise or CURRENT_NOISE) / settings.averaged_samples(shot.time) ** 0.5
-        blocks.append(noise**2 * np.eye(len(lacking)) + np.outer(lacking, lacking) * alike[flows][:, flows])
+        own = noise**2 + (CORNER * np.convolve(amperes, (1.0, -2.0, 1.0), "same")) ** 2
+        blocks.append(np.diag(own) + np.outer(lacking, lacking) * alike[flows][:, flows])
     if "return" in shot.further:
         share = settings.return_shots * settings.return_deviation**2 + settings.return_discrepancy**2
         blocks.append(np.atleast_2d(share * shown[-1] ** 2))

@@ -1,0 +1,179 @@
+"""Coil current and return flow beside the pressure: rows against the engine, what they teach, logs that are refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from commonrail.base.arrays import Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.engine.simulate import simulate
+from commonrail.physics.injector import Injector
+from commonrail.plugins.observer.disturbance import Disturbance
+from commonrail.plugins.observer.further import joined
+from commonrail.plugins.observer.online import Online, observer_texts
+from commonrail.plugins.observer.page import observer_html, observer_lines
+from commonrail.plugins.observer.response import Simulator
+from commonrail.plugins.observer.run import observe
+from commonrail.plugins.observer.study import METER_GAIN, ObserverSettings, ShotRecord, states_of
+from tests.cli.conftest import Command
+
+RATE, CYCLE = 50e3, 15e-3
+NOISE = 0.05e6
+BOTH = ("current", "return")
+
+
+def leak(injector: Injector, rail: float) -> float:
+    """Leakage of the guides of a closed injector [kg/s]."""
+    return simulate(injector, OperatingPoint(rail, 0.0, horizon=1e-3)).returned_mass / 1e-3
+
+
+def test_rows_are_current_and_return_quantity_of_the_engine(rigid_volume: Injector) -> None:
+    """Values, and slopes by the boost voltage and the meter's gain, against `simulate`."""
+    settings = ObserverSettings(further=BOTH)
+    settings = replace(settings, states=states_of(rigid_volume, settings))
+    names = [state.name for state in settings.states]
+    time = np.arange(-10, 140) / RATE
+    shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time, dict.fromkeys(BOTH, time), CYCLE)
+    rest = 120e6
+    found = Simulator(rigid_volume, settings).at(shot, rest, np.zeros(len(names)))
+    assert found is not None
+
+    def shown(injector: Injector) -> tuple[Floats, float]:
+        solved = simulate(injector, OperatingPoint(rest, 600e-6, horizon=2.8e-3))
+        after = leak(injector, rest) * (CYCLE - float(solved.time[-1]))
+        return np.interp(time, solved.time, solved.channels["coil_current"]), solved.returned_mass + after
+
+    current, returned = shown(rigid_volume)
+    flows = (time >= 0.0) & (time < 600e-6 + 0.3e-3)
+    rows = slice(len(time), len(time) + int(flows.sum()))
+    assert len(found.pressure) == len(time) + int(flows.sum()) + 1
+    assert found.pressure[rows] == pytest.approx(current[flows], abs=1e-6 * current.max())
+    assert found.pressure[-1] == pytest.approx(returned, rel=1e-4)
+    stronger = rigid_volume.with_values({"drive.boost_voltage": rigid_volume.values["drive.boost_voltage"] * 1.002})
+    by_voltage = (shown(stronger)[0] - current)[flows] / 0.002
+    assert found.slopes[rows, names.index("boost voltage")] == pytest.approx(by_voltage, abs=0.02 * by_voltage.max())
+    gain = found.slopes[:, names.index(METER_GAIN)]
+    assert gain[-1] == pytest.approx(returned, rel=1e-4)
+    assert not gain[:-1].any()
+
+
+class Logged(NamedTuple):
+    """A log with both further sensors."""
+
+    time: Floats
+    pressure: Floats
+    energisings: list[tuple[float, float]]
+    further: dict[str, Floats]
+
+
+@pytest.fixture(scope="module")
+def log(rigid_volume: Injector) -> Logged:
+    """Four shots of a part with 4 % more boost voltage, at half the observer's time step, with noise."""
+    voltage = rigid_volume.values["drive.boost_voltage"]
+    part, rng = rigid_volume.with_values({"drive.boost_voltage": 1.04 * voltage}), np.random.default_rng(4)
+    time = np.arange(round((4 * CYCLE + 4e-3) * RATE)) / RATE
+    pressure, current, flow = np.empty(len(time)), np.zeros(len(time)), np.zeros(len(time))
+    pulses = [(4e-3 + k * CYCLE, duration) for k, duration in enumerate((700e-6, 800e-6, 500e-6, 900e-6))]
+    for (start, duration), rail in zip(pulses, (160e6, 120e6, 140e6, 100e6), strict=True):
+        found = simulate(part, OperatingPoint(rail, duration, horizon=duration + 2.2e-3), time_step=0.5e-6)
+        since = time - start
+        pressure[since > -7e-3] = np.interp(since[since > -7e-3], found.time, found.channels["rail_pressure"])
+        current += np.interp(since, found.time, found.channels["coil_current"], left=0.0, right=0.0)
+        whole = found.returned_mass + leak(part, rail) * (CYCLE - float(found.time[-1]))
+        flow[(since >= 0.0) & (since < CYCLE)] = whole / CYCLE
+    pressure += 0.1e9 * ((time + 2e-3) % CYCLE) + NOISE * rng.standard_normal(len(time))
+    current += 0.05 * rng.standard_normal(len(time))
+    return Logged(time, pressure, pulses, {"current": current, "return": flow})
+
+
+def test_a_boost_voltage_that_is_off_is_learnt_with_the_current_and_not_without(
+    rigid_volume: Injector, log: Logged
+) -> None:
+    drift = {}
+    for further in ({}, {"current": log.further["current"]}, log.further):
+        settings = ObserverSettings(further=tuple(further), current_timing=0.1e-6)
+        found = observe(rigid_volume, *log[:3], settings, further=further, threads=1)
+        index = [state.name for state in found.settings.states].index("boost voltage")
+        last = found.shots[-1]
+        assert last.drift is not None
+        assert last.drift_deviations is not None
+        drift[tuple(further)] = last.drift[index], last.drift_deviations[index]
+        assert max(shot.consistency or 9.0 for shot in found.shots) < 1.5
+    truth, before = np.log(1.04), 0.02
+    assert drift[()][1] > 0.95 * before
+    assert drift[()][0] < 0.25 * truth
+    for names in (("current",), BOTH):
+        value, deviation = drift[names]
+        assert deviation < 0.6 * before
+        assert value > 0.4 * truth
+        assert value == pytest.approx(truth, abs=2.5 * deviation)
+    assert found.settings.current_noise == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_meter_over_many_cycles_tells_as_much_less(rigid_volume: Injector) -> None:
+    """Variance of the return quantity: of the meter times the cycles, and of what the model lacks."""
+    time = np.arange(-10, 140) / RATE
+    shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time, {"return": time}, CYCLE)
+    settings = ObserverSettings(further=("return",), return_deviation=0.02, return_shots=9, return_discrepancy=0.03)
+    whole = joined(np.eye(2), np.eye(2), settings, shot, np.array([0.0, 0.0, 5e-6]), time[:2])
+    assert whole[2, 2] == pytest.approx((0.06**2 + 0.03**2) * 25e-12)
+    assert not whole[2, :2].any()
+
+
+def test_further_sensors_that_do_not_fit_are_refused_in_a_sentence(rigid_volume: Injector, log: Logged) -> None:
+    for settings, further, words in (
+        (None, {"torque": log.time}, "torque"),
+        (None, {"current": log.time[:-1]}, "samples of"),
+        (ObserverSettings(further=BOTH), {"current": log.time}, "current, return"),
+        (ObserverSettings(further=("current",)), {}, "none"),
+        (None, [1.0], "mapping"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            observe(rigid_volume, *log[:3], settings, further=further, threads=1)  # type: ignore[arg-type]
+    given = ObserverSettings(further=BOTH, disturbance=Disturbance(1e5, 5e8, 2e-3, 2e4, 1e3, 1e-3), grid=0.05)
+    with pytest.raises(ConfigurationError, match="one pressure"):
+        observer_texts(Online(rigid_volume, given, 1e-5))
+
+
+def test_the_verb_reads_further_columns(command: Command, tmp_path: Path, log: Logged, rigid_volume: Injector) -> None:
+    """A return flow in l/h gives what one in kg/s gives, at the density of the return line."""
+    density = float(rigid_volume.fuel.density(0.5e6, rigid_volume.values["fuel.temperature"]))
+    on = np.zeros(len(log.time))
+    for start, duration in log.energisings:
+        on[(log.time >= start) & (log.time < start + duration)] = 1.0
+    current, flow = log.further["current"], log.further["return"]
+    table = np.array([log.time, log.pressure, on, current, flow, flow / density * 3.6e6]).T
+    file, heads = tmp_path / "log.csv", "time [s],pressure [Pa],command,I [A],q [kg/s],v [l/h]"
+    np.savetxt(file, table, delimiter=",", header=heads, comments="")
+    model = ("--model", "virtual-lino-2016@rigid,volume,regulated")
+    said = []
+    for column in ("q", "v"):
+        done = command("observe", file, *model, "--current", "I", "--return-flow", column, "--json")
+        assert done.status == 0, done.err
+        said.append(json.loads(done.out))
+    assert list(said[0]["further"]) == ["current", "return"]
+    assert {"peak current", METER_GAIN} < {state["name"] for state in said[0]["states"]}
+    one, other = ([shot["injections"][0]["quantity"] for shot in record["shots"]] for record in said)
+    assert one == pytest.approx(other, rel=1e-3)  # roundings grow from shot to shot
+    assert "the coil's current, the return flow" in " ".join(observer_lines(said[0]))
+    assert "Return flow" in observer_html(said[0])
+    for options, words in (
+        (("--current", "pressure"), "Pa"),
+        (("--current", "command"), "unit"),
+        (("--return-flow", "I"), '"I"'),
+        (("--return-flow", "none"), '"none"'),
+        (("--current-noise", "0.1A"), "--current"),
+        (("--return-shots", "5"), "--return-flow"),
+        (("--uncertain", "peak current=1%"), "current is measured"),
+        (("--current", "I", "--online", tmp_path / "o.fmu"), "one pressure"),
+    ):
+        refused = command("observe", file, *model, *options)
+        assert refused.status == 2, options
+        assert words in refused.sentence
