@@ -317,7 +317,7 @@ def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftStat
     """
     unread = unread_parameters(injector.variant)
     for name, parameter in ((state.name, state.parameter) for state in settings.states):
-        if parameter not in injector.values and (parameter or name not in (GAIN, OFFSET, DELAY)):
+        if parameter not in injector.values and (parameter or name not in (GAIN, OFFSET, DELAY, METER_GAIN)):
             like = nearest(parameter, injector.values)
             raise ConfigurationError(f'Drift state "{name}" changes "{parameter}", which is no parameter{like}.')
     found = tuple(
