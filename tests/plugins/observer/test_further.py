@@ -53,9 +53,9 @@ def test_rows_are_current_and_return_quantity_of_the_engine(rigid_volume: Inject
     current, returned = shown(rigid_volume)
     flows = (time >= 0.0) & (time < 600e-6 + 0.3e-3)
     rows = slice(len(time), len(time) + int(flows.sum()))
-    assert len(found.pressure) == len(time) + int(flows.sum()) + 1
-    assert found.pressure[rows] == pytest.approx(current[flows], abs=1e-6 * current.max())
-    assert found.pressure[-1] == pytest.approx(returned, rel=1e-4)
+    assert len(found.shown) == len(time) + int(flows.sum()) + 1
+    assert found.shown[rows] == pytest.approx(current[flows], abs=1e-6 * current.max())
+    assert found.shown[-1] == pytest.approx(returned, rel=1e-4)
     stronger = rigid_volume.with_values({"drive.boost_voltage": rigid_volume.values["drive.boost_voltage"] * 1.002})
     by_voltage = (shown(stronger)[0] - current)[flows] / 0.002
     assert found.slopes[rows, names.index("boost voltage")] == pytest.approx(by_voltage, abs=0.02 * by_voltage.max())

@@ -96,7 +96,7 @@ def test_a_curved_model_is_solved_by_least_squares_on_all_shots() -> None:
         first = x[0] / np.sqrt(np.array([1.0, 4.0]) + WALK**2)
         steps = np.concatenate([np.diff(x[:, 0]) / WALK[0], np.diff(x[:, 1]) / 1e-6])
         full = x + np.column_stack([own, np.zeros(SHOTS)])
-        left = [factor @ (MEASURED[k] - response(k, curved, full[k]).pressure) for k in range(SHOTS)]
+        left = [factor @ (MEASURED[k] - response(k, curved, full[k]).shown) for k in range(SHOTS)]
         return np.concatenate([first, steps, own / SCATTER[0], *left])
 
     best = least_squares(residuals, np.zeros(3 * SHOTS), xtol=1e-12, ftol=1e-12, gtol=1e-12)

@@ -135,7 +135,7 @@ def test_slopes_are_those_of_a_changed_part_and_of_the_sensor(rigid_volume: Inje
         return (1.0 + gain) * course + offset - rest, solved.injected_volume
 
     middle, quantity = shown(rigid_volume)
-    assert found.pressure == pytest.approx(middle, abs=1.0)
+    assert found.shown == pytest.approx(middle, abs=1.0)
     assert found.figures[0, 0] == pytest.approx(quantity, rel=1e-6)
     wider = rigid_volume.with_values({"nozzle.hole_diameter": rigid_volume.values["nozzle.hole_diameter"] * 1.005**0.5})
     warmer = rigid_volume.with_values({"fuel.temperature": rigid_volume.values["fuel.temperature"] + 1.0})

@@ -107,7 +107,7 @@ def _accuracy(
     belief, squares = Belief.before(settings.states), []
     for k in range(SHOTS):
         one = responses[k % len(responses)]
-        done = update(belief.walked(settings.states), settings.states, one.pressure, covariance, partial(_same, one), 1)
+        done = update(belief.walked(settings.states), settings.states, one.shown, covariance, partial(_same, one), 1)
         assert done is not None
         belief = done.belief
         squares.append((done.deviations[:, 0] / [one.figures[0, 0], 1.0, 1.0]) ** 2)

@@ -16,9 +16,9 @@ MOVED = 0.5  # change of a state at which its shot is simulated again, in standa
 
 
 class Measured(NamedTuple):
-    """Pressure of a shot less that at rest, its covariance and its simulation, as `update` takes them."""
+    """What the sensors have shown of a shot, as `Response.shown`, its covariance and its simulation."""
 
-    pressure: Floats
+    shown: Floats
     covariance: Callable[[Response], Floats]
     simulate: Callable[[Floats], Response | None]
 
@@ -35,8 +35,8 @@ class _Shot:
         """Update of a belief about this shot, its response taken for linear."""
         at, response = self.found.at, self.found.response
         trusted = np.inf if self.trusted else -1.0
-        pressure, covariance, _ = self.measured
-        done = update(belief, states, pressure, covariance, lambda x: response.moved(x - at), 1, trusted=trusted)
+        shown, covariance, _ = self.measured
+        done = update(belief, states, shown, covariance, lambda x: response.moved(x - at), 1, trusted=trusted)
         assert done is not None  # nothing is simulated
         return done._replace(at=at, response=response)
 

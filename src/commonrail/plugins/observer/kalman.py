@@ -100,7 +100,7 @@ def update(
         About this shot, `Belief.walked`.
     states : tuple of DriftState
     measured : (samples,)
-        Pressure less that at rest [Pa].
+        As `Response.shown`.
     covariance : function of Response
         Covariance (samples, samples) of disturbance and discrepancy [Pa²].
     simulate : function of (states,)
@@ -132,7 +132,7 @@ def update(
         slopes = _twice(found.slopes, extra)
         factor = np.linalg.cholesky(covariance(found))
         white = solve_triangular(factor, slopes, lower=True)
-        rest = solve_triangular(factor, measured - found.pressure + slopes @ (z - start), lower=True)
+        rest = solve_triangular(factor, measured - found.shown + slopes @ (z - start), lower=True)
         posterior = cho_solve(cho_factor(inverse + white.T @ white), np.eye(len(z)))
         step = start + posterior @ (white.T @ rest) - z
         if k == 0:
@@ -156,7 +156,7 @@ def update(
         found.figures + figure_slopes @ step,
         np.sqrt(variances),
         consistency,
-        measured - found.pressure - slopes @ step,
+        measured - found.shown - slopes @ step,
         found.rate + rate_slopes @ step,
         np.sqrt(np.einsum("ti,ij,tj->t", rate_slopes, posterior, rate_slopes)),
         at,

@@ -43,8 +43,8 @@ class Response(NamedTuple):
 
     Attributes
     ----------
-    pressure : (rows,)
-        As the sensor shows it, less its value at rest [Pa]; behind it what further sensors show, in their units.
+    shown : (rows,)
+        Pressure as the sensor shows it, less its value at rest [Pa]; behind it what further sensors show, in SI units.
     slopes : (rows, states)
     figures : (3, injections)
         Quantity [m³], opening and closing [s] of each injection; NaN without an injection.
@@ -54,7 +54,7 @@ class Response(NamedTuple):
     rate_slopes : (times, states)
     """
 
-    pressure: Floats
+    shown: Floats
     slopes: Floats
     figures: Floats
     figure_slopes: Floats
@@ -64,7 +64,7 @@ class Response(NamedTuple):
     def moved(self, by: Floats) -> Response:
         """Response at states that differ by so much (states,), linear."""
         return self._replace(
-            pressure=self.pressure + self.slopes @ by,
+            shown=self.shown + self.slopes @ by,
             figures=self.figures + self.figure_slopes @ by,
             rate=self.rate + self.rate_slopes @ by,
         )
@@ -110,7 +110,7 @@ class Simulator:
             found = self._at(shot, rest, whole)
         except ConfigurationError:  # states so far off that the fuel does not cover the pressure; `figures` has none
             return None
-        if found is None or not np.isfinite(found.pressure).all():
+        if found is None or not np.isfinite(found.shown).all():
             return None
         return found if np.array_equal(whole, x) else found.moved(x - whole)
 
@@ -248,7 +248,7 @@ class Simulator:
         return Traced(time, rows[SENSORS[self.settings.sensor]], rows["nozzle.injected"], further)
 
     def _shown(self, shot: ShotRecord, traced: Traced, sensor: Mapping[str, float]) -> Floats:
-        """What the sensors show (candidates, rows), as `Response.pressure`, with errors of the sensors by name."""
+        """What the sensors show (candidates, rows), as `Response.shown`, with errors of the sensors by name."""
         time, pressure = traced.time, traced.pressure
         parts = [(1.0 + sensor[GAIN]) * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])]
         if "current" in shot.further:

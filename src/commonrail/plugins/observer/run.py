@@ -178,9 +178,9 @@ def with_discrepancy(
     alike = toeplitz(np.exp(-(at - at[0]) / MEMORY))
 
     def covariance(found: Response) -> Floats:
-        after = np.where(at > 0.0, settings.discrepancy * np.abs(found.pressure[: len(at)]), 0.0)
+        after = np.where(at > 0.0, settings.discrepancy * np.abs(found.shown[: len(at)]), 0.0)
         own = np.asarray(before + np.outer(after, after) * alike)
-        return joined(own, alike, settings, shot, found.pressure, at) if shot.further else own
+        return joined(own, alike, settings, shot, found.shown, at) if shot.further else own
 
     return covariance
 
