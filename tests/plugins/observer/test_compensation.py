@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
@@ -200,6 +200,8 @@ def test_a_train_that_is_no_list_says_how_to_write_one(quantities: Any, dwells: 
 
 def test_masses_are_volumes_at_the_learnt_temperature(observed: Observation) -> None:
     """By 30 K more of the fuel the volume grows as its density in the cylinder falls."""
+    with pytest.raises(InputError, match="5e\\+09 mg"):
+        _Wanted.read("5e9mg", None, None)
     wanted = _Wanted.read("4,12 mg", "0.4ms", None)
     names = [state.name for state in observed.settings.states]
     mean = np.where([name == "fuel temperature" for name in names], 30.0, 0.0)

@@ -169,6 +169,18 @@ def test_the_rate_is_that_of_a_simulation(rigid_volume: Injector) -> None:
     assert found.rate * 10e-6 == pytest.approx(volumes, abs=1e-3 * volumes.max())
 
 
+def test_a_shot_whose_pressure_drops_out_costs_no_other(rigid_volume: Injector, log: Logged) -> None:
+    """Below the pressure in the cylinder no shot can be simulated; where all are so, the reason is the error."""
+    pressure = log.pressure.copy()
+    pressure[np.abs(log.time - log.energisings[1][0]) < 4e-3] = 0.5e6
+    settings = ObserverSettings(noise=NOISE, horizon=2)
+    with pytest.warns(RuntimeWarning, match="1 of 4 shots .* cylinder pressure"):
+        found = observe(rigid_volume, log.time, pressure, log.energisings, settings, threads=1)
+    assert [shot.figures is None for shot in found.shots] == [False, True, False, False]
+    with pytest.raises(ConfigurationError, match="cylinder pressure"):
+        observe(rigid_volume, log.time, np.full_like(pressure, 0.5e6), log.energisings, settings, threads=1)
+
+
 def test_a_nozzle_that_wears_raises_an_alarm_and_a_sound_one_does_not(rigid_volume: Injector) -> None:
     worn = rigid_volume.with_values({"nozzle.hole_diameter": rigid_volume.values["nozzle.hole_diameter"] * 1.08**0.5})
     settings = ObserverSettings(learning=2)

@@ -79,7 +79,7 @@ def observer_lines(record: Record) -> list[str]:
         f"{record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
     ]
-    if record["horizon"] > 1 and len(record["shots"]) > 1:
+    if record.get("horizon", 1) > 1 and len(record["shots"]) > 1:
         lines.append(
             f"Shots are estimated {record['horizon']} together, so that later ones correct those before them; the last "
             "stands as the filter found it, and so do the alarms."

@@ -102,13 +102,14 @@ class Simulator:
         more = [path for name in settings.further for path in PATHS[name]]
         self._rows = {path: paths.index(path) for path in (SENSORS[settings.sensor], "nozzle.injected", *more)}
         self.simulations = 0
+        self.refused: ConfigurationError | None = None  # why the first shot was refused that no state could cure
 
     def at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
         """Response at states `x` (states,), None where the simulation fails; `rest`: pressure shown at rest [Pa]."""
         whole = self._at_grid(x)
         try:
             found = self._at(shot, rest, whole)
-        except ConfigurationError:  # states so far off that the fuel does not cover the pressure; `figures` has none
+        except ConfigurationError:  # states or a shot so far off that the fuel does not cover the pressure
             return None
         if found is None or not np.isfinite(found.shown).all():
             return None
@@ -183,7 +184,11 @@ class Simulator:
     def figures(self, shot: ShotRecord, rest: float) -> tuple[Floats, Floats] | None:
         """Figures (3, injections) and rate (times,) at states of zero, as in `Response`; None where that fails."""
         x = np.zeros((1, len(self.states)))
-        found = self._traces(shot, rest, x)
+        try:
+            found = self._traces(shot, rest, x)
+        except ConfigurationError as error:  # such as a pressure at rest below that in the cylinder
+            self.refused = self.refused or error
+            return None
         if found is None:
             return None
         time, injected = found.time, found.injected

@@ -243,7 +243,11 @@ class _Run:
                 request.check()
         failed = sum(shot.figures is None for shot in found)
         if failed:
-            note(f"{failed} of {len(found)} shots could not be simulated and have no figures.")
+            refused = self.simulator.refused
+            if refused is not None and failed == len(found):
+                raise refused
+            reason = "" if refused is None else f" The first that was refused: {refused}"
+            note(f"{failed} of {len(found)} shots could not be simulated and have no figures.{reason}")
         return Observation(
             self.injector,
             self.settings,

@@ -162,6 +162,8 @@ def observe(
         from commonrail.plugins.observer.online import check_online
 
         check_online(online)
+        if out is not None and out.resolve() == online.resolve():
+            raise InputError("--online: it is the folder of --out too; name another.")
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
     check_model(injector, tuple(further))
@@ -262,6 +264,11 @@ class _Wanted(NamedTuple):
         axes = [(wanted, unit, "--wanted"), (dwells, "s", "--dwells"), (rail_pressures, "Pa", "--rail-pressures")]
         values = [[] if one is None else read_axis(one, kind, name).tolist() for one, kind, name in axes]
         read = cls(values[0], values[1], values[2], unit)
+        if unit == "kg" and (beyond := [one for one in read.quantities if not 1e-8 <= one <= 5e-4]):
+            raise InputError(
+                f"--wanted: a mass must lie between 0.01 and 500 mg, and {1e6 * beyond[0]:.6g} mg was read; check "
+                "its unit."
+            )
         if wanted is not None and (len(read.quantities) > 1) != bool(read.dwells):
             raise InputError(
                 "--wanted: one quantity has no dwell; omit --dwells."
