@@ -76,8 +76,8 @@ def build(tree: Path, target: Path) -> Built:
     builder = wheels.WheelBuilder(str(tree))
     made = Path(next(builder.build(directory=str(target), versions=["standard"])))
     assert [path.name for path in target.iterdir()] == [made.name]
-    assert "numba>=0.62" in builder.metadata.core.dependencies
-    assert builder.metadata.core.optional_dependencies["jit"] == ["numba>=0.62"]
+    assert "numba>=0.66" in builder.metadata.core.dependencies
+    assert builder.metadata.core.optional_dependencies["jit"] == ["numba>=0.66"]
     with zipfile.ZipFile(made) as wheel:
         names = wheel.namelist()
         assert {"commonrail/py.typed", "commonrail/physics/catalogue/fuels/iso4113.toml"} <= set(names)
@@ -95,7 +95,7 @@ def test_a_wheel_is_pure_unless_it_is_asked_for_libraries(tree: Path, tmp_path: 
     assert built.name.endswith("-py3-none-any.whl")
     assert built.kernels == {}
     assert {"numpy", "scipy", "numba"} <= built.required
-    assert built.compiler == {"numba>=0.62", "ziglang>=0.13"}
+    assert built.compiler == {"numba>=0.66", "ziglang>=0.13"}
 
 
 @pytest.fixture
@@ -156,7 +156,7 @@ def test_a_source_distribution_that_was_asked_for_libraries_requires_the_compile
     """Its metadata hold for wheels of either kind that are built from it."""
     monkeypatch.setenv(ASKED, "1")
     about = (request.getfixturevalue("unpacked") / "PKG-INFO").read_text(encoding="utf-8")
-    assert "\nRequires-Dist: numba>=0.62\n" in about
+    assert "\nRequires-Dist: numba>=0.66\n" in about
 
 
 def test_an_editable_installation_is_not_asked_for_them(
