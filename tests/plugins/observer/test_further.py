@@ -18,7 +18,7 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.further import joined
 from commonrail.plugins.observer.online import Online, observer_texts
-from commonrail.plugins.observer.page import observer_html, observer_lines
+from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
 from commonrail.plugins.observer.response import Simulator
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import METER_GAIN, ObserverSettings, ShotRecord, states_of
@@ -115,6 +115,37 @@ def test_a_boost_voltage_that_is_off_is_learnt_with_the_current_and_not_without(
         assert value > 0.4 * truth
         assert value == pytest.approx(truth, abs=2.5 * deviation)
     assert found.settings.current_noise == pytest.approx(0.05, rel=0.1)
+    assert all(all(shot.further.values()) for shot in found.shots)
+    assert not warning_lines(found.record())
+
+
+def test_a_sensor_that_does_not_fit_the_pressure_is_left_out_and_named(rigid_volume: Injector, log: Logged) -> None:
+    """Quantities are those without it, a shot without a fault counts, and the report names the sensor."""
+    current, flow = log.further["current"], log.further["return"]
+    late = np.where(log.time > log.energisings[1][0], 1.5, 1.0)  # from the second shot on
+    figures = {}
+    for name, further in (
+        ("plain", {}),
+        ("dead current", {"current": 0.4 * current}),
+        ("wrong return flow", {"return": late * flow}),
+    ):
+        settings = ObserverSettings(further=tuple(further), horizon=1)
+        found = observe(rigid_volume, *log[:3], settings, further=further, threads=1)
+        figures[name] = [shot.figures[0, 0] for shot in found.shots if shot.figures is not None]
+        counts = [list(shot.further.values()) for shot in found.shots]
+        record = found.record()
+        lines = " ".join(warning_lines(record))
+        if name == "dead current":
+            assert counts == [[False]] * 4
+            assert figures[name] == pytest.approx(figures["plain"], rel=1e-3)  # peak and hold current are states
+            assert "--current" in lines
+            assert "4 of 4" in lines
+            assert "current" not in " ".join(observer_lines(record))
+        if name == "wrong return flow":
+            assert counts == [[True], [False], [False], []]
+            assert "--return-flow" in lines
+            assert "2 of 3" in lines
+            assert record["shots"][1]["further"] == {"return": False}
 
 
 def test_a_meter_over_many_cycles_tells_as_much_less(rigid_volume: Injector) -> None:
@@ -137,6 +168,16 @@ def test_further_sensors_that_do_not_fit_are_refused_in_a_sentence(rigid_volume:
     ):
         with pytest.raises(ConfigurationError, match=words):
             observe(rigid_volume, *log[:3], settings, further=further, threads=1)  # type: ignore[arg-type]
+    one, beyond = log.energisings[:1], [log.energisings[0], (log.time[-1] + 1e-3, 5e-4)]
+    for further, pulses, words in (
+        ({"current": np.full(len(log.time), 0.3)}, log.energisings, "--current"),
+        ({"current": -log.further["current"]}, log.energisings, "--current"),
+        ({"return": np.where(log.time < 20e-3, log.further["return"], 0.0)}, log.energisings, r"0\.034 s"),
+        ({"return": log.further["return"]}, one, "whole cycle"),
+        ({"return": log.further["return"]}, beyond, "whole cycle"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            observe(rigid_volume, *log[:2], pulses, further=further, threads=1)
     given = ObserverSettings(further=BOTH, disturbance=Disturbance(1e5, 5e8, 2e-3, 2e4, 1e3, 1e-3), grid=0.05)
     with pytest.raises(ConfigurationError, match="one pressure"):
         observer_texts(Online(rigid_volume, given, 1e-5))

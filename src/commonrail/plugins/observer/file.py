@@ -59,6 +59,8 @@ class ObservedShot(NamedTuple):
         Drift that was noticed at this shot.
     rate, rate_deviation, rate_open_loop : (times,)
         Mean rate of injection over each 10 µs from `start` on, its standard deviation, and the model's alone [m³/s].
+    further : mapping of str to bool
+        Whether each further sensor counted; one that does not fit the pressure is left out.
     """
 
     start: float
@@ -74,6 +76,7 @@ class ObservedShot(NamedTuple):
     rate: Floats | None = None
     rate_deviation: Floats | None = None
     rate_open_loop: Floats | None = None
+    further: Mapping[str, bool] = MappingProxyType({})
 
 
 class Memory(NamedTuple):
@@ -226,6 +229,7 @@ def _shot(shot: ObservedShot) -> dict[str, Any]:
         **{key: None if table is None else numbers(table) for key, table in tables.items()},
         "consistency": shot.consistency,
         "alarm": shot.alarm and shot.alarm._asdict(),
+        "further": dict(shot.further),
     }
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from commonrail.base.arrays import Bools, Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.base.text import quantity
 from commonrail.physics.components import solenoid
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
@@ -55,6 +57,26 @@ def noise_found(shots: Sequence[ShotRecord]) -> float:
     still = [shot.further["current"][shot.time < 0.0] for shot in shots]
     largest = max(float(np.abs(shot.further["current"]).max()) for shot in shots)
     return max(float(np.concatenate([one - one.mean() for one in still]).std()), QUIETEST * largest)
+
+
+def check_further(shots: Sequence[ShotRecord], further: Sequence[str]) -> None:
+    """Refuse a current that does not rise in the energisings, and a return flow without a whole cycle."""
+    if "return" in further and not any("return" in shot.further for shot in shots):
+        raise ConfigurationError(
+            "The log holds no whole cycle of the return flow, from one shot to the next; give a longer log, or leave "
+            "the return flow out (--return-flow)."
+        )
+    if "current" in further:
+        pairs = [(shot.further["current"], shot.time, shot.energisings[-1]) for shot in shots]
+        rises = [
+            now[flow].mean() - now[t < 0.0].mean() for now, t, end in pairs if any(flow := (t > 0.0) & (t < sum(end)))
+        ]
+        rise = float(np.median(rises)) if rises else 0.0
+        if rise <= noise_found(shots):
+            raise ConfigurationError(
+                f"The current does not rise in the energisings: it is {quantity(rise, 'A', 2)} more than before them; "
+                "check its column (--current), its sign and its clock."
+            )
 
 
 def joined(

@@ -39,6 +39,18 @@ class Belief(NamedTuple):
         return self._replace(covariance=self.covariance + np.diag(variances))
 
 
+def innovation(
+    belief: Belief, states: tuple[DriftState, ...], off: Floats, slopes: Floats, covariance: Floats
+) -> Floats:
+    """Whitened innovation (rows,) of a shot, that of each row given the rows before it: 1 on average of its square.
+
+    `off` (rows,): measured less expected; `slopes` (rows, states); `covariance` (rows, rows) of what is measured.
+    """
+    own = belief.covariance + np.diag([state.scatter**2 for state in states])
+    factor = np.linalg.cholesky(slopes @ own @ slopes.T + covariance)
+    return np.asarray(solve_triangular(factor, off, lower=True))
+
+
 class Update(NamedTuple):
     """Belief after a shot, and its figures.
 

@@ -31,6 +31,7 @@ HELD = (
     "In a trial with a rail sensor on virtual injectors, drawn from estimates as those that the states begin with, "
     "intervals of 95 % held 97 % of the quantities."
 )
+FURTHER_WORDS = {"current": ("the coil's current", "--current"), "return": ("the return flow", "--return-flow")}
 TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distribution
 
 
@@ -87,8 +88,9 @@ def observer_lines(record: Record) -> list[str]:
     strange = _strange(record)
     if strange:
         lines.append(
-            f"{counted(strange, 'shot')} changed no state, since the pressure is not what model and disturbance allow "
-            "(consistency above 3), as where another injector injects at once; their figures are those of the states."
+            f"{counted(strange, 'shot')} changed no state, since the pressure{_further(record)} is not what model and "
+            "disturbance allow (consistency above 3), as where another injector injects at once; their figures are "
+            "those of the states."
         )
     if found:
         moved = 100.0 * np.nanmedian(_moved(found))
@@ -140,11 +142,24 @@ def warning_lines(record: Record) -> list[str]:
                 f"{named[0].upper()}{named[1:]} is {significant(far, 2)} standard deviations from where it began."
             )
     if lines:
+        more = "".join(f"column and unit of {words} ({option}), " for words, option in _used(record).values())
         lines.append(
             f"Check rail.volume ({_volume(record).partition(' (')[0]}), the pressure's unit (--pressure-unit; "
-            f"{quantity(rest, 'Pa', 3)} before the shots, median), and whether the command is this injector's."
+            f"{quantity(rest, 'Pa', 3)} before the shots, median), {more}and whether the command is this injector's."
         )
-    return lines + _edge_lines(record)
+    return lines + _left_out_lines(record) + _edge_lines(record)
+
+
+def _left_out_lines(record: Record) -> list[str]:
+    lines = []
+    for name, (words, option) in FURTHER_WORDS.items():
+        counts = [shot["further"][name] for shot in record["shots"] if name in shot.get("further", ())]
+        if out := counts.count(False):
+            lines.append(
+                f"{words[0].upper()}{words[1:]} was left out of {out} of {counted(len(counts), 'shot')}, since it is "
+                f"not what the pressure and the model allow; check its column, unit and zero ({option})."
+            )
+    return lines
 
 
 def _edge_lines(record: Record) -> list[str]:
@@ -163,8 +178,13 @@ def _place(record: Record) -> str:
 
 
 def _further(record: Record) -> str:
-    words = {"current": "the coil's current", "return": "the return flow"}
-    return "".join(f", {words[name]}" for name in record.get("further", ()))
+    return "".join(f", {words}" for words, _ in _used(record).values())
+
+
+def _used(record: Record) -> dict[str, tuple[str, str]]:
+    """Words and option of each further sensor that counts in a shot."""
+    used = {name for shot in record["shots"] for name, counts in shot.get("further", {}).items() if counts}
+    return {name: words for name, words in FURTHER_WORDS.items() if name in used}
 
 
 def _deviation(rows: list[Record]) -> str:

@@ -21,9 +21,9 @@ from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import Memory, Observation, ObservedShot
-from commonrail.plugins.observer.further import flowing, joined, noise_found
+from commonrail.plugins.observer.further import check_further, flowing, joined, noise_found
 from commonrail.plugins.observer.horizon import Horizon, Measured
-from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, update
+from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, innovation, update
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import FURTHER, ObserverSettings, ShotRecord, check_model, cut_log, states_of
 
@@ -33,6 +33,8 @@ MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a 
 SHORTEST = 1e-6  # energising time, the step of the simulations; no injector answers a shorter one [s]
 PULSES = '[("10 ms", "700 us"), (0.05, 7e-4)], pairs of start and duration'
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
+# Largest mean square of a further sensor's innovation: of many samples as of a shot, of one three standard deviations.
+FITTING = {"current": TRUSTED, "return": 9.0}
 
 
 class Progress(NamedTuple):
@@ -102,6 +104,7 @@ def observe(
             "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
             "check that time and energisings have one clock and the right units."
         )
+    check_further(shots, settings.further)
     return _Run(injector, settings, shots, thread_count(threads), previous).all(report)
 
 
@@ -198,9 +201,11 @@ class _Run:
         self.simulator = Simulator(injector, settings, threads or 1)
         if previous is not None:
             self.memory, self.disturbance = copy.deepcopy(previous.memory), previous.disturbance
+            self.alone = self.memory.belief  # by the pressure alone, whatever further sensors show
             return
         test = StepTest(settings.states, settings.window, settings.significance)
         self.memory = Memory(Belief.before(settings.states), test, 0)
+        self.alone = self.memory.belief
         clock = shots[0].time
         many = settings.averaged_samples(clock)
         quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
@@ -219,20 +224,21 @@ class _Run:
                 if request.asked:
                     break
                 before = belief.walked(states)
-                rest, open_loop, made, done = self._one(shot, before)
+                self.alone = self.alone.walked(states)
+                rest, open_loop, made, done, further = self._one(shot, before)
                 alarm = None
                 if done is not None:
                     belief = done.belief
                     if earlier + k >= self.settings.learning and done.consistency <= TRUSTED:
                         test.add(before, belief)
                         alarm = test.alarm()
-                found.append(_observed(shot, rest, open_loop, done, alarm))
+                found.append(_observed(shot, rest, open_loop, done, alarm)._replace(further=further))
                 if done is not None:
                     horizon.add(k, made, done, before)
                 if alarm is not None:  # what has changed is learnt again
                     changed = np.array([(state.name == alarm.state) * state.deviation**2 for state in states])
                     horizon.change(alarm.ago, changed)
-                    belief = belief.spread(changed)
+                    belief, self.alone = belief.spread(changed), self.alone.spread(changed)
                     test.reset()
                 if self.settings.horizon > 1 and done is not None:
                     belief = horizon.solve()
@@ -261,25 +267,58 @@ class _Run:
 
     def _one(
         self, shot: ShotRecord, belief: Belief
-    ) -> tuple[float, tuple[Floats, Floats] | None, Measured, Update | None]:
-        """Pressure at rest [Pa] of a shot, figures and rate of the model alone, what was measured, and the update."""
+    ) -> tuple[float, tuple[Floats, Floats] | None, Measured, Update | None, dict[str, bool]]:
+        """Pressure at rest [Pa] of a shot, figures and rate of the model alone, what was measured, and the update.
+
+        Last, whether each further sensor counts.
+        """
         at = self.simulator.averaged(shot.time, shot.time)
         at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # a sample at the start is there but for rounding
         samples = self.simulator.averaged(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
-        rows = [samples - rest]
+        rows, further = {"": samples - rest}, dict[str, bool]()
         if "current" in shot.further:
             amperes = self.simulator.averaged(shot.further["current"], shot.time)
-            rows.append((amperes - amperes[at < 0.0].mean())[flowing(shot, at)])
+            rows["current"] = (amperes - amperes[at < 0.0].mean())[flowing(shot, at)]
         if "return" in shot.further:
-            rows.append(shot.further["return"])
-        made = Measured(
-            np.concatenate(rows),
-            with_discrepancy(self.disturbance, self.settings, at, shot),
-            lambda x: self.simulator.at(shot, rest, x),
-        )
+            rows["return"] = shot.further["return"]
+        first = self.simulator.at(shot, rest, belief.mean) if shot.further else None
+        if first is not None:
+            further = self._fitting(shot, at, rows, first, belief.mean)
+            if not all(further.values()):
+                rows = {name: row for name, row in rows.items() if further.get(name, True)}
+                shot, first = shot._replace(further={name: shot.further[name] for name in rows if name}), None
+
+        def simulate(x: Floats) -> Response | None:
+            return self.simulator.at(shot, rest, x) if first is None or np.any(x != belief.mean) else first
+
+        covariance = with_discrepancy(self.disturbance, self.settings, at, shot)
+        made = Measured(np.concatenate(list(rows.values())), covariance, simulate)
         done = update(belief, self.settings.states, *made, self.settings.iterations)
-        return rest, self.simulator.figures(shot, rest), made, done
+        return rest, self.simulator.figures(shot, rest), made, done, further
+
+    def _fitting(
+        self, shot: ShotRecord, at: Floats, rows: dict[str, Floats], first: Response, x: Floats
+    ) -> dict[str, bool]:
+        """Whether each further sensor shows what the pressures so far allow; the belief by these takes the shot's.
+
+        `first`: response at states `x`, from where it is linear.
+        """
+        states, many = self.settings.states, len(at)
+        spread = with_discrepancy(self.disturbance, self.settings, at, shot)(first)
+        off = np.concatenate(list(rows.values())) - first.moved(self.alone.mean - x).shown
+        names = np.repeat(list(rows), [len(row) for row in rows.values()])
+        cut = first._replace(shown=first.shown[:many], slopes=first.slopes[:many])
+        own = with_discrepancy(self.disturbance, self.settings, at, shot._replace(further={}))
+        done = update(self.alone, states, rows[""], own, lambda y: cut.moved(y - x), 1)
+        assert done is not None  # nothing is simulated
+        fits = {}
+        for name in rows.keys() - {""}:
+            both = np.flatnonzero((names == "") | (names == name))
+            white = innovation(self.alone, states, off[both], first.slopes[both], spread[np.ix_(both, both)])
+            fits[name] = done.consistency > TRUSTED or bool(np.mean(white[many:] ** 2) <= FITTING[name])
+        self.alone = done.belief
+        return fits
 
 
 def _observed(

@@ -349,7 +349,7 @@ class ShotRecord(NamedTuple):
         Pressure before the shot in which nothing of this injector is open [Pa], at the same spacing.
     further : mapping of str to (samples,) or (1,)
         What further sensors show: current of the coil [A] at `time`, and the mass through the return line from `start`
-        to the next shot [kg]; of the last shot there is none.
+        to the next shot [kg]; there is none where that lies beyond the log.
     period : float
         From `start` to the next shot [s].
     """
@@ -393,9 +393,14 @@ def cut_log(
             pulses = tuple(Energising(pulse.start - start, pulse.duration) for pulse in group)
             quiet = pressure[np.searchsorted(time, max(free, start - 2.0 * settings.before)) : zero]
             own = {name: samples[first:last] for name, samples in further.items() if name != "return"}
-            if "return" in further and np.isfinite(following):
-                cycle = further["return"][(time >= start) & (time < following)]
-                own["return"] = np.array([cycle.mean() * (following - start)])
+            if "return" in further and following <= time[-1]:
+                flow = float(further["return"][(time >= start) & (time < following)].mean())
+                if flow <= 0.0:
+                    raise ConfigurationError(
+                        f"The return flow has a mean of {flow:.3g} kg/s from {start:.9g} s to the next shot, and some "
+                        "fuel returns in each cycle; check its column (--return-flow), its sign and its zero."
+                    )
+                own["return"] = np.array([flow * (following - start)])
             one = ShotRecord(
                 start, pulses, time[first:last] - start, pressure[first:last], quiet, own, following - start
             )
