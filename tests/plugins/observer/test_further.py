@@ -11,17 +11,19 @@ import numpy as np
 import pytest
 
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import ConfigurationError
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance
+from commonrail.plugins.observer.file import LogColumns, read_log
 from commonrail.plugins.observer.further import joined
 from commonrail.plugins.observer.online import Online, observer_texts
 from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
 from commonrail.plugins.observer.response import Simulator
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import METER_GAIN, ObserverSettings, ShotRecord, states_of
+from tests.child_in_process import read_in_process
 from tests.cli.conftest import Command
 
 RATE, CYCLE = 50e3, 15e-3
@@ -207,7 +209,10 @@ def test_the_verb_reads_further_columns(command: Command, tmp_path: Path, log: L
     assert "Return flow" in observer_html(said[0])
     for options, words in (
         (("--current", "pressure"), "Pa"),
-        (("--current", "command"), "unit"),
+        (("--current", "command"), "--current-unit"),
+        (("--current", "I", "--current-unit", "mA"), "mA"),
+        (("--return-flow", "command"), "--return-unit"),
+        (("--return-unit", "kg/s"), "--return-flow"),
         (("--return-flow", "I"), '"I"'),
         (("--return-flow", "none"), '"none"'),
         (("--current-noise", "0.1A"), "--current"),
@@ -218,3 +223,36 @@ def test_the_verb_reads_further_columns(command: Command, tmp_path: Path, log: L
         refused = command("observe", file, *model, *options)
         assert refused.status == 2, options
         assert words in refused.sentence
+    bare = tmp_path / "bare.csv"
+    np.savetxt(bare, table, delimiter=",", header="time [s],pressure [Pa],command,I,q,v", comments="")
+    done = command(
+        *("observe", bare, *model, "--current", "I", "--current-unit", "A"),
+        *("--return-flow", "q", "--return-unit", "kg/s", "--json"),
+    )
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["shots"] == said[0]["shots"]
+
+
+def test_a_channel_with_a_clock_of_its_own_covers_the_pressure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mean that lacks a sample at the end does; one that ends or begins elsewhere is refused, and a slow current."""
+    asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+    read_in_process(monkeypatch)
+    time = np.arange(4000) * 20e-6
+    wave = np.abs(np.sin(100.0 * time))
+    record = asammdf.MDF()
+    for name, unit, own in (
+        ("pressure", "Pa", time),
+        ("command", "V", time),
+        ("current", "A", time),
+        ("short", "A", time[:2000]),
+        ("elsewhere", "A", time + 1e3),
+        ("slow", "A", time[::10]),
+        ("mean", "kg/h", time[::500]),
+    ):
+        record.append([asammdf.Signal(1e8 + 0.0 * own if unit == "Pa" else wave[: len(own)], own, unit, name)])
+    file = record.save(tmp_path / "log.mf4")
+    columns = LogColumns(further={"current": "current", "return": "mean"})
+    assert read_log(Path(file), columns).further["current"] == pytest.approx(wave)
+    for name, words in (("short", r"0 to 0\.03998 s, the pressure"), ("elsewhere", "1000 to"), ("slow", "5 samples")):
+        with pytest.raises(InputError, match=f'log.mf4, column "{name}".*{words}'):
+            read_log(Path(file), columns._replace(further={"current": name}))

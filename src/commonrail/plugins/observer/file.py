@@ -26,6 +26,7 @@ from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns
 
 SCHEMA = 1
+SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 FIGURES = ("quantity", "opening", "closing")
 COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
 # A current shows an energising by its rise and fall, with a hold far below its peak. All are chosen [E].
@@ -243,7 +244,9 @@ class LogColumns(NamedTuple):
     time_unit: str | None = None
     pressure_unit: str | None = None
     form: FileForm = PLAIN
-    further: Mapping[str, str] = MappingProxyType({})  # columns of further sensors by their names
+    # Columns of further sensors by their names, and the units of those for which the file has none.
+    further: Mapping[str, str] = MappingProxyType({})
+    units: Mapping[str, str | None] = MappingProxyType({})
 
 
 class Log(NamedTuple):
@@ -282,10 +285,22 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     further, volume = {}, False
     for name, heading in columns.further.items():
         unit = ("kg/s", "m3/s") if name == "return" else FURTHER[name]
-        column = Column(heading, unit, stating="the heading of its column")
+        column = Column(heading, unit, columns.units.get(name), stating=f"--{name}-unit")
         table = take_columns(open_sheet(path, columns.form), [time, column])  # it may be the command's column too
         volume = volume or table.units[heading] == "m3/s"
-        further[name] = np.interp(clock, table.columns[columns.time], table.columns[heading])  # MDF has several clocks
+        own, place = table.columns[columns.time], f'{path}, column "{heading}"'  # MDF has several clocks
+        step = float(np.median(np.diff(own)))
+        if max(own[0] - clock[0], clock[-1] - own[-1]) > 1.01 * step:  # of a mean over cycles one sample may lack
+            raise InputError(
+                f"{place}: it reaches from {own[0]:.6g} to {own[-1]:.6g} s, the pressure from {clock[0]:.6g} to "
+                f"{clock[-1]:.6g} s; give a column that covers the pressure, or cut the log."
+            )
+        if name == "current" and SLOWEST * step > 1.01:
+            raise InputError(
+                f"{place}: it has {1e-3 / step:.3g} samples a millisecond, and a current needs {1e-3 * SLOWEST:g} or "
+                "more; give a faster one, or leave it out."
+            )
+        further[name] = np.interp(clock, own, table.columns[heading])
     if columns.energisings is None:
         return Log(clock, pressure, *_edges(tables[1], columns.time, columns.command), further, volume)
     pairs = take_columns(

@@ -20,7 +20,7 @@ from commonrail.base.text import quantity
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
-from commonrail.plugins.observer.file import Memory, Observation, ObservedShot
+from commonrail.plugins.observer.file import SLOWEST, Memory, Observation, ObservedShot
 from commonrail.plugins.observer.further import check_further, flowing, joined, noise_found
 from commonrail.plugins.observer.horizon import Horizon, Measured
 from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, innovation, update
@@ -28,7 +28,6 @@ from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import FURTHER, ObserverSettings, ShotRecord, check_model, cut_log, states_of
 
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
-SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
 SHORTEST = 1e-6  # energising time, the step of the simulations; no injector answers a shorter one [s]
 PULSES = '[("10 ms", "700 us"), (0.05, 7e-4)], pairs of start and duration'

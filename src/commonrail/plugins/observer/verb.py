@@ -50,9 +50,11 @@ def observe(
     current_noise: Annotated[
         str | None, Option(help="Standard deviation of a sample of it, e.g. 0.1A. [default: from it before shots]")
     ] = None,
+    current_unit: Annotated[str | None, Option(help="Unit of the current, if the file has none.")] = None,
     return_flow: Annotated[
         str | None, Option(help="Column of the return flow, in a unit as kg/h or l/h; each cycle's mean counts.")
     ] = None,
+    return_unit: Annotated[str | None, Option(help="Unit of the return flow, if the file has none.")] = None,
     return_deviation: Annotated[
         str | None, Option(help="Standard deviation of a return quantity. [default: 2%]")
     ] = None,
@@ -144,12 +146,14 @@ def observe(
         )
         raise InputError(f"{words} one of the two.")
     if design:
-        of_log = "current current_noise return_flow return_deviation return_shots "
+        of_log = "current current_noise current_unit return_flow return_deviation return_shots return_unit "
         of_log += "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
         of_log += " learning horizon wanted out online"
         refuse_unused({name: (False, "a LOG") for name in of_log.split()})
-    refuse_unused({"current_noise": (current is not None, "--current")})
-    refuse_unused({name: (return_flow is not None, "--return-flow") for name in ("return_deviation", "return_shots")})
+    refuse_unused({f"current_{name}": (current is not None, "--current") for name in ("noise", "unit")})
+    refuse_unused(
+        {f"return_{name}": (return_flow is not None, "--return-flow") for name in ("deviation", "shots", "unit")}
+    )
     headings = {"current": current, "return": return_flow}
     further = {name: heading for name, heading in headings.items() if heading is not None}
     if online is not None and further:
@@ -199,6 +203,7 @@ def observe(
         pressure_unit,
         read_form(encoding, decimal, sheet, files),
         further,
+        {"current": current_unit, "return": return_unit},
     )
     read = read_log(log, columns)
     if energisings is None:  # edges of a command are known to a sample, those of a current less well
