@@ -22,7 +22,7 @@ from commonrail.plugins.observer.online import Online, observer_texts
 from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
 from commonrail.plugins.observer.response import Simulator
 from commonrail.plugins.observer.run import observe
-from commonrail.plugins.observer.study import METER_GAIN, ObserverSettings, ShotRecord, states_of
+from commonrail.plugins.observer.study import CURRENT_DELAY, METER_GAIN, ObserverSettings, ShotRecord, states_of
 from tests.child_in_process import read_in_process
 from tests.cli.conftest import Command
 
@@ -100,7 +100,8 @@ def test_a_boost_voltage_that_is_off_is_learnt_with_the_current_and_not_without(
 ) -> None:
     drift = {}
     for further in ({}, {"current": log.further["current"]}, log.further):
-        settings = ObserverSettings(further=tuple(further), current_timing=0.1e-6)
+        exact = {CURRENT_DELAY: 0.1e-6}
+        settings = ObserverSettings(further=tuple(further), current_timing=0.1e-6, deviations=exact)
         found = observe(rigid_volume, *log[:3], settings, further=further, threads=1)
         index = [state.name for state in found.settings.states].index("boost voltage")
         last = found.shots[-1]
@@ -148,6 +149,22 @@ def test_a_sensor_that_does_not_fit_the_pressure_is_left_out_and_named(rigid_vol
             assert "--return-flow" in lines
             assert "2 of 3" in lines
             assert record["shots"][1]["further"] == {"return": False}
+
+
+def test_edges_that_are_off_alike_in_all_shots_are_no_boost_voltage(rigid_volume: Injector, log: Logged) -> None:
+    """Half a sample of 20 µs by which all energisings are read too early is learnt as such."""
+    current = np.interp(log.time - 10e-6, log.time, log.further["current"])
+    drift = {}
+    for delay in (0.0, 6e-6):
+        settings = ObserverSettings(
+            further=("current",), current_timing=6e-6, horizon=1, deviations={CURRENT_DELAY: delay}
+        )
+        found = observe(rigid_volume, *log[:3], settings, further={"current": current}, threads=1)
+        learnt = found.shots[-1].drift
+        assert learnt is not None
+        drift[delay] = dict(zip((state.name for state in found.settings.states), learnt, strict=True))
+    assert drift[6e-6][CURRENT_DELAY] == pytest.approx(10e-6, abs=5e-6)
+    assert drift[6e-6]["boost voltage"] > drift[0.0]["boost voltage"] + 0.01
 
 
 def test_a_meter_over_many_cycles_tells_as_much_less(rigid_volume: Injector) -> None:

@@ -19,10 +19,12 @@ from commonrail.physics.components.solenoid import Parameters
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.plugins.observer.further import PATHS, coil_current, flowing, metered
 from commonrail.plugins.observer.study import (
+    CURRENT_DELAY,
     DELAY,
     GAIN,
     METER_GAIN,
     OFFSET,
+    SENSOR_STATES,
     SENSORS,
     ObserverSettings,
     ShotRecord,
@@ -129,7 +131,7 @@ class Simulator:
 
     def _at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
         n, by_name = len(self.states), {state.name: i for i, state in enumerate(self.states)}
-        sensor = {name: x[by_name[name]] if name in by_name else 0.0 for name in (GAIN, OFFSET, DELAY, METER_GAIN)}
+        sensor = {name: x[by_name[name]] if name in by_name else 0.0 for name in SENSOR_STATES}
         steps = np.array([1.0 if s.parameter == FUEL_TEMPERATURE else STEP * s.deviation for s in self.states])
         changed = [x + steps[i] * np.eye(n)[i] for i, state in enumerate(self.states) if state.parameter]
         scale = 1.0 + sensor[GAIN]
@@ -258,7 +260,7 @@ class Simulator:
         parts = [(1.0 + sensor[GAIN]) * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])]
         if "current" in shot.further:
             flows = flowing(shot, self.averaged(shot.time, shot.time))
-            parts.append(self._sampled(shot, time, traced.further["current"], 0.0)[:, flows])
+            parts.append(self._sampled(shot, time, traced.further["current"], sensor[CURRENT_DELAY])[:, flows])
         if "return" in shot.further:
             parts.append(metered(traced.further["return"], time, shot.period, sensor[METER_GAIN]))
         return np.hstack(parts)

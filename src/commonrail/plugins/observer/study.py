@@ -42,7 +42,8 @@ WIDEST = {
     "s": (1e-3, "the sensor would show a shot after it"),
 }
 SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each of them shows
-METER_GAIN = "return meter gain"
+METER_GAIN, CURRENT_DELAY = "return meter gain", "current delay"
+SENSOR_STATES = (GAIN, OFFSET, DELAY, METER_GAIN, CURRENT_DELAY)  # of no parameter
 FURTHER = {"current": "A", "return": "kg/s"}  # sensors beside the pressure's, and the unit of each
 
 
@@ -85,7 +86,7 @@ class DriftState(NamedTuple):
 # cases/tolerance. Those of the sensor stand for its gain and the rail's volume, its zero, and 5 µs of delay.
 # The nine from feed pipe length on are not learnt to say how they are: left out, the others took up their traces in the
 # pressure, above all the fuel's temperature those of the pipe's length, and so the quantity an error that stays.
-# With 23 parameters and the states themselves three blocks of lanes are full. The last three belong to further sensors.
+# With 23 parameters and the states themselves three blocks of lanes are full. The last four belong to further sensors.
 STATES = (
     DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 1e-3, 5e-3, 0.03),
     DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 1e-3, 3e-3, 0.05),
@@ -116,6 +117,7 @@ STATES = (
     DriftState("peak current", "drive.peak_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
     DriftState("hold current", "drive.hold_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
     DriftState(METER_GAIN, "", 0.0, 0.01, 1e-5, 0.0, 0.0, of="return"),
+    DriftState(CURRENT_DELAY, "", 0.0, 1e-6, 1e-8, 0.0, 0.0, "s", of="current"),  # behind the energisings as read
 )
 
 
@@ -317,7 +319,7 @@ def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftStat
     """
     unread = unread_parameters(injector.variant)
     for name, parameter in ((state.name, state.parameter) for state in settings.states):
-        if parameter not in injector.values and (parameter or name not in (GAIN, OFFSET, DELAY, METER_GAIN)):
+        if parameter not in injector.values and (parameter or name not in SENSOR_STATES):
             like = nearest(parameter, injector.values)
             raise ConfigurationError(f'Drift state "{name}" changes "{parameter}", which is no parameter{like}.')
     found = tuple(

@@ -135,7 +135,7 @@ def observe(
     from commonrail.physics.injector import FUEL_TEMPERATURE
     from commonrail.plugins.observer.file import LogColumns, read_log
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
-    from commonrail.plugins.observer.study import FURTHER, ObserverSettings, check_model
+    from commonrail.plugins.observer.study import CURRENT_DELAY, FURTHER, ObserverSettings, check_model
     from commonrail.readers.location import Place, located
     from commonrail.readers.toml import UNSTATED
     from commonrail.report.analysis import run_into, synthetic_lines
@@ -209,6 +209,8 @@ def observe(
     if energisings is None:  # edges of a command are known to a sample, those of a current less well
         spacing = float(read.time[1] - read.time[0])
         settings = replace(settings, current_timing=spacing if read.edges else max(spacing / 12**0.5, 1e-6))
+        if "current" in further and not any(text.startswith(CURRENT_DELAY) for text in uncertain):
+            settings = replace(settings, deviations={CURRENT_DELAY: settings.current_timing})  # the same in all shots
     if read.volume:  # at the return line's pressure and the fuel's temperature, as a map of return quantities
         density = float(injector.fuel.density(back, injector.values[FUEL_TEMPERATURE]))
         read = read._replace(further={**read.further, "return": density * read.further["return"]})
