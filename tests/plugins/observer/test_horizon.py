@@ -32,12 +32,12 @@ def response(k: int, curved: float, x: Floats) -> Response:
     return Response(linear + curved * linear**2, slopes, FIGURES @ x, FIGURES, np.zeros(1), np.zeros((1, 2)))
 
 
-def solved(length: int, curved: float, change: Floats | None = None) -> Horizon:
+def solved(length: int, curved: float, change: Floats | None = None, measured: Floats = MEASURED) -> Horizon:
     """Horizon after all shots; `change`: variances before the last but one."""
     horizon, belief = Horizon(STATES, length, 40), Belief.before(STATES)
     for k in range(SHOTS):
         before = belief.walked(STATES)
-        made = Measured(MEASURED[k], lambda _: NOISE, partial(response, k, curved))
+        made = Measured(measured[k], lambda _: NOISE, partial(response, k, curved))
         done = update(before, STATES, *made, 40)
         assert done is not None
         horizon.add(k, made, done, before)
@@ -77,6 +77,24 @@ def test_all_shots_are_the_conditional_expectation_of_a_linear_model(change: Flo
         assert found.figures[:, 0] == pytest.approx(FIGURES[:, 0] @ owns[k], rel=1e-9)
         expected = np.diag(FIGURES[:, 0] @ spreads[here, here] @ FIGURES[:, 0].T) + LACKING
         assert found.deviations[:, 0] ** 2 == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_shot_that_no_state_explains_tells_nothing_to_the_others() -> None:
+    strange = MEASURED.copy()
+    strange[1] += [5.0, -5.0, 5.0, -5.0, 5.0]
+    found = dict(solved(SHOTS, 0.0, measured=strange).found())
+    states, own = prior(np.zeros(2))
+    kept = [0, 2, 3]
+    slopes = np.zeros((3 * SAMPLES, 2 * SHOTS))
+    for i, k in enumerate(kept):
+        slopes[SAMPLES * i : SAMPLES * (i + 1), 2 * k : 2 * k + 2] = SLOPES[k]
+    inverse = np.linalg.inv(slopes @ (states + own) @ slopes.T + np.kron(np.eye(3), NOISE))
+    means = (states @ slopes.T @ inverse @ MEASURED[kept].ravel()).reshape(SHOTS, 2)
+    spread = states - states @ slopes.T @ inverse @ slopes @ states
+    for k in range(SHOTS):
+        assert found[k].belief.mean == pytest.approx(means[k], rel=1e-9)
+    variances = np.diag(FIGURES[:, 0] @ (spread[2:4, 2:4] + np.diag(SCATTER**2)) @ FIGURES[:, 0].T) + LACKING
+    assert found[1].deviations[:, 0] ** 2 == pytest.approx(variances, rel=1e-9)
 
 
 def test_shots_that_have_left_enter_by_the_belief_before_the_rest() -> None:
