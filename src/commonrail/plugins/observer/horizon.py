@@ -16,7 +16,7 @@ MOVED = 0.5  # change of a state at which its shot is simulated again, in standa
 
 
 class Measured(NamedTuple):
-    """What the sensors have shown of a shot, as `Response.shown`, its covariance and its simulation."""
+    """Measurements of a shot in the order of `Response.shown`, their covariance, and its simulation."""
 
     shown: Floats
     covariance: Callable[[Response], Floats]

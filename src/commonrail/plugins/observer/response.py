@@ -255,7 +255,7 @@ class Simulator:
         return Traced(time, rows[SENSORS[self.settings.sensor]], rows["nozzle.injected"], further)
 
     def _shown(self, shot: ShotRecord, traced: Traced, sensor: Mapping[str, float]) -> Floats:
-        """What the sensors show (candidates, rows), as `Response.shown`, with errors of the sensors by name."""
+        """Readings of the sensors (candidates, rows), as `Response.shown`, with errors of the sensors by name."""
         time, pressure = traced.time, traced.pressure
         parts = [(1.0 + sensor[GAIN]) * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])]
         if "current" in shot.further:

@@ -299,7 +299,7 @@ class _Run:
     def _fitting(
         self, shot: ShotRecord, at: Floats, rows: dict[str, Floats], first: Response, x: Floats
     ) -> dict[str, bool]:
-        """Whether each further sensor shows what the pressures so far allow; the belief by these takes the shot's.
+        """Whether each further sensor agrees with the pressures so far; the belief by pressure alone takes the shot's.
 
         `first`: response at states `x`, from where it is linear.
         """
