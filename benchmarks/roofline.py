@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, time_best
 from commonrail.base.choices import Precision
-from commonrail.compiler.lower import optimised, texts
+from commonrail.compiler.lower import optimised, ordered, texts
 from commonrail.compiler.target import System, own_processor
 from commonrail.engine import lanes, plan
 from commonrail.engine.job import VECTORS
@@ -206,7 +206,7 @@ def measure(precision: Precision) -> dict[str, Any]:
     hertz = clock()
     names = {"lanes": symbol_of(variant, vector.precision)}
     machine, code = optimised(texts(source_of(variant, vector, False)), names, System.of(own_processor()))
-    block = step_block(str(machine.emit_assembly(code)))
+    block = step_block(str(machine.emit_assembly(ordered(machine, code))))
     times = Times(seconds, measured_bound(block), hertz)
     return {
         "precision": precision.value,
