@@ -10,6 +10,7 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler import lower
+from commonrail.compiler.target import System
 from tests.compiler import doubled
 
 
@@ -59,3 +60,13 @@ def test_on_windows_the_child_has_a_group_of_its_own(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(subprocess, "Popen", lambda command, **settings: started.update(settings))
     lower._Child("f64")
     assert started["creationflags"] == 0x200
+
+
+@pytest.mark.parametrize(
+    ("triple", "cpu", "tuned"),
+    [("x86_64-unknown-linux-gnu", "x86-64-v3", True), ("aarch64-unknown-linux-gnu", "", False)],
+)
+def test_only_code_for_x86_is_ordered_for_a_processor_that_reorders_nothing(triple: str, cpu: str, tuned: bool) -> None:
+    """The model of another kind of processor would be refused on the user's terminal."""
+    machine, module = lower.optimised(lower.texts(doubled.source()), {"double": "twice"}, System(triple, cpu))
+    assert ("tune-cpu" in str(lower.ordered(machine, module))) is tuned
