@@ -16,6 +16,7 @@ from commonrail.base.choices import Boundary
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import note
 from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.time_step import sound_speed
 from commonrail.physics.components import feed_pipe, nozzle
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
@@ -186,8 +187,8 @@ def pipe_loss(injector: Injector, rail_pressure: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _density_and_speed(fuel: Fuel, pressure: float, temperature: float) -> tuple[float, float]:
-    """Density [kg/m³] and speed of sound [m/s]: 2 ms, cached for the next batch at the same point."""
-    return float(fuel.density(pressure, temperature)), float(fuel.sound_speed(pressure, temperature))
+    """Density [kg/m³] and speed of sound [m/s], cached for the next batch at the same point."""
+    return float(fuel.density(pressure, temperature)), sound_speed(fuel, temperature, pressure)
 
 
 @functools.cache

@@ -104,11 +104,14 @@ def medium_of(injector: Injector, rail_pressure: Floats | float) -> Medium:
 @functools.lru_cache(maxsize=64)
 def _medium_at(fuel: Fuel, temperature: float, rail_pressure: float) -> Medium:
     """`medium_of` at one pressure."""
-    return Medium(
-        float(fuel.bulk_modulus(rail_pressure, temperature)),
-        float(fuel.sound_speed(rail_pressure, temperature)),
-        float(fuel.sound_speed(_RETURN, temperature)),
-    )
+    speed, return_speed = (sound_speed(fuel, temperature, pressure) for pressure in (rail_pressure, _RETURN))
+    return Medium(float(fuel.bulk_modulus(rail_pressure, temperature)), speed, return_speed)
+
+
+@functools.lru_cache(maxsize=128)
+def sound_speed(fuel: Fuel, temperature: float, pressure: float) -> float:
+    """Speed of sound [m/s], which takes a millisecond and is asked for again at the same point."""
+    return float(fuel.sound_speed(pressure, temperature))
 
 
 def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
