@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commonrail.base.output import neutralised, neutralised_note, restored, restored_note, write_csv
+from commonrail.base.csv_output import neutralised, neutralised_note, restored, restored_note, write_csv
 from commonrail.readers.columns import Column
 from commonrail.readers.csv import CsvFile
 
@@ -70,4 +70,4 @@ def test_tables_are_written_in_one_place() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Attribute) and node.attr in ("writer", "DictWriter", "to_csv", "savetxt")
     }
-    assert found == {"base/output.py", "plugins/fleet/study.py"}
+    assert found == {"base/csv_output.py", "plugins/fleet/study.py"}

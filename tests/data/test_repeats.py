@@ -7,8 +7,8 @@ import pytest
 from scipy import special
 
 from commonrail.base.arrays import Floats
-from commonrail.data.curves.reading import mean_curve
 from commonrail.data.curves.samples import Samples
+from commonrail.data.curves.shots import mean_curve
 from commonrail.data.repeats import averaged, groups_of
 
 

@@ -12,21 +12,9 @@ from functools import cache, partial
 from typing import Any, NamedTuple, TypeAlias
 
 from commonrail.base.choices import Precision
+from commonrail.engine.end_of_run import StopRule, check, next_horizon, report_ended, set_horizons
 from commonrail.engine.job import FIGURE, FUEL, GIVEN, NEVER, VECTORS, Outcome, make_rows, shape_of
-from commonrail.engine.recorder import (
-    Sample,
-    StopRule,
-    at,
-    check,
-    crossing,
-    keep_if_asked,
-    next_horizon,
-    record_crossing,
-    report_ended,
-    set_densities,
-    set_horizons,
-    take_sample,
-)
+from commonrail.engine.recorder import Sample, at, crossing, keep_if_asked, record_crossing, set_densities, take_sample
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE, layout_of, physics
 from commonrail.physics.model import Inputs, Setting, Waves
 from commonrail.physics.variants import Variant, connections_of, wiring

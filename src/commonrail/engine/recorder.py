@@ -1,4 +1,4 @@
-"""Records of the lanes of a loop: crossings of the seat, samples of the rate, the end at rest, health, traces."""
+"""Records of the lanes of a loop: crossings of the seat, samples of the rate, figures, traces."""
 
 from __future__ import annotations
 
@@ -17,10 +17,6 @@ def at(rows: Any, row: int, lane: int) -> int:
     return row * rows.lanes + lane
 
 
-RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
-DRIBBLE = 1e-12, 1e-6  # largest injected mass per check that still counts as at rest: [kg], and share of the stroke
-
-
 class Sample(NamedTuple):
     """Part of a step at which a sample ends, its width [s], target [m³/s] and weight."""
 
@@ -28,14 +24,6 @@ class Sample(NamedTuple):
     width: float
     target: float
     weight: float
-
-
-class StopRule(NamedTuple):
-    """When a lane ends: the present step, checks at rest that it takes (0: never), and steps between two checks."""
-
-    step: float
-    checks: float
-    every: float
 
 
 @physics
@@ -79,20 +67,6 @@ def set_densities(work, rows, candidates, points, density):  # type: ignore[no-u
 
 
 @physics
-def set_horizons(work, rows, points, steps, earliest_end):  # type: ignore[no-untyped-def]
-    """Keep the number of each lane's steps, and the first one at which its injection may have ended.
-
-    Returns the largest number of steps.
-    """
-    most = 0
-    for lane in range(rows.lanes):
-        work[at(rows, rows.steps, lane)] = steps[points[lane]]
-        work[at(rows, rows.earliest_end, lane)] = earliest_end[points[lane]]
-        most = max(most, steps[points[lane]])
-    return most
-
-
-@physics
 def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
     """Take the `Sample` that ends in the last step, and add up its misfit, by volume as the target."""
     for lane in range(rows.lanes):
@@ -108,43 +82,6 @@ def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
 
 
 @physics
-def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
-    """Report lanes that have ended; true once every lane has.
-
-    A lane ends when it has failed or, by a `StopRule`, when needle and valve have rested for that many checks and for
-    longer than a bouncing one touches its seat: what its neighbours do after that does not change its figures.
-    """
-    ended = 0
-    for lane in range(rows.lanes):
-        if work[at(rows, rows.has_ended, lane)] == 0.0:
-            mass = work[at(rows, rows.injected, lane)]
-            gain = mass - work[at(rows, rows.injected_at_check, lane)]
-            work[at(rows, rows.injected_at_check, lane)] = mass
-            rests = rule.step >= work[at(rows, rows.earliest_end, lane)] and is_at_rest(work, rows, lane)
-            still = rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
-            checks = work[at(rows, rows.checks_at_rest, lane)] + 1.0 if still else 0.0
-            work[at(rows, rows.checks_at_rest, lane)] = checks
-            enough = checks > rule.checks and checks * rule.every > work[at(rows, rows.longest_contact, lane)]
-            if (rule.checks > 0.0 and enough) or not _is_sound(work, rows, lane):
-                _report(work, rows, lane, out)
-                work[at(rows, rows.has_ended, lane)] = 1.0
-        if work[at(rows, rows.has_ended, lane)] != 0.0:
-            ended += 1
-    return ended == rows.lanes
-
-
-@physics
-def is_at_rest(work, rows, lane):  # type: ignore[no-untyped-def]
-    """True for a needle on its seat with an empty SAC, a closed valve and a control chamber that has refilled.
-
-    A needle that has closed on a valve still in motion, or on a chamber that has not refilled, may open again.
-    """
-    recovered = RECOVERED * work[at(rows, rows.accumulation_pressure, lane)]
-    refilled = work[at(rows, rows.control_pressure, lane)] > recovered
-    return needle_rests(work, rows, lane) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and refilled
-
-
-@physics
 def needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
     """True for a needle on its seat and a SAC that has emptied."""
     excess = work[at(rows, rows.sac_pressure, lane)] - work[at(rows, rows.cylinder, lane)]
@@ -152,7 +89,7 @@ def needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
 
 
 @physics
-def _is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
+def is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
     """True for a state that is finite and inside its stops."""
     return (
         abs(work[at(rows, rows.tip, lane)]) < work[at(rows, rows.farthest_lift, lane)]
@@ -169,7 +106,7 @@ def _instant(work, rows, row, lane):  # type: ignore[no-untyped-def]
 
 
 @physics
-def _report(work, rows, lane, out):  # type: ignore[no-untyped-def]
+def report(work, rows, lane, out):  # type: ignore[no-untyped-def]
     """Write the figures of a lane, (lanes, figures)."""
     out[lane, FIGURE.injected] = work[at(rows, rows.injected, lane)]
     out[lane, FIGURE.returned] = work[at(rows, rows.returned, lane)]
@@ -180,17 +117,8 @@ def _report(work, rows, lane, out):  # type: ignore[no-untyped-def]
     out[lane, FIGURE.greatest_lift] = work[at(rows, rows.greatest_lift, lane)]
     out[lane, FIGURE.absolute] = work[at(rows, rows.absolute, lane)]
     out[lane, FIGURE.squared] = work[at(rows, rows.squared, lane)]
-    out[lane, FIGURE.sound] = 1.0 if _is_sound(work, rows, lane) else 0.0
+    out[lane, FIGURE.sound] = 1.0 if is_sound(work, rows, lane) else 0.0
     out[lane, FIGURE.closed_at_end] = 1.0 if needle_rests(work, rows, lane) else 0.0
-
-
-@physics
-def report_ended(work, rows, count, out):  # type: ignore[no-untyped-def]
-    """Report lanes that have run to their horizon, after `count` steps, and had not ended before."""
-    for lane in range(rows.lanes):
-        if work[at(rows, rows.steps, lane)] <= count and work[at(rows, rows.has_ended, lane)] == 0.0:
-            _report(work, rows, lane, out)
-            work[at(rows, rows.has_ended, lane)] = 1.0
 
 
 @physics
@@ -199,18 +127,7 @@ def report_remaining(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
     for lane in range(rows.lanes):
         if work[at(rows, rows.has_ended, lane)] == 0.0:
             work[at(rows, rows.cylinder, lane)] = cylinder
-            _report(work, rows, lane, out)
-
-
-@physics
-def next_horizon(work, rows, count):  # type: ignore[no-untyped-def]
-    """Number of steps, above `count`, after which a lane reaches its horizon; the last one's where all have."""
-    following = work[at(rows, rows.steps, 0)]
-    for lane in range(rows.lanes):
-        steps = work[at(rows, rows.steps, lane)]
-        if steps > count and (steps < following or following <= count):
-            following = steps
-    return following
+            report(work, rows, lane, out)
 
 
 @physics

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.base.csv_output import restored, restored_note
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
-from commonrail.base.output import restored, restored_note
 from commonrail.base.units import fits
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from commonrail.base.chart import Bars, Chart
-from commonrail.base.output import summed, write_csv, write_text
+from commonrail.base.csv_output import write_csv
+from commonrail.base.output import summed, write_text
 from commonrail.base.table import Table
 from commonrail.base.text import MISSING, duration, listed, significant
 from commonrail.calibration.study import Study

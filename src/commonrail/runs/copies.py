@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sqlite3
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,73 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.errors import CommonrailError, InputError, StudyError
-from commonrail.base.input import SUMS, fingerprint, listed, read_plain, sha256
-from commonrail.base.output import replacing, write_text, writing
-from commonrail.readers.location import read_text
-from commonrail.readers.toml import LARGEST_TOML
+from commonrail.base.input import SUMS, listed, read_plain, sha256
+from commonrail.base.output import replacing, writing
 from commonrail.runs.folder import LIKELY, MEMBER, RESULT, STUDY, TRACES
-from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, opened_to_read
+from commonrail.runs.journal import JOURNAL, LOCK, Input, opened_to_read
 from commonrail.runs.tables import RUN, rows_of
-
-# Changes of a run's files since it was begun.
-
-MOST = 3  # keys that a sentence names
-
-
-def check_files(journal: Journal, as_begun: bool) -> None:
-    """Refuse to go on with other files than those of the beginning, with `as_begun` with other copies alone.
-
-    The sentence of the `StudyError` says which file has changed, and of the study which keys.
-    """
-    about, inputs = journal.about, journal.inputs
-    if inputs and about.get("before") and fingerprint(journal.folder / inputs[0].name) == about["before"]:
-        # a crash came between the journal's note of more generations and the file
-        write_text(journal.folder / inputs[0].name, about.get("study", ""))
-    for i, item in enumerate(inputs):
-        path = journal.folder / item.name
-        if (now := fingerprint(path)) != item.copy:
-            what = _what(about.get("study", ""), path) if i == 0 else ""
-            raise StudyError(
-                f"{path} {'is missing' if not now else f'has been changed since the run was begun{what}'}; bring it "
-                "back as it was, or begin a new run."
-            )
-    for i, item in enumerate(inputs if not as_begun else []):
-        path = Path(item.origin)
-        if (now := fingerprint(path)) and now != item.original:
-            what = _what(about.get("given", ""), path) if i == 0 else ""
-            raise StudyError(
-                f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
-                f"or go on with the copy as it was: `commonrail resume {shlex.quote(str(journal.folder))} "
-                "--as-begun`."
-            )
-
-
-def _what(before: str, path: Path) -> str:
-    """Keys of a study file that have changed, in parentheses."""
-    try:
-        old, new = (dict(_leaves(tomllib.loads(text))) for text in (before, read_text(path, LARGEST_TOML)))
-    except (InputError, ValueError, RecursionError):
-        return ""
-    keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
-    if not keys:
-        return " (comments or spaces)"
-    shown = [f"{key}: {_text(old.get(key))} -> {_text(new.get(key))}" for key in keys[:MOST]]
-    return f" ({'; '.join(shown)}{'; ...' if len(keys) > MOST else ''})"
-
-
-def _leaves(value: Any, key: str = "") -> list[tuple[str, Any]]:
-    """Values of nested tables by dotted key."""
-    if isinstance(value, dict):
-        return [leaf for name, item in value.items() for leaf in _leaves(item, f"{key}.{name}" if key else name)]
-    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
-        return [leaf for i, item in enumerate(value) for leaf in _leaves(item, f"{key}[{i + 1}]")]
-    return [(key, value)]
-
-
-def _text(value: Any) -> str:
-    text = "absent" if value is None else f"{value!r}".replace("'", '"')
-    return text if len(text) <= 40 else text[:37] + "..."
-
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", LIKELY, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)

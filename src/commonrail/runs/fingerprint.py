@@ -1,21 +1,28 @@
-"""Targets that a run or a fleet was computed on: said where they differ, and whether this one finds the same bits."""
+"""What a run or a fleet was computed from and on, and what of it has changed: study, files, target of the compiler."""
 
 from __future__ import annotations
 
+import shlex
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from commonrail.base.input import sha256
+from commonrail.base.errors import InputError, StudyError
+from commonrail.base.input import fingerprint, sha256
+from commonrail.base.output import write_text
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import Finding, found
 from commonrail.calibration.search import Searched
 from commonrail.calibration.study import Study
 from commonrail.compiler.target import differences, package_versions
 from commonrail.readers.injector_writer import injector_text
+from commonrail.readers.location import read_text
+from commonrail.readers.toml import LARGEST_TOML
 from commonrail.runs.journal import Journal
 
 # Fingerprint of a study: equal fingerprints mean identical searches.
@@ -123,3 +130,63 @@ def _best_again(journal: Journal, objective: Objective) -> tuple[float, float]:
     again = objective.costs(np.ascontiguousarray(trials[chosen])).costs
     which = int(np.argmax(again != costs[chosen]))
     return float(costs[chosen][which]), float(again[which])
+
+
+# Changes of a run's files since it was begun.
+
+MOST = 3  # keys that a sentence names
+
+
+def check_files(journal: Journal, as_begun: bool) -> None:
+    """Refuse to go on with other files than those of the beginning, with `as_begun` with other copies alone.
+
+    The sentence of the `StudyError` says which file has changed, and of the study which keys.
+    """
+    about, inputs = journal.about, journal.inputs
+    if inputs and about.get("before") and fingerprint(journal.folder / inputs[0].name) == about["before"]:
+        # a crash came between the journal's note of more generations and the file
+        write_text(journal.folder / inputs[0].name, about.get("study", ""))
+    for i, item in enumerate(inputs):
+        path = journal.folder / item.name
+        if (now := fingerprint(path)) != item.copy:
+            what = _what(about.get("study", ""), path) if i == 0 else ""
+            raise StudyError(
+                f"{path} {'is missing' if not now else f'has been changed since the run was begun{what}'}; bring it "
+                "back as it was, or begin a new run."
+            )
+    for i, item in enumerate(inputs if not as_begun else []):
+        path = Path(item.origin)
+        if (now := fingerprint(path)) and now != item.original:
+            what = _what(about.get("given", ""), path) if i == 0 else ""
+            raise StudyError(
+                f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
+                f"or go on with the copy as it was: `commonrail resume {shlex.quote(str(journal.folder))} "
+                "--as-begun`."
+            )
+
+
+def _what(before: str, path: Path) -> str:
+    """Keys of a study file that have changed, in parentheses."""
+    try:
+        old, new = (dict(_leaves(tomllib.loads(text))) for text in (before, read_text(path, LARGEST_TOML)))
+    except (InputError, ValueError, RecursionError):
+        return ""
+    keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+    if not keys:
+        return " (comments or spaces)"
+    shown = [f"{key}: {_text(old.get(key))} -> {_text(new.get(key))}" for key in keys[:MOST]]
+    return f" ({'; '.join(shown)}{'; ...' if len(keys) > MOST else ''})"
+
+
+def _leaves(value: Any, key: str = "") -> list[tuple[str, Any]]:
+    """Values of nested tables by dotted key."""
+    if isinstance(value, dict):
+        return [leaf for name, item in value.items() for leaf in _leaves(item, f"{key}.{name}" if key else name)]
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        return [leaf for i, item in enumerate(value) for leaf in _leaves(item, f"{key}[{i + 1}]")]
+    return [(key, value)]
+
+
+def _text(value: Any) -> str:
+    text = "absent" if value is None else f"{value!r}".replace("'", '"')
+    return text if len(text) <= 40 else text[:37] + "..."

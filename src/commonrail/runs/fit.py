@@ -28,8 +28,8 @@ from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched, objective_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import load_study
-from commonrail.runs.copies import check_files, copy_files, copy_paths, set_in_text
-from commonrail.runs.fingerprint import content_of, other_targets
+from commonrail.runs.copies import copy_files, copy_paths, set_in_text
+from commonrail.runs.fingerprint import check_files, content_of, other_targets
 from commonrail.runs.folder import (
     LIKELY,
     POSTERIOR,

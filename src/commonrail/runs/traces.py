@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
+from commonrail.base.csv_output import write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.input import check_sum
-from commonrail.base.output import write_csv
 from commonrail.data.records import MEASURED, MM3_PER_MS
 from commonrail.readers.columns import Column
 from commonrail.readers.csv import CsvFile

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 import commonrail as cr
-from commonrail.base.output import summed, write_csv
+from commonrail.base.csv_output import write_csv
+from commonrail.base.output import summed
 from commonrail.runs.folder import write_record
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD
 

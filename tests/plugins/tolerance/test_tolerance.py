@@ -14,8 +14,8 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.physics.injector import Injector
 from commonrail.plugins.tolerance.file import ToleranceResult
-from commonrail.plugins.tolerance.parts import Draws, Simulated
 from commonrail.plugins.tolerance.run import Progress, tolerance
+from commonrail.plugins.tolerance.statistics import Draws, Simulated
 from commonrail.plugins.tolerance.study import (
     Dimension,
     Limit,

@@ -66,7 +66,7 @@ def inspect(
 
 def _write(path: Path, found: FoundMap, source: Path) -> None:
     """Write the map as a study reads it."""
-    from commonrail.base.output import write_csv
+    from commonrail.base.csv_output import write_csv
 
     names = ("rail_pressure", "energising_time", "quantity")
     units = (found.units[name] for name in ("rail pressure", "energising time", "quantity"))

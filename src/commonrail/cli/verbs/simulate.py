@@ -350,7 +350,7 @@ def _shown_record(shown: Metered | None) -> dict[str, Any]:
 
 def write_rows(run: Run, path: Path) -> None:
     """Write rate and channels against time; the rate is the mean over the step that ends at the time."""
-    from commonrail.base.output import write_csv
+    from commonrail.base.csv_output import write_csv
 
     s = run.solution
     names = [f"{name} [{_unit(name).name}]" for name in s.channels]

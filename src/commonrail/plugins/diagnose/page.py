@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
-from commonrail.base.output import neutralised_note
+from commonrail.base.csv_output import neutralised_note
 from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
 from commonrail.base.text import fixed, listed, megapascal, percent, signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record

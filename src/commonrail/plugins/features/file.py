@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.csv_output import write_csv
 from commonrail.base.errors import InputError
-from commonrail.base.output import write_csv
 from commonrail.base.text import FieldUnit, field_unit
 from commonrail.base.units import fits, to_text
 from commonrail.calibration.study import Study

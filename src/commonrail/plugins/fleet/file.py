@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.base.output import replacing, summed, write_csv
+from commonrail.base.csv_output import write_csv
+from commonrail.base.output import replacing, summed
 from commonrail.compiler.target import describe, package_versions
 from commonrail.data.registry import kind_of
 from commonrail.physics.meters import known_quantity

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.arguments import file_path, instance, whole
-from commonrail.base.output import summed, write_csv
+from commonrail.base.csv_output import write_csv
+from commonrail.base.output import summed
 from commonrail.calibration.search import Checkpoint
 from commonrail.plugins.foreign_fmu.file import fmu_record
 from commonrail.plugins.foreign_fmu.fit import FmuFit, calibrate_fmu

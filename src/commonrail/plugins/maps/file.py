@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.arrays import Floats
+from commonrail.base.csv_output import neutralised, write_csv
 from commonrail.base.errors import InputError
-from commonrail.base.output import neutralised, replacing, write_csv, write_text
+from commonrail.base.output import replacing, write_text
 from commonrail.base.text import number, numbers
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.dcm import number_text, write_dcm

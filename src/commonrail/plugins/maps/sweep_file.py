@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.base.output import write_csv
+from commonrail.base.csv_output import write_csv
 from commonrail.base.text import number, numbers
 from commonrail.base.units import convert
 from commonrail.plugins.maps.choices import CellState

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from commonrail.base.output import write_csv
+from commonrail.base.csv_output import write_csv
 from commonrail.base.text import number
 from commonrail.plugins.next.run import Measurement, Plan
 from commonrail.plugins.next.study import place_of

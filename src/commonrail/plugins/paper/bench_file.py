@@ -13,9 +13,9 @@ from pydantic import AfterValidator, BeforeValidator, PlainValidator, create_mod
 
 from commonrail.base.arguments import source_of
 from commonrail.base.choices import Body, Boundary
+from commonrail.base.csv_output import write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
-from commonrail.base.output import write_csv
 from commonrail.base.registry import Catalogue
 from commonrail.base.units import to_text
 from commonrail.engine.reference import Resolution

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from commonrail.base.output import write_csv
+from commonrail.base.csv_output import write_csv
 from commonrail.base.text import field_unit
 from commonrail.base.units import convert
 from commonrail.physics.law import Domain

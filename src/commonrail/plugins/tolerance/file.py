@@ -20,7 +20,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector, Source, parameter_quantities
-from commonrail.plugins.tolerance.parts import Shares, Spread
+from commonrail.plugins.tolerance.statistics import Shares, Spread
 from commonrail.plugins.tolerance.study import (
     MOST_FIGURES,
     Correlation,

@@ -14,7 +14,7 @@ from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.base.hooks import held_interrupts
 from commonrail.engine.status import OK, Status
 from commonrail.plugins.tolerance.file import PointResult, ToleranceResult
-from commonrail.plugins.tolerance.parts import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
+from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
 from commonrail.plugins.tolerance.study import Tolerances
 from commonrail.plugins.tolerance.trim import trimmed
 

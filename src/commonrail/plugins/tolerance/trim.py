@@ -18,7 +18,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import OK
-from commonrail.plugins.tolerance.parts import Draws, Parts, Simulated, Spread, spread_of
+from commonrail.plugins.tolerance.statistics import Draws, Parts, Simulated, Spread, spread_of
 
 STEP = 10e-6  # of the energising time to either side for the nominal slope [s]; above the ripple of a PWM current
 SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the nominal one

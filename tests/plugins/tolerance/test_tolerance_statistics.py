@@ -12,7 +12,7 @@ from scipy import stats
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK, Status
-from commonrail.plugins.tolerance.parts import GROUPS, Draws, Shares, VarianceShares, spread_of
+from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Shares, VarianceShares, spread_of
 from commonrail.plugins.tolerance.study import (
     Correlation,
     Dimension,

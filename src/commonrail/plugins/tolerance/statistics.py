@@ -1,4 +1,4 @@
-"""Simulated parts of a tolerance study: the injector with its dimensions as columns."""
+"""Statistics of a tolerance study: parts drawn and simulated, the spread of their quantities, capability, shares."""
 
 from __future__ import annotations
 

@@ -1,0 +1,90 @@
+"""When a lane ends: its injection is over and all has come to rest, it has failed, or its horizon is reached."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.engine.recorder import at, is_sound, needle_rests, report
+from commonrail.physics.law import physics
+
+RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
+DRIBBLE = 1e-12, 1e-6  # largest injected mass per check that still counts as at rest: [kg], and share of the stroke
+
+
+class StopRule(NamedTuple):
+    """When a lane ends: the present step, checks at rest that it takes (0: never), and steps between two checks."""
+
+    step: float
+    checks: float
+    every: float
+
+
+@physics
+def set_horizons(work, rows, points, steps, earliest_end):  # type: ignore[no-untyped-def]
+    """Keep the number of each lane's steps, and the first one at which its injection may have ended.
+
+    Returns the largest number of steps.
+    """
+    most = 0
+    for lane in range(rows.lanes):
+        work[at(rows, rows.steps, lane)] = steps[points[lane]]
+        work[at(rows, rows.earliest_end, lane)] = earliest_end[points[lane]]
+        most = max(most, steps[points[lane]])
+    return most
+
+
+@physics
+def next_horizon(work, rows, count):  # type: ignore[no-untyped-def]
+    """Number of steps, above `count`, after which a lane reaches its horizon; the last one's where all have."""
+    following = work[at(rows, rows.steps, 0)]
+    for lane in range(rows.lanes):
+        steps = work[at(rows, rows.steps, lane)]
+        if steps > count and (steps < following or following <= count):
+            following = steps
+    return following
+
+
+@physics
+def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
+    """Report lanes that have ended; true once every lane has.
+
+    A lane ends when it has failed or, by a `StopRule`, when needle and valve have rested for that many checks and for
+    longer than a bouncing one touches its seat: what its neighbours do after that does not change its figures.
+    """
+    ended = 0
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.has_ended, lane)] == 0.0:
+            mass = work[at(rows, rows.injected, lane)]
+            gain = mass - work[at(rows, rows.injected_at_check, lane)]
+            work[at(rows, rows.injected_at_check, lane)] = mass
+            rests = rule.step >= work[at(rows, rows.earliest_end, lane)] and is_at_rest(work, rows, lane)
+            still = rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
+            checks = work[at(rows, rows.checks_at_rest, lane)] + 1.0 if still else 0.0
+            work[at(rows, rows.checks_at_rest, lane)] = checks
+            enough = checks > rule.checks and checks * rule.every > work[at(rows, rows.longest_contact, lane)]
+            if (rule.checks > 0.0 and enough) or not is_sound(work, rows, lane):
+                report(work, rows, lane, out)
+                work[at(rows, rows.has_ended, lane)] = 1.0
+        if work[at(rows, rows.has_ended, lane)] != 0.0:
+            ended += 1
+    return ended == rows.lanes
+
+
+@physics
+def is_at_rest(work, rows, lane):  # type: ignore[no-untyped-def]
+    """True for a needle on its seat with an empty SAC, a closed valve and a control chamber that has refilled.
+
+    A needle that has closed on a valve still in motion, or on a chamber that has not refilled, may open again.
+    """
+    recovered = RECOVERED * work[at(rows, rows.accumulation_pressure, lane)]
+    refilled = work[at(rows, rows.control_pressure, lane)] > recovered
+    return needle_rests(work, rows, lane) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and refilled
+
+
+@physics
+def report_ended(work, rows, count, out):  # type: ignore[no-untyped-def]
+    """Report lanes that have run to their horizon, after `count` steps, and had not ended before."""
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.steps, lane)] <= count and work[at(rows, rows.has_ended, lane)] == 0.0:
+            report(work, rows, lane, out)
+            work[at(rows, rows.has_ended, lane)] = 1.0
