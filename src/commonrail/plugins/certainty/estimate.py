@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.stats import chi2
+from scipy import special
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
@@ -369,7 +369,7 @@ def _with_other_tops(found: Estimate) -> Estimate:
         agreeing = int(np.count_nonzero(tops.cost - tops.best.cost < AGREED))
         found = replace(_at_top(own, tops.best), starts=found.starts, agreeing=agreeing, ends=found.ends)
     rise = np.maximum(tops.cost - found.cost, 0.0)
-    same = rise < chi2.ppf(JOINT, len(found.unit))
+    same = rise < special.chdtri(len(found.unit), 1.0 - JOINT)
     many = int(np.count_nonzero(same))
     reach = (tops.unit[same] - found.unit) / np.sqrt(np.maximum(rise[same], SEEN))[:, None]
     longest = np.abs(reach).max(axis=0, initial=0.0)

@@ -328,8 +328,10 @@ class FittedNoise:
     @property
     def power(self) -> float:
         """|u|² of `whiten`, zero where the values are off by nothing together."""
+        if not self.whole.any():
+            return 0.0
         whole = self._innovations(self.whole) / self.density.deviation
-        return float(whole @ whole) if self.whole.any() else 0.0
+        return float(whole @ whole)
 
     def _innovations(self, errors: Floats) -> Floats:
         """Those of noise that is independent from sample to sample, correlation apart."""

@@ -147,13 +147,10 @@ def band_from_draws(
     wide: Floats = np.ascontiguousarray(drawn[:, sound].T)
     if deviations[sound].any():
         wide = _scattered(wide, deviations[sound], freedom, stretch, np.random.default_rng(0))
-    found = {}
-    for level in levels:
-        edges = np.full((2, drawn.shape[1]), np.nan)
-        if sound.any():
-            edges[:, sound] = _quantiles(wide, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
-        found[level] = (edges[0], edges[1])
-    return found
+    edges = np.full((2 * len(levels), drawn.shape[1]), np.nan)
+    if sound.any():
+        edges[:, sound] = _quantiles(wide, [0.5 * (1.0 + side * level) for level in levels for side in (-1.0, 1.0)])
+    return {level: (edges[2 * i], edges[2 * i + 1]) for i, level in enumerate(levels)}
 
 
 def _quantiles(rows: Floats, shares: Sequence[float]) -> Floats:
