@@ -16,15 +16,17 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo quick test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench docs docs-images docs-notebooks clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
-TESTS := -m pytest -q -n 2 --dist worksteal tests
+PROCESSES := -m pytest -q -n 2 --dist worksteal
+TESTS := $(PROCESSES) tests
 # On a fresh machine the tests' kernels are compiled while pip waits for network and disk, which leaves a processor idle.
 test: BESIDE := for p in f64 f32; do PYTHONPATH=src $(BIN)/python -m tools.compile_ahead $$p > $(VENV)/$$p.txt 2>&1 & done;
-# Within a minute on two processors once kernels are compiled: no tests of processes, none of whole calibrations.
+# Within a minute on two processors once kernels are compiled: no tests of processes, none of whole calibrations, none of
+# all variants.
 QUICK := $(addprefix tests/,base/test_live.py base/test_text.py physics data report verification workers plugins/maps \
     plugins/foreign_fmu plugins/stepper/test_stepper.py engine/test_metered.py calibration/test_study_file.py cli/test_simulate.py \
     cli/test_calibrate.py calibration/test_objective.py calibration/test_differential_evolution.py runs/test_run.py) \
     $(addprefix --ignore=tests/,verification/test_direct_acting.py plugins/paper/test_plates.py data/test_standard_errors.py \
-    plugins/maps/test_map.py plugins/maps/test_sweep_verb.py)
+    plugins/maps/test_map.py plugins/maps/test_sweep_verb.py physics/test_unread.py)
 REQUIRED := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")
 # Without whole simulations: as plain Python they take minutes.
 PHYSICS_TESTS := tests/physics tests/test_dimensions.py --ignore=tests/physics/test_feed_pipe.py
@@ -37,16 +39,20 @@ help: ## show this list
 demo: $(VENV)/.runtime ## calibrate the cases paper and cri2-16, repeat the paper's study, write three reports to demo/
 	$(BIN)/python -m tools.demo --out demo
 
-quick: lint ## lint, check types and imports, run a fifth of the tests
-	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow and not process and not gpu" $(QUICK)
+# The types are checked beside the tests: alone it would leave a processor idle. What it finds is told after them.
+define beside_types
+@echo "$(BIN)/mypy & $(BIN)/python $(1)"; $(BIN)/mypy > $(VENV)/types.txt 2>&1 & types=$$!; \
+    $(BIN)/python $(1); tests=$$?; \
+    wait $$types || { echo "$(BIN)/mypy:"; cat $(VENV)/types.txt; exit 1; }; \
+    exit $$tests
+endef
 
-# The types are checked beside the tests: alone it would leave a processor idle. What it finds is told after them. The
-# direction of imports is one of the tests.
+quick: style ## lint, check types and imports, run a sixth of the tests
+	$(call beside_types,$(PROCESSES) -m 'not slow and not process and not gpu' $(QUICK))
+
+# The direction of imports is one of the tests.
 test: $(VENV)/.dev format ## lint, check types and imports, run the tests
-	@echo "$(BIN)/mypy &"; $(BIN)/mypy > $(VENV)/types.txt 2>&1 & types=$$!; \
-	    $(BIN)/python $(TESTS); tests=$$?; \
-	    wait $$types || { echo "$(BIN)/mypy:"; cat $(VENV)/types.txt; exit 1; }; \
-	    exit $$tests
+	$(call beside_types,$(TESTS))
 
 test-generic: $(VENV)/.dev ## run the tests with kernels for any x86-64 processor, without wide registers
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python $(TESTS)
