@@ -38,6 +38,7 @@ def main() -> None:
         raise
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done: the end of the process is not interrupted
+        gc.freeze()  # nor is what it leaves searched for garbage, which takes 0.2 s after `calibrate`
 
 
 def drop_unwritten() -> None:
