@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.base.arguments import COUNTS
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.plan import admissible
@@ -64,7 +65,7 @@ def wired(variant: Variant) -> Injector:
 
 def candidates_of(injector: Injector, rng: np.random.Generator) -> list[Injector]:
     """Random injectors around one, at its fuel temperature: at others the table of the fuel counts (4e-10 measured)."""
-    fixed = ("nozzle.holes", FUEL_TEMPERATURE)
+    fixed = (*COUNTS, FUEL_TEMPERATURE)
     names = [name for name, value in injector.values.items() if value != 0.0 and name not in fixed]
     own = np.array([injector.values[name] for name in names])
     values = own * rng.uniform(1.0 - SPREAD, 1.0 + SPREAD, (8 * CANDIDATES, len(own)))
