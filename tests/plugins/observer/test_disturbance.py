@@ -62,6 +62,13 @@ def test_without_a_quiet_stretch_there_is_an_estimate() -> None:
     assert learn([np.empty(0)], SPACING, 80e3).noise == 80e3
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_dead_signal_has_next_to_no_disturbance_and_no_warning() -> None:
+    found = learn([np.full(100, 120e6)] * 3, SPACING)
+    assert all(np.isfinite(found))
+    assert found.noise < 10.0
+
+
 def test_a_pump_in_step_with_the_shots_is_not_steady_behind_the_stretches() -> None:
     """Every stretch rises alike; 2 ms later the pressure is far less certain than by its mean and slope alone."""
     rng = np.random.default_rng(6)

@@ -113,7 +113,7 @@ def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = Non
     size = float(np.sqrt(np.mean(rest**2)))
     for frequency, wave in ((peak, 0.5 * size), (SLOW / time[-1], 0.1 * white)):
         first = [white, slope, time[-1], wave, frequency, 0.5 * time[-1]]
+        start = np.log(np.clip(first, *np.transpose(bounds)))  # a dead signal has no wave
         limits = np.log(bounds)
-        start = np.clip(np.log(first), limits[:, 0], limits[:, 1])
         searches.append(minimize(cost, start, method="L-BFGS-B", bounds=limits, options={"maxiter": 60, "ftol": 1e-7}))
     return made(np.asarray(min(searches, key=lambda found: float(found.fun)).x))
