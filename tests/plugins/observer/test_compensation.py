@@ -127,7 +127,8 @@ def test_an_observation_goes_on_with_the_next_log(
 ) -> None:
     """Two halves of a log, one after the other, give what the whole gives to a filter."""
     states = observed.settings.states
-    fresh = Memory(Belief.before(states), StepTest(states, 20, 4.0), 0)
+    first = Belief.before(states)
+    fresh = Memory(first, StepTest(states, 20, 4.0), 0, first)
     time, pressure, pulses = log_of(part, 2 * mapped, 1)
     half = 4e-3 + 3 * CYCLE - 6e-3  # between the shots
     before = replace(observed, memory=fresh, settings=replace(observed.settings, horizon=1))

@@ -151,6 +151,31 @@ def test_a_sensor_that_does_not_fit_the_pressure_is_left_out_and_named(rigid_vol
             assert record["shots"][1]["further"] == {"return": False}
 
 
+def test_what_pressures_alone_have_taught_goes_on_with_the_next_log(rigid_volume: Injector, log: Logged) -> None:
+    """Two halves of a log give what the whole gives, and deviations are those without the sensor."""
+    current = log.further["current"]
+    plain = observe(rigid_volume, *log[:3], ObserverSettings(horizon=1), threads=1)
+    settings = ObserverSettings(further=("current",), horizon=1, current_noise=0.05, disturbance=plain.disturbance)
+    whole = observe(rigid_volume, *log[:3], settings, further={"current": current}, threads=1)
+    early = log.time < 4e-3 + 2 * CYCLE - 4e-3  # between the shots
+    halves = None
+    for own, pulses in ((early, log.energisings[:2]), (~early, log.energisings[2:])):
+        given = settings if halves is None else None
+        halves = observe(
+            *(rigid_volume, log.time[own], log.pressure[own], pulses, given),
+            further={"current": current[own]},
+            previous=halves,
+            threads=1,
+        )
+    assert halves is not None
+    first = np.array([state.deviation for state in whole.settings.states])
+    assert halves.memory.alone.mean / first == pytest.approx(whole.memory.alone.mean / first, abs=1e-6)
+    index = [state.name for state in whole.settings.states].index("boost voltage")
+    without = plain.memory.alone.covariance[index, index] ** 0.5  # the pressure tells little of it
+    assert halves.memory.alone.covariance[index, index] ** 0.5 == pytest.approx(without, rel=0.01)
+    assert halves.memory.belief.covariance[index, index] ** 0.5 < 0.9 * without
+
+
 def test_edges_that_are_off_alike_in_all_shots_are_no_boost_voltage(rigid_volume: Injector, log: Logged) -> None:
     """Half a sample of 20 µs by which all energisings are read too early is learnt as such."""
     current = np.interp(log.time - 10e-6, log.time, log.further["current"])

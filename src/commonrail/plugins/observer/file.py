@@ -81,11 +81,15 @@ class ObservedShot(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State of the filter after a log, from which the next one continues; `shots`: number so far."""
+    """State of the filter after a log, from which the next one continues.
+
+    `shots`: number so far; `alone`: belief by the pressures alone, against which further sensors are tested.
+    """
 
     belief: Belief
     test: StepTest
     shots: int
+    alone: Belief
 
 
 class Compensated(NamedTuple):

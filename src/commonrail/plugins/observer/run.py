@@ -200,11 +200,10 @@ class _Run:
         self.simulator = Simulator(injector, settings, threads or 1)
         if previous is not None:
             self.memory, self.disturbance = copy.deepcopy(previous.memory), previous.disturbance
-            self.alone = self.memory.belief  # by the pressure alone, whatever further sensors show
             return
         test = StepTest(settings.states, settings.window, settings.significance)
-        self.memory = Memory(Belief.before(settings.states), test, 0)
-        self.alone = self.memory.belief
+        first = Belief.before(settings.states)
+        self.memory = Memory(first, test, 0, first)
         clock = shots[0].time
         many = settings.averaged_samples(clock)
         quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
@@ -216,7 +215,7 @@ class _Run:
     def all(self, report: Callable[[Progress], None]) -> Observation:
         begin = time.perf_counter()
         states, found = self.settings.states, list[ObservedShot]()
-        belief, test, earlier = self.memory
+        belief, test, earlier, self.alone = self.memory
         horizon = Horizon(states, self.settings.horizon, self.settings.iterations)
         with held_interrupts() as request:
             for k, shot in enumerate(self.shots):
@@ -257,7 +256,7 @@ class _Run:
             self.injector,
             self.settings,
             self.disturbance,
-            Memory(belief, test, earlier + len(found)),
+            Memory(belief, test, earlier + len(found), self.alone if self.settings.further else belief),
             tuple(found),
             len(self.shots),
             self.simulator.simulations,
@@ -281,7 +280,7 @@ class _Run:
             rows["current"] = (amperes - amperes[at < 0.0].mean())[flowing(shot, at)]
         if "return" in shot.further:
             rows["return"] = shot.further["return"]
-        first = self.simulator.at(shot, rest, belief.mean) if shot.further else None
+        first = self.simulator.at(shot, rest, belief.mean) if self.settings.further else None
         if first is not None:
             further = self._fitting(shot, at, rows, first, belief.mean)
             if not all(further.values()):
