@@ -132,7 +132,8 @@ class AeratedFuel(Fuel):
 
     def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isentropic modulus of the mixture [Pa], of Wood's sound speed."""
-        return self._softened(p, temperature, super().isentropic_bulk_modulus(p, temperature))
+        own = super().isentropic_bulk_modulus(p, temperature)  # that of `bulk_modulus` where the fuel has none
+        return own if self.isentropic_law is None else self._softened(p, temperature, own)
 
     def _per_mass(self, temperature: ArrayLike) -> Floats:
         return 1.0 / super().density(ATMOSPHERE, temperature)

@@ -22,3 +22,17 @@ def test_a_fuel_with_air_has_the_modulus_of_its_density_and_the_volume_of_both(a
     ratio = plain.density(p, warm) / density  # volume of the mixture over that of its liquid
     assert ratio[high] == pytest.approx((1.0 + gas / liquid)[high], rel=1e-9)
     assert mixed.sound_speed(60e6, warm) < plain.sound_speed(60e6, warm)
+
+
+@pytest.mark.parametrize("name", ["iso4113", "n-dodecane"])
+def test_sound_in_a_fuel_with_air_is_that_of_wood(name: str) -> None:
+    """1/(ρ a²) = Σ α/(ρ a²) over liquid and air, whose modulus is 1.4 p; with and without a modulus for sound."""
+    plain, p, warm, air = load_fuel(name), np.linspace(SOFT, 160e6, 15), 313.15, 0.05
+    mixed = AeratedFuel.of(plain, air)
+    gas = air * (1e5 / p) ** (1.0 / 1.4)
+    liquid = (1.0 - air) * plain.density(1e5, warm) / plain.density(p, warm)
+    share = gas / (gas + liquid)
+    stiff = plain.density(p, warm) * plain.sound_speed(p, warm) ** 2
+    compliance = (1.0 - share) / stiff + share / (1.4 * p)
+    expected = 1.0 / np.sqrt(mixed.density(p, warm) * compliance)
+    assert mixed.sound_speed(p, warm) == pytest.approx(expected, rel=1e-9)
