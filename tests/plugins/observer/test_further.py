@@ -18,9 +18,10 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.file import LogColumns, read_log
 from commonrail.plugins.observer.further import joined
+from commonrail.plugins.observer.kalman import Belief, update
 from commonrail.plugins.observer.online import Online, observer_texts
 from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
-from commonrail.plugins.observer.response import Simulator
+from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import CURRENT_DELAY, METER_GAIN, ObserverSettings, ShotRecord, states_of
 from tests.child_in_process import read_in_process
@@ -149,6 +150,24 @@ def test_a_sensor_that_does_not_fit_the_pressure_is_left_out_and_named(rigid_vol
             assert "--return-flow" in lines
             assert "2 of 3" in lines
             assert record["shots"][1]["further"] == {"return": False}
+
+
+def test_what_the_model_lacks_of_the_return_quantity_stays_however_many_shots_there_are(rigid_volume: Injector) -> None:
+    """300 readings tell the A-hole's flow, to which they are proportional here, no better than one without noise."""
+    settings = ObserverSettings(further=("return",))
+    states = tuple(state for state in settings.states if state.name in ("A-hole flow", METER_GAIN))
+    time, none = np.arange(-10, 140) / RATE, np.zeros((3, 1, 2))
+    shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time, {"return": time}, CYCLE)
+    reading = np.array([5e-6])
+    one = Response(reading, np.array([[5e-6, 5e-6]]), none[..., 0], none, np.zeros(1), np.zeros((1, 2)))
+    spread = joined(np.zeros((0, 0)), np.eye(0), settings, shot, reading, time[:0])
+    belief = Belief.before(states)
+    for _ in range(300):
+        done = update(belief, states, reading, lambda _: spread, one.moved, 1)
+        assert done is not None
+        belief = done.belief
+    lacking, before = 0.03, states[0].deviation  # [E], as the page says
+    assert belief.covariance[0, 0] > 1.0 / (1.0 / lacking**2 + 1.0 / before**2)
 
 
 def test_what_pressures_alone_have_taught_goes_on_with_the_next_log(rigid_volume: Injector, log: Logged) -> None:

@@ -87,6 +87,8 @@ class DriftState(NamedTuple):
 # The nine from feed pipe length on are not learnt to say how they are: left out, the others took up their traces in the
 # pressure, above all the fuel's temperature those of the pipe's length, and so the quantity an error that stays.
 # With 23 parameters and the states themselves three blocks of lanes are full. The last four belong to further sensors.
+# The return meter's gain stands for 1 % of its own and 3 % that the model lacks of the return quantity: at the states
+# of the truths of tools/observer_trial.py it lacked 3.4 % that stay with an injector, and 0.8 % from shot to shot.
 STATES = (
     DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 1e-3, 5e-3, 0.03),
     DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 1e-3, 3e-3, 0.05),
@@ -116,7 +118,7 @@ STATES = (
     DriftState(DELAY, "", 0.0, 3e-6, 1e-8, 0.0, 10e-6, "s"),
     DriftState("peak current", "drive.peak_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
     DriftState("hold current", "drive.hold_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
-    DriftState(METER_GAIN, "", 0.0, 0.01, 1e-5, 0.0, 0.0, of="return"),
+    DriftState(METER_GAIN, "", 0.0, 0.032, 1e-5, 0.0, 0.0, of="return"),
     DriftState(CURRENT_DELAY, "", 0.0, 1e-6, 1e-8, 0.0, 0.0, "s", of="current"),  # behind the energisings as read
 )
 
@@ -146,7 +148,8 @@ class ObserverSettings:
     discrepancy : float
         Standard deviation of what the simulated pressure lacks, as a share of its drop.
     current_discrepancy, return_discrepancy : float
-        Standard deviations of what the model lacks, as shares of the current and the return quantity.
+        Standard deviations of what the model lacks, as shares of the current and the return quantity; of the latter
+        in a shot, beside what stays (the state "return meter gain").
     current_noise : float, optional
         Standard deviation of a sample [A]; by default found in the current before the shots.
     current_timing : float
@@ -198,7 +201,7 @@ class ObserverSettings:
     current_timing: float = 1e-6
     return_deviation: float = 0.02
     return_shots: int = 1
-    return_discrepancy: float = 0.03
+    return_discrepancy: float = 0.01
     learning: int = 10
     window: int = 20
     significance: float = 4.0
