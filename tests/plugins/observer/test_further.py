@@ -170,6 +170,17 @@ def test_what_the_model_lacks_of_the_return_quantity_stays_however_many_shots_th
     assert belief.covariance[0, 0] > 1.0 / (1.0 / lacking**2 + 1.0 / before**2)
 
 
+def test_a_return_flow_that_is_off_alike_in_all_shots_is_noticed_by_all_of_them(
+    rigid_volume: Injector, log: Logged
+) -> None:
+    """By a meter of 10 % each shot of 0.7 times the flow may be by chance; two of them may not."""
+    settings = ObserverSettings(further=("return",), return_deviation=0.1, horizon=1)
+    for factor, counts in ((1.0, [True, True, True]), (0.7, [True, False, False])):
+        given = {"return": factor * log.further["return"]}
+        found = observe(rigid_volume, *log[:3], settings, further=given, threads=1)
+        assert [shot.further.get("return") for shot in found.shots] == [*counts, None]
+
+
 def test_what_pressures_alone_have_taught_goes_on_with_the_next_log(rigid_volume: Injector, log: Logged) -> None:
     """Two halves of a log give what the whole gives, and deviations are those without the sensor."""
     current = log.further["current"]

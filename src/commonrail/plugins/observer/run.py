@@ -25,7 +25,15 @@ from commonrail.plugins.observer.further import check_further, flowing, joined, 
 from commonrail.plugins.observer.horizon import Horizon, Measured
 from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, innovation, update
 from commonrail.plugins.observer.response import Response, Simulator
-from commonrail.plugins.observer.study import FURTHER, ObserverSettings, ShotRecord, check_model, cut_log, states_of
+from commonrail.plugins.observer.study import (
+    FURTHER,
+    METER_GAIN,
+    ObserverSettings,
+    ShotRecord,
+    check_model,
+    cut_log,
+    states_of,
+)
 
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
 MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
@@ -34,6 +42,7 @@ PULSES = '[("10 ms", "700 us"), (0.05, 7e-4)], pairs of start and duration'
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
 # Largest mean square of a further sensor's innovation: of many samples as of a shot, of one three standard deviations.
 FITTING = {"current": TRUSTED, "return": 9.0}
+FREE = 1.0  # first deviation of a meter's gain of which nothing is known
 
 
 class Progress(NamedTuple):
@@ -202,8 +211,8 @@ class _Run:
             self.memory, self.disturbance = copy.deepcopy(previous.memory), previous.disturbance
             return
         test = StepTest(settings.states, settings.window, settings.significance)
-        first = Belief.before(settings.states)
-        self.memory = Memory(first, test, 0, first)
+        free = [one._replace(deviation=FREE if one.name == METER_GAIN else one.deviation) for one in settings.states]
+        self.memory = Memory(Belief.before(settings.states), test, 0, Belief.before(tuple(free)))
         clock = shots[0].time
         many = settings.averaged_samples(clock)
         quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
@@ -300,22 +309,31 @@ class _Run:
     ) -> dict[str, bool]:
         """Whether each further sensor agrees with the pressures so far; the belief by pressure alone takes the shot's.
 
+        There the return meter's gain is free, so that its readings teach that gain, which must not be too far off.
         `first`: response at states `x`, from where it is linear.
         """
-        states, many = self.settings.states, len(at)
+        states, own = self.settings.states, self.alone
         spread = with_discrepancy(self.disturbance, self.settings, at, shot)(first)
-        off = np.concatenate(list(rows.values())) - first.moved(self.alone.mean - x).shown
+        measured = np.concatenate(list(rows.values()))
         names = np.repeat(list(rows), [len(row) for row in rows.values()])
-        cut = first._replace(shown=first.shown[:many], slopes=first.slopes[:many])
-        own = with_discrepancy(self.disturbance, self.settings, at, shot._replace(further={}))
-        done = update(self.alone, states, rows[""], own, lambda y: cut.moved(y - x), 1)
-        assert done is not None  # nothing is simulated
-        fits = {}
+        off, fits = measured - first.moved(own.mean - x).shown, dict[str, bool]()
         for name in rows.keys() - {""}:
             both = np.flatnonzero((names == "") | (names == name))
-            white = innovation(self.alone, states, off[both], first.slopes[both], spread[np.ix_(both, both)])
-            fits[name] = done.consistency > TRUSTED or bool(np.mean(white[many:] ** 2) <= FITTING[name])
-        self.alone = done.belief
+            white = innovation(own, states, off[both], first.slopes[both], spread[np.ix_(both, both)])
+            fits[name] = bool(np.mean(white[len(at) :] ** 2) <= FITTING[name])
+        gains = [i for i, state in enumerate(states) if state.name == METER_GAIN]
+        counts = bool(gains) and fits.get("return", False)
+        kept = np.flatnonzero((names == "") | ((names == "return") & counts))
+        cut = first._replace(shown=first.shown[kept], slopes=first.slopes[kept])
+        covariance = spread[np.ix_(kept, kept)]
+        taught = update(own, states, measured[kept], lambda _: covariance, lambda y: cut.moved(y - x), 1)
+        assert taught is not None  # nothing is simulated
+        if counts:
+            variance = taught.belief.covariance[gains[0], gains[0]] + states[gains[0]].deviation ** 2
+            fits["return"] = bool(taught.belief.mean[gains[0]] ** 2 <= FITTING["return"] * variance)
+        if taught.consistency > TRUSTED:
+            fits = dict.fromkeys(fits, True)
+        self.alone = taught.belief
         return fits
 
 
