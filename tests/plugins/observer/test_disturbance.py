@@ -76,7 +76,7 @@ def test_a_pump_in_step_with_the_shots_is_not_steady_behind_the_stretches() -> N
     found = learn([0.4e9 * time + 20e3 * rng.standard_normal(len(time)) for _ in range(8)], SPACING)
 
     def ahead(disturbance: Disturbance) -> float:
-        covariance = disturbance.covariance(SPACING * np.arange(200))
+        covariance = disturbance.covariance(np.asarray(SPACING * np.arange(200), float))
         known, last = covariance[:100, :100], covariance[-1, :100]
         return float(np.sqrt(covariance[-1, -1] - last @ np.linalg.solve(known, last) - disturbance.noise**2))
 
