@@ -38,7 +38,7 @@ from commonrail.base.output import write_text
 from commonrail.cli.console import Bar, print_json, print_rows, say
 from commonrail.cli.console import Stage as Shown
 from commonrail.cli.options import check_file
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.doctor.run import version
 
 INTERRUPTED = 130  # exit status

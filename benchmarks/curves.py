@@ -8,7 +8,8 @@ from typing import Any
 from benchmarks.case import POINT, candidates, injector
 from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.doctor.run import Runner, ask_child, run_child
 from commonrail.plugins.paper import study
 

@@ -19,8 +19,9 @@ from benchmarks.case import CASE, POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, time_best
 from commonrail.base.choices import Engine, Precision
 from commonrail.engine import cuda, plan
-from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.doctor.run import machine
 from commonrail.plugins.paper import study
 

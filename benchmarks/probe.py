@@ -14,7 +14,8 @@ from typing import Any
 
 from benchmarks.case import POINT, candidates, injector
 from benchmarks.timing import Effort, time_best
-from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.paper import study
 
 __all__ = ["probe"]

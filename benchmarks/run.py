@@ -14,7 +14,7 @@ from benchmarks.searches import OWN, Optimiser, measure_search
 from benchmarks.throughput import COUNTS, TIME_STEPS, measure_throughput
 from benchmarks.timing import Effort
 from commonrail.base.choices import Precision
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.doctor.run import busy, load, machine
 
 SEEDS = (1, 2, 3, 4, 5)

@@ -13,7 +13,8 @@ from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, Timing, time_best
 from commonrail.base.choices import Precision
 from commonrail.engine import plan
-from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.paper import study
 
 COUNT, ROUNDS = 512, 30

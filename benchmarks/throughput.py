@@ -10,7 +10,8 @@ from benchmarks.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.base.choices import Precision
 from commonrail.engine import plan
-from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.paper import study
 
 COUNTS = (512, 50, 1, 7)  # full lanes; the paper's population; one; one of its seven stiffnesses each

@@ -25,7 +25,7 @@ from commonrail.compiler.cache import files_stamp, sources_stamp
 from commonrail.compiler.target import LEVEL_3, LEVEL_4, Processor, package_version
 from commonrail.engine.job import VECTORS
 from commonrail.engine.machine_code import COMPILERS, FOLDER, STAMP, file_of, object_of, symbol_of
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.threads import usable_threads
 from commonrail.physics.variants import Variant
 from commonrail.plugins.export.object_files import compiler_for, link_shared, target_named
 

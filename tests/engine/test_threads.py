@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from commonrail.engine.lanes import side_by_side
+from commonrail.engine.threads import side_by_side
 from tests.waiting import PATIENCE, wait_until
 
 

@@ -10,10 +10,7 @@ neighbours and any number of threads.
 from __future__ import annotations
 
 import functools
-import os
 import threading
-from collections.abc import Callable, Sequence
-from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,71 +21,9 @@ from commonrail.base.errors import SimulationError
 from commonrail.compiler.table import address, fill
 from commonrail.engine.job import GIVEN, VECTORS, Given, Job, Outcome, Samples, scratch_for, shape_of
 from commonrail.engine.machine_code import MachineCode, machine_code
+from commonrail.engine.threads import side_by_side
 from commonrail.physics.model import Waves
 from commonrail.physics.variants import Variant, wiring
-
-# Threads that stay: to start some for every batch takes a good part of a small batch's own time.
-
-
-class _Task(NamedTuple):
-    work: Callable[[int], None]
-    item: int
-    done: SimpleQueue[BaseException | None]
-
-
-class _Crew:
-    """Threads that wait for tasks; they end with the process."""
-
-    def __init__(self) -> None:
-        self.tasks: SimpleQueue[_Task] = SimpleQueue()
-        self._size = 0
-        self._growth = threading.Lock()
-
-    def grow(self, size: int) -> None:
-        """Have at least so many threads."""
-        with self._growth:
-            while self._size < size:
-                threading.Thread(target=self._serve, name="commonrail", daemon=True).start()
-                self._size += 1
-
-    def _serve(self) -> None:
-        while True:
-            work, item, done = self.tasks.get()
-            try:
-                work(item)
-            except BaseException as error:  # raised again by the caller
-                done.put(error)
-            else:
-                done.put(None)
-            del work, item, done  # or the arrays of a batch would stay until the next one
-
-
-_crew = _Crew()
-
-
-def _start_anew() -> None:
-    global _crew
-    _crew = _Crew()
-
-
-if hasattr(os, "register_at_fork"):  # a forked process inherits the crew's tasks, but none of its threads
-    os.register_at_fork(after_in_child=_start_anew)
-
-
-def side_by_side(work: Callable[[int], None], items: Sequence[int]) -> None:
-    """Call `work` with every item at the same time: with the first in the calling thread, the others in threads."""
-    done: SimpleQueue[BaseException | None] = SimpleQueue()
-    _crew.grow(len(items) - 1)
-    for item in items[1:]:
-        _crew.tasks.put(_Task(work, item, done))
-    try:
-        work(items[0])
-    finally:
-        errors = [done.get() for _ in items[1:]]
-    for error in errors:
-        if error is not None:
-            raise error
-
 
 _FIRST_CALL = threading.Lock()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import NamedTuple, ParamSpec
@@ -25,6 +24,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, admissible, candidate_matrix, read_candidates, statuses_of
 from commonrail.engine.solution import Batch, Solution, read_channels, relative_balance
 from commonrail.engine.status import Status, check_inputs, which_failed
+from commonrail.engine.threads import usable_threads
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant
@@ -36,11 +36,6 @@ _Given = ParamSpec("_Given")
 
 # Simulations, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.
 AT_A_TIME = {Engine.LANES: 16_384, Engine.CUDA: 131_072}
-
-
-def usable_threads() -> int:
-    """Processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _within_numbers(run: Callable[_Given, Solution]) -> Callable[_Given, Solution]:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from commonrail.base.arguments import LARGEST_WHOLE, whole
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.base.hooks import STOP_SIGNALS
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.threads import usable_threads
 from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure, perform, unpack
 
 # Limits of workers: how many there may be, how long one may take, how often a task may be lost.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Protocol
 
 from commonrail.base import registry
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.threads import usable_threads
 from commonrail.workers.pool import USUAL, Limits, ProcessPool
 from commonrail.workers.task import Lost, Outcome, Task
 

@@ -25,7 +25,8 @@ from commonrail.engine.job import VECTORS
 from commonrail.engine.lanes import compiled
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import simulate, usable_threads
+from commonrail.engine.simulate import simulate
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.features.table import find_feature
 from commonrail.readers.fuel import load_fuel
 from commonrail.readers.injector import load_injector

@@ -18,7 +18,7 @@ from commonrail.calibration.search import objective_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.threads import usable_threads
 from commonrail.plugins.fleet.file import write_results
 from commonrail.plugins.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Booking, Entry, Journal, entries_of
 from commonrail.plugins.fleet.member import Attempt, Calibrations, failed, folders_of, read_shared, write_study

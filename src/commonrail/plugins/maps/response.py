@@ -15,9 +15,10 @@ from commonrail.base.errors import SimulationError
 from commonrail.engine.lanes import compiled
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare, reference_density
-from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, STILL_INJECTING, Status
+from commonrail.engine.threads import usable_threads
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 from commonrail.base.arguments import function, sequence, shown, thread_count, whole
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import StopRequest, held_interrupts
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.threads import usable_threads
 
 _Found = TypeVar("_Found")
 
