@@ -318,10 +318,10 @@ def test_the_verb_writes_an_fmu_at_the_rate_of_the_log(command: Command, log: Lo
     np.savetxt(tmp_path / "log.csv", table, "%.5f", ",", header="time [ms],pressure [bar],command", comments="")
     model = "virtual-lino-2016@rigid,volume,regulated"
     given = "observe", tmp_path / "log.csv", "--model", model, "--online"
-    done = command(*given, tmp_path / "made.fmu")
+    done = command(*given, tmp_path / "made.FMU")
     assert done.status == 0, done.err
     assert "every 20 µs" in done.err
-    with zipfile.ZipFile(tmp_path / "made.fmu") as archive:
+    with zipfile.ZipFile(tmp_path / "made.FMU") as archive:
         (name,) = (n for n in archive.namelist() if n.endswith("observer.h"))
         text = archive.read(name).decode()
     (found,) = re.findall(r"_SAMPLING (\S+)\n", text)

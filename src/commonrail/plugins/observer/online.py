@@ -80,7 +80,7 @@ def check_online(place: Path) -> list[Target]:
     if not names:
         raise ConfigurationError("An observer is not written for machines such as this one; see `commonrail export`.")
     targets = [target_named(names[0])]
-    if place.suffix == ".fmu":
+    if place.suffix.lower() == ".fmu":
         check_file(place, "--online")
         tools_of(targets, 2)
         return targets
@@ -99,7 +99,7 @@ def write_online(online: Online, place: Path) -> list[str]:
     Returns what was written. Errors as of `check_online` and `write_observer_library`.
     """
     targets = check_online(place)
-    if place.suffix == ".fmu":
+    if place.suffix.lower() == ".fmu":
         write_observer_fmu(online, place, targets)
         return [str(place)]
     return [str(path) for path in write_observer_library(online, place, targets).files]
