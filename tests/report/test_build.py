@@ -133,6 +133,14 @@ def test_warnings_stand_on_top_of_the_page(write_run: WriteRun) -> None:
     assert page.text.index("Implausible") < page.text.index(sentence) < page.text.index("fitted to")
 
 
+def test_the_title_of_the_window_tells_an_implausible_fit_from_another() -> None:
+    titles = set()
+    for warnings in ([], [{"code": "shift", "subject": "map", "sentence": "The data come late."}]):
+        record = map_record() | {"warnings": warnings, "title": "Part 17"}
+        titles |= set(re.findall("<title>(.*Part 17.*)</title>", report_html(record, {})))
+    assert len(titles) == 2
+
+
 def test_nothing_is_loaded_from_anywhere(rate_run: Path) -> None:
     text = write_report(rate_run).read_text(encoding="utf-8")
     page = Page(text)

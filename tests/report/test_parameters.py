@@ -61,6 +61,14 @@ def test_a_parameter_has_one_value_and_the_interval_of_the_likelihood() -> None:
     assert "50 N/µm" not in [cell.plain for row in table.rows for cell in row]
 
 
+def test_a_value_has_as_many_digits_as_its_interval() -> None:
+    record = rate_record()["parameters"][1] | {"best": 82.604e6}
+    known = {"name": record["name"], "value": 82.604e6, "lower": 82.602e6, "upper": 82.606e6, "percent": 0.002}
+    (row,) = parameter_rows([record], {"level": 0.95, "parameters": [known]})
+    low, _, high = row.interval.removesuffix(" N/µm").partition(" to ")
+    assert float(low) < float(row.best.removesuffix(" N/µm")) < float(high)
+
+
 def test_an_interval_beyond_the_bounds_fills_the_bar() -> None:
     record = rate_record()["parameters"][1]
     wide = {"name": record["name"], "value": 50e6, "lower": -1e9, "upper": 1e9, "percent": 2000.0}

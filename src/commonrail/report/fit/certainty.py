@@ -112,11 +112,14 @@ def interval_text(p: Record, known: Record, digits: int = DIGITS) -> str:
         return OPEN
     if below or above:
         return f"{'below' if below else 'above'} {quantity(high if below else low, known['unit'], digits)}"
-    return quantity_range(low, high, known["unit"], max(digits, _digits(low, high)))
+    return quantity_range(low, high, known["unit"], max(digits, interval_digits(p)))
 
 
-def _digits(low: float, high: float) -> int:
-    """Significant digits that show the width of an interval with two."""
+def interval_digits(p: Record) -> int:
+    """Significant digits that show the width of the interval of a parameter with two; 1 without an interval."""
+    low, high = number(p["lower"]), number(p["upper"])
+    if low is None or high is None:
+        return 1
     size, width = max(abs(low), abs(high)), high - low
     return min(2 + math.floor(math.log10(size / width)), 12) if 0.0 < width < size else 1
 

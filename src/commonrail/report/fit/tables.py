@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from commonrail.base.table import Cell, Table
 from commonrail.base.text import MISSING, fixed, number, quantity, quantity_range, signed, significant
 from commonrail.data.records import LABELS, Record, Texts
-from commonrail.report.fit.certainty import interval_text
+from commonrail.report.fit.certainty import interval_digits, interval_text
 from commonrail.report.fit.record import by_kind, short_names
 
 # The calibrated parameters against their bounds, as text and positions for a bar.
@@ -95,7 +95,7 @@ def _row(p: Record, known: Record | None, short: str) -> ParameterRow:
         source=p.get("source") or "no source given",
         verdict=p.get("verdict") or MISSING,
         start=quantity(start, unit),
-        best=quantity(best, unit),
+        best=quantity(best, unit, max(4, interval_digits(known)) if known else 4),
         interval=interval_text(known, p, 3) if known else _error(p),
         bounds=quantity_range(p["lower"], p["upper"], unit, 3),
         change=signed(100.0 * (best / start - 1.0) if start else None, 1),
