@@ -93,6 +93,7 @@ def test_a_function_gets_the_values_of_its_annotations(words: list[str], values:
         (["a", "--size", "1", "--share=-1"], "--share"),
         (["a", "--size", "1", "--colour", "DARK_BLUE"], "dark-blue"),
         (["a", "--size", "1", "--colours", "red"], "--colour"),
+        (["a", "--size", "1", "--size=2"], "--size"),
     ],
 )
 def test_what_does_not_fit_is_named(words: list[str], named: str) -> None:

@@ -82,6 +82,16 @@ class Verb(click.Command):
                 formatter.write_dl(arguments)
         super().format_options(ctx, formatter)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the command line; an option of one value that is given twice is refused, where click takes the last."""
+        seen: set[str | None] = set()
+        for param in self.make_parser(ctx).parse_args(list(args))[2]:
+            if isinstance(param, click.Option) and not (param.multiple or param.is_flag):
+                if param.name in seen:
+                    ctx.fail(f"Option '{param.opts[-1]}' is given twice, and one value is expected.")
+                seen.add(param.name)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the function."""
         check_paths(ctx.params)
