@@ -59,6 +59,8 @@ def test_a_pattern_that_cannot_be_read(pattern: str, words: str) -> None:
     [
         ("run.t_ms", "ms"),
         ("mdot_mg_ms_100bar", "mg/ms"),
+        ("mdot_mg_per_ms", "mg/ms"),
+        ("flow_per_ms", ""),
         ("I_A_20bar_3us", "A"),
         ("A", ""),
         ("speed_1", ""),

@@ -105,8 +105,11 @@ _LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)")
 
 
 def unit_of_name(name: str) -> str:
-    """Unit at the end of a name, before its operating point, as in ``t_ms`` or ``mdot_mg_ms_100bar``; empty if none."""
-    parts = [part for part in _POINT.sub("", name.rpartition(".")[2]).split("_") if part]
+    """Unit at the end of a name, before its operating point; empty if none.
+
+    As in ``t_ms``, ``mdot_mg_ms_100bar`` or ``mdot_mg_per_ms``.
+    """
+    parts = [part for part in _POINT.sub("", name.rpartition(".")[2]).replace("_per_", "/").split("_") if part]
     texts = ["/".join(parts[-n:]) for n in (2, 1) if len(parts) > n]
     return next((text for text in texts if text in FAST and FAST[text].kind != "1"), "")
 
