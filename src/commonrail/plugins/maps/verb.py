@@ -180,6 +180,8 @@ def map_(
     compared = None if points is None else compare_with(first, points, str(measured))
     if report is not None:
         write_text(report, map_html(found, compared))
+    if not (out or quantity_out or report or json):
+        say("nothing is written: --out map.dcm writes the energising times, --report map.html shows both maps")
     print_result(
         json,
         lambda: map_record(found, compared),

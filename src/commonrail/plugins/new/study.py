@@ -15,6 +15,7 @@ from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
+from commonrail.base.text import listed
 from commonrail.base.units import to_text
 from commonrail.calibration.influence import around
 from commonrail.calibration.parameter import Parameter
@@ -162,7 +163,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         bench = {key: stated.pressures.get(key) or UNKNOWN for key in ("cylinder_pressure", "return_pressure")}
         free = named or _screened(model, [bench | block for block in blocks], study)
         lines = [
-            *_head(injector, bench),
+            *_head(injector, bench, [survey.path.name for survey in surveys]),
             *_data_lines(surveys, blocks, stated),
             *_parameter_lines(model, free, bool(named)),
             *_optimiser_lines(blocks),
@@ -292,12 +293,13 @@ def _copy(source: Path, target: Path) -> Path:
     return target
 
 
-def _head(injector: str, bench: Mapping[str, str]) -> list[str]:
+def _head(injector: str, bench: Mapping[str, str], files: Sequence[str]) -> list[str]:
+    data = listed(files) if len(files) < 4 else f"{len(files)} files"
     return [
         "# A calibration: which data, which parameters are free, within which bounds. Paths start at this folder.",
         "",
         'format = "commonrail-study/1"',
-        f"title = {_toml(f'Calibration of {injector}')}",
+        f"title = {_toml(f'Calibration of {injector} by {data}')}",
         f"injector = {_toml(injector)}",
         "seed = 1 # the same seed gives the same result",
         *(_line(key, value) for key, value in bench.items()),

@@ -82,7 +82,9 @@ def new(
         return
     if from_ or injector is not None:
         if injector is None or not from_:
-            raise InputError("Give --injector and one or more files with --from, or neither.")
+            raise InputError(
+                "Give --injector and one or more files with --from, or neither; `commonrail catalogue` lists injectors."
+            )
         from commonrail.plugins.new.study import StatedByUser
         from commonrail.readers.quantity_matrix import GivenUnits
 
