@@ -143,6 +143,7 @@ def test_parse_reads_other_units_through_pint(text: str, unit: str, expected: fl
         ("fast", "s", ['"fast" does not start with a number', "a time is expected"]),
         ("", "s", ["does not start with a number"]),
         ("MPa", "Pa", ["does not start with a number"]),
+        (" ? ", "Pa", ["state it", "a pressure is expected"]),
         ("nan MPa", "Pa", ["not finite"]),
         ("-inf MPa", "Pa", ["not finite"]),
         ("1e400 Pa", "Pa", ["not finite"]),

@@ -94,6 +94,9 @@ def test_what_cannot_be_read_is_one_sentence(text: str, words: str) -> None:
 def test_a_folder_without_a_calibrated_injector_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no calibrated\.toml there; name a run folder"):
         read_model_name(str(tmp_path))
+    (tmp_path / "injector.toml").touch()
+    with pytest.raises(InputError, match=r"did you mean .*injector\.toml"):
+        read_model_name(str(tmp_path))
 
 
 @pytest.mark.parametrize(

@@ -268,6 +268,8 @@ def _split(text: object, wanted: str, where: str) -> tuple[str, str]:
         return "inf", ""
     if re.search(r"\d,\d", text):
         raise _error(where, f"{_quoted(text)} has a comma; write the decimal sign as a point")
+    if text.strip() == "?":
+        raise _error(where, f'"?" stands for what no file told; state it: {wanted}')
     found = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text).replace("−", "-").strip())
     if not found:
         raise _error(where, f"{_quoted(text)} does not start with a number; {wanted}")

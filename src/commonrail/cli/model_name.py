@@ -144,9 +144,10 @@ def _injector(source: str) -> Injector:
     if not (path / CALIBRATED).is_file():
         from commonrail.runs.folder import without_result  # slow to import
 
+        meant = f' (did you mean "{path / "injector.toml"}"?)' if (path / "injector.toml").is_file() else ""
         raise without_result(path) or InputError(
-            f"{source}: no {CALIBRATED} there; name a run folder of commonrail calibrate, an injector's file or a "
-            "name of the catalogue."
+            f"{source}: no {CALIBRATED} there{meant}; name a run folder of commonrail calibrate, an injector's file or "
+            "a name of the catalogue."
         )
     return load_injector(path / CALIBRATED)
 
