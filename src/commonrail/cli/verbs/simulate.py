@@ -203,7 +203,10 @@ def _write(run: Run, out: Path | None, report: Path | None, fitted: Path | None)
 
         with writing(report, "--report"):
             shown = {} if run.shown is None else {run.shown.meter.name: run.shown.rate}
-            sentences = (run.injector.synthetic, *(f"{name}: {text}." for name, text in run.heating.figures))
+            sentences = (
+                run.injector.synthetic,
+                *(f"{name.capitalize()}: {text}." for name, text in run.heating.figures),
+            )
             page = simulation_figure(run.solution, heading(run), shown, run.point, " ".join(filter(None, sentences)))
             write_text(report, page)
         files.append(report)

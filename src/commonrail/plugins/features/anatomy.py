@@ -195,7 +195,7 @@ def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile
     largest = solution.channels["needle_lift"].max()
     return [
         Tile("injected", f"{fixed(solution.injected_volume, 2, MM3)} mm³", f"{mg:.2f} mg{', all together' * several}"),
-        Tile("opening delay", time("opening_delay"), f"then rises within {time('rise_time')}"),
+        Tile("opening delay", time("opening_delay"), f"of the rate, which rises within {time('rise_time')}"),
         Tile("closing delay", time("closing_delay"), f"falls within {time('fall_time')}"),
         Tile(
             "largest rate",
