@@ -101,7 +101,10 @@ def fraction(value: object, what: str) -> float:
     """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if it is none."""
     found = number(value, "1", what)
     if not 0.0 < found < 1.0:
-        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
+        example = found if 1.0 <= found < 100.0 else 50.0  # a number of percent without its sign
+        raise ConfigurationError(
+            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {found:g}."
+        )
     return found
 
 

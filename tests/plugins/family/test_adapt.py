@@ -162,4 +162,4 @@ def test_one_quantity_beyond_the_band_is_doubted() -> None:
 def test_a_share_at_an_end_is_refused_by_its_option(option: str, value: str, command: Command) -> None:
     done = command("adapt", "type.toml", option, value)
     assert done.status == 2
-    assert done.sentence.startswith(f"{option} must lie between 0 and 100 %, both excluded")
+    assert done.sentence.startswith(f"The {option} must lie between 0 and 100 %, both excluded")

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Quantity, instance, number, thread_count, whole
+from commonrail.base.arguments import Quantity, fraction, instance, thread_count, whole
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
-from commonrail.base.errors import ConfigurationError, InputError, SimulationError
+from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.text import listed, numbers
 from commonrail.compiler.target import package_versions
@@ -272,7 +272,7 @@ def diagnose(
     """
     instance(injector, Injector, "injector")
     known = read_table(faults)
-    deviation, prior = share_of(noise, "noise"), share_of(sound, "sound")
+    deviation, prior = fraction(noise, "noise"), fraction(sound, "sound")
     step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
@@ -319,17 +319,6 @@ def nominal_factors(data: PlanData, sound: Floats) -> Floats:
     if not np.isfinite(nominal).any():
         raise InputError(f"{data.name} states no nominal quantity; add the column nominal, or compare with the model.")
     return np.where(np.isfinite(nominal) & (sound > RESOLUTION), nominal / np.maximum(sound, RESOLUTION), 1.0)
-
-
-def share_of(value: float | str, what: str) -> float:
-    """Share of 1, or of a text with %; `ConfigurationError` unless it lies between 0 and 100 %."""
-    found = number(value, "1", what)
-    if not 0.0 < found < 1.0:
-        example = found if 1.0 <= found < 100.0 else 50.0
-        raise ConfigurationError(
-            f"{what} must be a share between 0 and 100 %, both excluded, such as {example:g}%, not {found:g}."
-        )
-    return found
 
 
 def measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity, Quantity]) -> PlanData:

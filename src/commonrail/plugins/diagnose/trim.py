@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, Quantity, amount, array, instance, thread_count
+from commonrail.base.arguments import Limits, Quantity, amount, array, fraction, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
@@ -31,7 +31,6 @@ from commonrail.plugins.diagnose.run import (
     measured_tests,
     nominal_factors,
     read_table,
-    share_of,
     sound_parts,
 )
 from commonrail.plugins.plans.data import PlanData
@@ -177,7 +176,7 @@ def trim(
         If sound parts cannot be simulated.
     """
     instance(injector, Injector, "injector")
-    size, deviation = amount(step, "s", "step of a class", STEPS), share_of(noise, "noise")
+    size, deviation = amount(step, "s", "step of a class", STEPS), fraction(noise, "noise")
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     used = tuple(t for t in plan.tests if t.measure is Measure.DELIVERY and len(t.energisings) == 1)
     if (count := sum(test.bench is not None for test in used)) < 2:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from commonrail.base.arguments import file_path, instance, instances, number, thread_count, whole
+from commonrail.base.arguments import file_path, fraction, instance, instances, thread_count, whole
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import ConfigurationError, InputError, SimulationError
+from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.objective import Loss
@@ -138,7 +138,7 @@ def adapt(
     part = part_of(known, injector)
     if not isinstance(points, QuantityData):
         points = read_points(points, part, cylinder_pressure, return_pressure, tolerance)
-    share = share_of(flow_spread, "flow_spread")
+    share = fraction(flow_spread, "flow_spread")
     study, threads = _study(known, part, instance(points, QuantityData, "points"), share), thread_count(threads)
     found = calibrate(study, threads=threads, progress=progress)
     factor = (found.best[FLOW] / part.values[FLOW]) ** 2
@@ -154,14 +154,6 @@ def adapt(
     _check_met(points, best)
     doubts = doubts_of(known, part, points, found, threads, share)
     return Adapted(_named(known, study, found, factor), factor, start, best, points, found, doubts)
-
-
-def share_of(value: float | str, what: str) -> float:
-    """Share of 1, or of a text with %; `ConfigurationError` that names `what` unless it lies between 0 and 100 %."""
-    found = number(value, "1", what)
-    if not 0.0 < found < 1.0:
-        raise ConfigurationError(f"{what} must lie between 0 and 100 %, both excluded, not {100.0 * found:g} %.")
-    return found
 
 
 def _or_change(change: str) -> str:
@@ -191,7 +183,7 @@ def read_points(
     The injector gives the fuel, for quantities by mass; pressures are in Pa, or texts with their units. `InputError` if
     the file cannot be read, or something in it is missing or of the wrong kind.
     """
-    file, share = file_path(path, "path of the reference quantities"), share_of(tolerance, "tolerance")
+    file, share = file_path(path, "path of the reference quantities"), fraction(tolerance, "tolerance")
     pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
     stated = {key: f"{value!r} Pa" if isinstance(value, float) else value for key, value in pressures.items()}
     for key, value in stated.items():
@@ -326,7 +318,7 @@ def advise(
     at = instances(points, OperatingPoint, "points")
     if len(at) < 2:
         raise InputError("A reference point is chosen among at least two points; give more candidates.")
-    share, count = share_of(flow_spread, "flow_spread"), whole(draws, "draws", 2, 100_000)
+    share, count = fraction(flow_spread, "flow_spread"), whole(draws, "draws", 2, 100_000)
     space = Space([flow_about_drawing(part, share), *scattering(known, part)])
     own, scaled = _simulated(part, at, space, (count, whole(seed, "seed")), thread_count(threads))
     return _advice(at, own, scaled)

@@ -69,15 +69,15 @@ def adapt(
       commonrail adapt types/cri2.toml --advise --injector part.toml
       commonrail adapt types/cri2.toml --from points.csv --injector part.toml --out model.toml
     """
+    from commonrail.base.arguments import fraction
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.family.adapt import adapt as run
-    from commonrail.plugins.family.adapt import share_of
     from commonrail.readers.injector_writer import dump_injector
 
     named = None if injector is None else read_model_name(injector)
     part = None if named is None else named.injector
     behind = read_pressures(cylinder_pressure, return_pressure, None if named is None else named.folder)
-    share, allowed = share_of(flow_spread, "--flow-spread"), share_of(tolerance, "--tolerance")
+    share, allowed = fraction(flow_spread, "--flow-spread"), fraction(tolerance, "--tolerance")
     if advise:
         _advise(injector_type, points, (injector, part), behind, share, threads, json)
         return

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.base.arguments import instances, number
+from commonrail.base.arguments import fraction, instances
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number as plain
 from commonrail.plugins.features.rate_trace import spread
@@ -86,9 +86,7 @@ def shot_statistics(shots: Sequence[Features], level: float = 0.95) -> tuple[Sho
     shots = instances(shots, Features, "shots")
     if not shots or len({shot.unit for shot in shots}) > 1:
         raise ConfigurationError("The shots must be one or more with rates of one unit.")
-    level = number(level, "1", "level")
-    if not 0.0 < level < 1.0:
-        raise ConfigurationError(f"The level must lie between 0 and 1, not {level:g}.")
+    level = fraction(level, "level")
     most = max(len(shot.energisings or shot.injections) for shot in shots)
     found = (_statistic(name, shots, i, level) for i in range(1, most + 1) for name in features_of_traces())
     return tuple(one for one in found if one.count)

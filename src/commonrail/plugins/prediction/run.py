@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import instance, instances, number, thread_count
+from commonrail.base.arguments import fraction, instance, instances, thread_count
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, SimulationError
@@ -146,8 +146,8 @@ def predict(
     """
     instance(study, Study, "study")
     wanted = instances(points, OperatingPoint, "points")
-    shares = tuple(number(level, "1", "level") for level in levels)
-    if not shares or not all(0.0 < share < 1.0 for share in shares):
+    shares = tuple(fraction(level, "level") for level in levels)
+    if not shares:
         raise ConfigurationError("levels must be shares between 0 and 1, such as (0.5, 0.9).")
     sets: Sequence[DataSet] = [_asked(study, wanted)] if wanted else study.data
     threads = thread_count(threads)
