@@ -14,14 +14,12 @@ from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.search import Searched, SearchResult
 from commonrail.calibration.study import Method, Study
-from commonrail.compiler.target import describe, package_versions
 from commonrail.data.base import DataSet, Role, Score
 from commonrail.data.metering import meter_records
-from commonrail.data.records import JUDGED, LABELS
+from commonrail.data.records import JUDGED, LABELS, record_head
 from commonrail.data.registry import of_role
 from commonrail.physics.meters import known_quantity
 
-SCHEMA = 1
 CERTAINTY = "certainty"  # likelihood, intervals, profiles and verdicts; written again by a later look at the same fit
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
 
@@ -29,12 +27,7 @@ CLOCK = "clock"  # holds what depends on the clock; all else is the same wheneve
 def fit_record(kind: str, study: Searched, fit: SearchResult) -> dict[str, Any]:
     """The part of a record that all kinds of fit share; all that depends on the clock is under "clock"."""
     return {
-        "schema": SCHEMA,
-        "kind": kind,
-        "software": package_versions(),
-        "target": describe().machine,
-        "title": study.title,
-        "synthetic": study.synthetic,
+        **record_head(kind, study.title, study.synthetic),
         "seed": study.seed,
         "status": fit.status,
         "reason": fit.reason,

@@ -8,11 +8,14 @@ from typing import Any, NamedTuple
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Points, Series
 from commonrail.base.text import MISSING, number
+from commonrail.compiler.target import describe, package_versions
 from commonrail.engine.operating_point import OperatingPoint
 
 Record = Mapping[str, Any]
 Texts = Mapping[str, str]  # of the labels, in order
 Traces = Mapping[str, Mapping[str, Floats]]  # by data set: "time_s", "measured", and rates by label
+
+SCHEMA = 1  # of all records
 
 MM3 = 1e9  # of 1 m³
 MM3_PER_MS = 1e6  # of 1 m³/s: the unit of the paper's J
@@ -47,6 +50,12 @@ class Plotted(NamedTuple):
 def origin_of(data: Record) -> str:
     """Word for the values of a data set: synthetic ones are never shown as measured."""
     return "synthetic" if data.get("synthetic") else "measured"
+
+
+def record_head(kind: str, title: str, synthetic: str) -> dict[str, Any]:
+    """First keys of a record that a folder keeps: what it is, what made it where, what of it is not measured."""
+    made = {"software": package_versions(), "target": describe().machine}
+    return {"schema": SCHEMA, "kind": kind, **made, "title": title, "synthetic": synthetic}
 
 
 def point_record(point: OperatingPoint) -> dict[str, float]:

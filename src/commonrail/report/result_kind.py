@@ -11,10 +11,9 @@ from jinja2 import UndefinedError
 
 from commonrail.base import registry
 from commonrail.base.errors import InputError
-from commonrail.data.records import Record
+from commonrail.data.records import SCHEMA, Record
 from commonrail.runs.folder import RESULT, read_record
 
-SCHEMA = 1  # of all records
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.output import summed, writing
-from commonrail.calibration.result import SCHEMA, data_records
-from commonrail.compiler.target import describe, package_versions
-from commonrail.data.records import MEASURED
+from commonrail.calibration.result import data_records
+from commonrail.data.records import MEASURED, record_head
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.plugins.compare.run import Comparison
 from commonrail.runs.folder import TRACES, rate_curves, write_record
@@ -29,13 +28,9 @@ def comparison_record(
     data = data_records(comparison.data, comparison.scores)
     for i, record in enumerate(data):
         record["failures"] = {label: [f._asdict() for f in failed[i]] for label, failed in comparison.failures.items()}
+    title = f"Comparison of {len(models)} models" if len(models) > 3 else f"Comparison: {', '.join(models)}"
     return {
-        "schema": SCHEMA,
-        "kind": "comparison",
-        "software": package_versions(),
-        "target": describe().machine,
-        "title": f"Comparison of {len(models)} models" if len(models) > 3 else f"Comparison: {', '.join(models)}",
-        "synthetic": _synthetic(comparison),
+        **record_head("comparison", title, _synthetic(comparison)),
         "labels": {label: label for label in models},
         "models": [_model(label, model, (arguments or {}).get(label, "")) for label, model in models.items()],
         "differences": _differences(models),

@@ -17,7 +17,7 @@ from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.text import listed, numbers
-from commonrail.compiler.target import package_versions
+from commonrail.data.records import record_head
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
@@ -184,13 +184,9 @@ class Diagnosis(Shown):
         ]
         texts = {key: getattr(self.injector, key) for key in ("name", "title", "synthetic")}
         return {
-            "schema": 1,
-            "kind": "diagnosis",
-            "title": f"Diagnosis: {self.data.name}",
-            "software": package_versions(),
+            **record_head("diagnosis", f"Diagnosis: {self.data.name}", self.data.synthetic),
             "injector": texts | {"variant": self.injector.variant.label},
             "plan": self.data.name,
-            "synthetic": self.data.synthetic,
             "noise": self.noise,
             "sound": self.sound,
             "nominal": bool(np.any(self.factors != 1.0)),

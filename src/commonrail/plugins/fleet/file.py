@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.csv_output import write_csv
 from commonrail.base.output import replacing, summed
-from commonrail.compiler.target import describe, package_versions
+from commonrail.data.records import record_head
 from commonrail.data.registry import kind_of
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.certainty.linear import ESTIMATOR
@@ -21,7 +21,6 @@ from commonrail.plugins.fleet.study import Fleet
 from commonrail.readers.meters import free_names
 from commonrail.runs.folder import write_record
 
-SCHEMA = 1
 WORST = 10  # injectors that are named as the worst
 
 Record = dict[str, Any]
@@ -44,14 +43,10 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
     finished = [entry for entry in entries if entry.status == FINISHED]
     failed = [entry for entry in entries if entry.status == FAILED]
     total = len(fleet.supply.names)
+    synthetic = " ".join(dict.fromkeys(e.record["synthetic"] for e in finished if e.record["synthetic"]))
     return {
-        "schema": SCHEMA,
-        "kind": "fleet",
-        "software": package_versions(),
-        "target": describe().machine,
-        "title": fleet.title,
+        **record_head("fleet", fleet.title, synthetic),
         "note": fleet.note,
-        "synthetic": " ".join(dict.fromkeys(e.record["synthetic"] for e in finished if e.record["synthetic"])),
         "seed": fleet.seed,
         "study": {"title": fleet.template.model.title, "file": fleet.template.path.name},
         "table": fleet.supply.path.name,

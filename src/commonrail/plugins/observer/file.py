@@ -15,7 +15,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError
 from commonrail.base.text import numbers
-from commonrail.compiler.target import describe, package_versions
+from commonrail.data.records import record_head
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import Domain
@@ -25,7 +25,6 @@ from commonrail.plugins.observer.study import FURTHER, InjectionTrain, ObserverS
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns
 
-SCHEMA = 1
 SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 FIGURES = ("quantity", "opening", "closing")
 COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
@@ -189,12 +188,7 @@ class Observation(Shown):
         """JSON-able form, SI; what does not exist is None."""
         settings = self.settings
         return {
-            "schema": SCHEMA,
-            "kind": "observer",
-            "software": package_versions(),
-            "target": describe().machine,
-            "title": f"Injected quantities of {self.injector.title}",
-            "synthetic": self.injector.synthetic,
+            **record_head("observer", f"Injected quantities of {self.injector.title}", self.injector.synthetic),
             "injector": {"title": self.injector.title, "variant": self.injector.variant.label},
             "status": "complete" if len(self.shots) == self.asked else "interrupted",
             "asked": self.asked,

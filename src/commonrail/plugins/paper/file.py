@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
-import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +13,8 @@ import commonrail as cr
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.output import summed, write_text
+from commonrail.base.text import number, numbers
+from commonrail.data.records import record_head
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.claims import claims
 from commonrail.plugins.paper.figures import PHASES, Figures, box, spread
@@ -73,9 +72,7 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
         ) from error
 
 
-# 2: a rigid body that is fitted, shares of random points beside the claims.
-# 3: verdicts and standard errors of `certify`, true stiffness and how often its intervals hold it.
-SCHEMA = 1
+TITLE = "The study of Lino, Maione, Saponaro, Li (2016) on a virtual test bench"
 MEAN = "mean"
 
 
@@ -88,26 +85,16 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
     f = Figures(reproduction.repetitions)
     bench = reproduction.bench
     return {
-        "schema": SCHEMA,
-        "kind": "reproduction",
-        "software": {
-            "commonrail": version("commonrail"),
-            "python": platform.python_version(),
-            "numpy": version("numpy"),
-            "numba": version("numba"),
-            "llvmlite": version("llvmlite"),
-        },
-        "title": "The study of Lino, Maione, Saponaro, Li (2016) on a virtual test bench",
+        **record_head("reproduction", TITLE, bench.truth.synthetic),
         "status": reproduction.status,
         "quick": quick,
         "seeds": f.seeds,
         "asked": reproduction.asked,
         "time_step": bench.time_step,
-        "synthetic": bench.truth.synthetic,
         "truth": {"title": bench.truth.title, "facts": [list(fact) for fact in bench.truth.facts()]},
         "data": _data(f),
         "labels": LABELS,
-        "J": _each(f.j, _numbers),
+        "J": _each(f.j, numbers),
         "J_spread": _each(f.j, _spread),
         "table1": _table1(f, bench),
         "rigid_fit": _rigid_fit(f),
@@ -158,7 +145,7 @@ def _table1(f: Figures, bench: cr.Bench) -> list[dict[str, Any]]:
                 "paper_change": optimal / p.reference - 1.0,
                 "change": _spread(f.change[:, i]),
                 "verdicts": f.verdicts(i),
-                "standard_error": _number(spread(errors).median),
+                "standard_error": number(spread(errors).median),
                 "truth": true[p.name],
                 "covered": covered,
                 "intervals": intervals,
@@ -185,7 +172,7 @@ def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
 
 def _searched(p: cr.Parameter, values: Floats) -> dict[str, Any]:
     """Bounds of a parameter and what was found over the seeds."""
-    return {"lower": p.lower, "upper": p.upper, "values": _numbers(values), **_spread(values)}
+    return {"lower": p.lower, "upper": p.upper, "values": numbers(values), **_spread(values)}
 
 
 def _configuration(f: Figures, c: Configuration) -> dict[str, Any]:
@@ -196,8 +183,8 @@ def _configuration(f: Figures, c: Configuration) -> dict[str, Any]:
         "members": c.members,
         "slots": c.settings.slots,
         "simulated": [r.table3[c][0].counts.simulated for r in f.repetitions],
-        "J": {name: _numbers(js[name]) for name in study.RAIL_PRESSURES},
-        "mean": _numbers(js[MEAN]),
+        "J": {name: numbers(js[name]) for name in study.RAIL_PRESSURES},
+        "mean": numbers(js[MEAN]),
         **{key: {name: s[key] for name, s in spreads.items()} for key in ("median", "q1", "q3")},
         "paper": dict(zip(js, study.TABLE3[c], strict=True)),
         "note": _READINGS.get(c, ""),
@@ -220,7 +207,7 @@ def _treatment(f: Figures, t: study.TreatmentCase) -> dict[str, Any]:
         "slots": t.settings.slots,
         "simulated": simulated.tolist(),
         "share": _spread(simulated / t.settings.slots),
-        "J": _numbers(costs),
+        "J": numbers(costs),
         **_spread(costs),
     }
 
@@ -230,8 +217,8 @@ def _convergence(f: Figures) -> dict[str, Any]:
         "generation": list(range(study.BEST.generations + 1)),
         "best": _band([r.best for r in f.repetitions], "best"),
         "mean": _band([r.best for r in f.repetitions], "mean"),
-        "level": {"median": _number(spread(f.j[study.FIT]["theoretical"]).median)},
-        "ninety": _numbers(f.ninety),
+        "level": {"median": number(spread(f.j[study.FIT]["theoretical"]).median)},
+        "ninety": numbers(f.ninety),
     }
 
 
@@ -260,8 +247,8 @@ def _search(f: Figures) -> list[dict[str, Any]]:
 def _phases(f: Figures) -> dict[str, Any]:
     return {
         "names": list(PHASES),
-        "J": _each(f.phases, lambda js: [_numbers(row) for row in js]),
-        "median": _each(f.phases, lambda js: _numbers(np.median(js, axis=0))),
+        "J": _each(f.phases, numbers),
+        "median": _each(f.phases, lambda js: numbers(np.median(js, axis=0))),
     }
 
 
@@ -279,7 +266,7 @@ def _meter(f: Figures) -> list[dict[str, Any]]:
                 "text": texts[label],
                 "J": {name: _spread(js[:, i]) for i, name in enumerate(study.RAIL_PRESSURES)},
                 "stiffness": {
-                    p.name.rpartition(".")[2]: {"values": _numbers(x[:, i]), **_spread(x[:, i])}
+                    p.name.rpartition(".")[2]: {"values": numbers(x[:, i]), **_spread(x[:, i])}
                     for i, p in enumerate(f.space.parameters)
                 },
                 "delay": _spread(x[:, len(study.NAMES)]) if x.shape[1] > len(study.NAMES) else None,
@@ -313,12 +300,4 @@ def _overfitting(f: Figures, name: str) -> dict[str, Any]:
 
 
 def _spread(values: ArrayLike) -> Mapping[str, float | None]:
-    return {key: _number(value) for key, value in spread(values)._asdict().items()}
-
-
-def _numbers(values: ArrayLike) -> list[float | None]:
-    return [_number(value) for value in np.asarray(values, float)]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return {key: number(value) for key, value in spread(values)._asdict().items()}

@@ -14,7 +14,7 @@ from commonrail.base.arguments import Quantity, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import CommonrailError, SimulationError
-from commonrail.compiler.target import package_versions
+from commonrail.data.records import record_head
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
@@ -62,12 +62,8 @@ class PlanResult(Shown):
             row["reason"] = reason
         texts = {key: getattr(injector, key) for key in ("name", "title", "synthetic")}
         return {
-            "schema": 1,
-            "kind": "plan",
-            "title": f"Test plan: {injector.name}",
-            "software": package_versions(),
+            **record_head("plan", f"Test plan: {injector.name}", self.score.data.synthetic),
             "injector": texts | {"variant": injector.variant.label},
-            "synthetic": self.score.data.synthetic,
             "time_step": self.time_step,
             "hint": self.hint,
             "data": {"name": self.score.data.name, **data},

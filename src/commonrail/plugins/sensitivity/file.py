@@ -10,11 +10,10 @@ import numpy as np
 
 from commonrail.base.display import Shown
 from commonrail.calibration.parameter import Parameter
-from commonrail.compiler.target import describe, package_versions
+from commonrail.data.records import record_head
 from commonrail.plugins.sensitivity.estimates import Effects, Estimate, Indices
 from commonrail.plugins.sensitivity.study import Output, SensitivitySettings
 
-SCHEMA = 1
 RANGE = ("name", "unit", "reference", "lower", "upper", "scale", "mark", "source")  # of a parameter, in the record
 
 
@@ -106,13 +105,8 @@ class Sensitivity(Shown):
         settings = {name: getattr(value, "value", value) for name, value in vars(self.settings).items()}
         del settings["time_step"]  # that of the study counts where none is set
         return {
-            "schema": SCHEMA,
-            "kind": "sensitivity",
-            "software": package_versions(),
-            "target": describe().machine,
-            "title": self.title,
+            **record_head("sensitivity", self.title, self.synthetic),
             "injector": self.injector,
-            "synthetic": self.synthetic,
             **settings,
             "notes": list(self.notes),
             "ranges": [{key: getattr(p, key) for key in RANGE} for p in self.parameters],

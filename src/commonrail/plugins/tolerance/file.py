@@ -15,7 +15,7 @@ from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.study_file import named_injector
 from commonrail.calibration.study_keys import InItsUnit, known_parameter
-from commonrail.compiler.target import describe, package_versions
+from commonrail.data.records import record_head
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import DEFAULT_STEP
@@ -38,8 +38,6 @@ from commonrail.plugins.tolerance.study import (
 from commonrail.plugins.tolerance.trim import Trimmed
 from commonrail.readers.location import located
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model_file
-
-SCHEMA = 1
 
 
 class PointResult(NamedTuple):
@@ -108,12 +106,7 @@ class ToleranceResult(Shown):
         """JSON-able form, SI; what does not exist is None."""
         t = self.tolerances
         return {
-            "schema": SCHEMA,
-            "kind": "tolerance",
-            "software": package_versions(),
-            "target": describe().machine,
-            "title": t.title,
-            "synthetic": self.synthetic,
+            **record_head("tolerance", t.title, self.synthetic),
             "injector": {"name": t.injector.name, "title": t.injector.title, "variant": t.injector.variant.label},
             "status": self.status,
             "asked": t.parts,
