@@ -38,8 +38,8 @@ from commonrail.base.output import write_text
 from commonrail.cli.console import Bar, print_json, print_rows, say
 from commonrail.cli.console import Stage as Shown
 from commonrail.cli.options import check_file
+from commonrail.compiler.target import package_version as version
 from commonrail.engine.threads import usable_threads
-from commonrail.plugins.doctor.run import version
 
 INTERRUPTED = 130  # exit status
 EXTRA = "pip install 'commonrail[bench]'"

@@ -76,7 +76,7 @@ def test_new_overwrites_nothing(command: Command, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").touch()
     done = command("new", tmp_path)
     assert done.status == 2
-    assert "name a new or empty folder" in done.sentence
+    assert "there already is something" in done.sentence
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, ValidationInfo
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
@@ -111,11 +111,7 @@ def _amount(item: Any, info: ValidationInfo) -> tuple[float, bool]:
     relative = isinstance(item, str) and "%" in item
     if "name" not in info.data:
         return 0.0, relative  # the name is refused
-    return (Unit("%").read(item) / 100.0 if relative else Unit(_unit(info.data["name"])).read(item)), relative
-
-
-def _name_first(item: Any) -> Any:
-    return {"name": item["name"], **item} if isinstance(item, dict) and "name" in item else item
+    return Unit("1" if relative else _unit(info.data["name"])).read(item), relative
 
 
 _Amount = Annotated[tuple[float, bool], PlainValidator(_amount)]
@@ -143,9 +139,7 @@ def _checked(item: _ChangeModel) -> _ChangeModel:
 class _FaultModel(Sourced):
     name: Text
     meaning: Text
-    changes: list[Annotated[_ChangeModel, BeforeValidator(_name_first), AfterValidator(_checked)]] = Field(
-        min_length=1, max_length=20
-    )
+    changes: list[Annotated[_ChangeModel, AfterValidator(_checked)]] = Field(min_length=1, max_length=20)
 
 
 class _ToleranceModel(FileModel):

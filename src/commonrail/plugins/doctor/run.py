@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.optimisers.registry import named
 from commonrail.compiler import cache, target
+from commonrail.compiler.target import package_version as version
 from commonrail.data.registry import find_kind
 from commonrail.engine.job import VECTORS
 from commonrail.engine.lanes import compiled
@@ -123,14 +123,6 @@ def instruction_sets() -> list[str]:
         return []
     found = binding.get_host_cpu_features()
     return [name for name in FEATURES if found.get(name, False)]
-
-
-def version(package: str) -> str:
-    """Installed version, empty if it is not installed."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return ""
 
 
 def load() -> float | None:

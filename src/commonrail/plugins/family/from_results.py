@@ -77,9 +77,6 @@ FEWEST = 2  # parts that data hold, for a spread
 _FAINT = 0.1  # data that tell less than this share of what the prior does tell nothing
 
 
-_HALVINGS = 200  # of the interval that holds the variance between parts: to the last bit
-
-
 class Estimate(NamedTuple):
     """Mean over parts, each weighed by its own error, and the standard deviation of the next part's value about it.
 
@@ -100,17 +97,15 @@ def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
     equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by 1/(e_i² + τ²). A part whose error is not known is
     left out: its data do not hold the parameter.
     """
+    from scipy.optimize import brentq  # slow to import
+
     known = np.isfinite(np.asarray(errors, float))
     x, variance = np.asarray(values, float)[known], np.asarray(errors, float)[known] ** 2
-    low, high = 0.0, float(np.sum((x - np.mean(x)) ** 2))
+    between, most = 0.0, 2.0 * float(np.sum((x - np.mean(x)) ** 2))
     if _excess(x, variance) > 0.0:  # the errors alone do not explain the differences
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if _excess(x, variance + middle) > 0.0 else (low, middle)
-    else:
-        high = 0.0
-    mean, error = _mean(x, variance + high)
-    return Estimate(mean, float(np.sqrt(high + error**2)), float(np.sqrt(high)))
+        between = brentq(lambda more: _excess(x, variance + more), 0.0, most, xtol=1e-12 * most)
+    mean, error = _mean(x, variance + between)
+    return Estimate(mean, float(np.sqrt(between + error**2)), float(np.sqrt(between)))
 
 
 def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:

@@ -37,6 +37,7 @@ from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
 from commonrail.readers.toml import read_model, read_toml
+from commonrail.runs.folder import refuse_used
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
 
@@ -60,8 +61,7 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     `files`: content by the path below the folder. Raises `InputError`, `OutputError` as `write_new`.
     """
     with writing(folder):
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(f"{folder}: there already is something; name a new or empty folder.")
+        refuse_used(folder)
         written = []
         for name, content in files.items():
             path = folder / name
@@ -152,8 +152,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         raise InputError(f"Two of the data files are called {twice}; rename one.")
     blocks = [_block(found, surveys, model, stated) for found in surveys]
     with writing(folder):
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(f"{folder}: there already is something; name a new or empty folder.")
+        refuse_used(folder)
         (folder / "data").mkdir(parents=True, exist_ok=True)
         copies = [_copy(path, folder / "data" / path.name) for path in sources]
         if injector.endswith(".toml"):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, ValidationInfo
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
 from commonrail.base.arguments import file_path
 from commonrail.base.choices import Precision
@@ -197,7 +197,7 @@ class _Width(NamedTuple):
 def _read(item: Any, unit: str) -> tuple[float, bool]:
     """Share that is given in percent, or number in an SI unit; and which of them it is."""
     relative = isinstance(item, str) and "%" in item
-    return (Unit("%").read(item) / 100.0 if relative else Unit(unit).read(item)), relative
+    return Unit("1" if relative else unit).read(item), relative
 
 
 def _width(item: Any, info: ValidationInfo) -> _Width:
@@ -209,11 +209,6 @@ def _width(item: Any, info: ValidationInfo) -> _Width:
 def _limit(item: Any) -> Limit:
     """Limit as a quantity, or as its deviation from the nominal one in percent."""
     return Limit(*_read(item, "m3"))
-
-
-def _in_order(item: Any) -> Any:
-    """The table with its name first, whose unit the other keys have."""
-    return {"name": item["name"], **item} if isinstance(item, dict) and "name" in item else item
 
 
 _WidthField = Annotated[_Width, PlainValidator(_width)]
@@ -275,9 +270,7 @@ class _ToleranceModel(FileModel):
     mark: Mark = UNSTATED.mark
     source: str = UNSTATED.text
     point: list[_PointModel] = Field(min_length=1, max_length=MOST_POINTS)
-    dimension: list[Annotated[_DimensionModel, BeforeValidator(_in_order)]] = Field(
-        min_length=1, max_length=MOST_DIMENSIONS
-    )
+    dimension: list[_DimensionModel] = Field(min_length=1, max_length=MOST_DIMENSIONS)
     correlation: list[_CorrelationModel] = Field(default=[], max_length=MOST_CORRELATIONS)
     trim: _TrimModel | None = None
 
