@@ -60,6 +60,16 @@ class Presenter(NamedTuple):
     figures: Callable[[Any], Sequence[Chart]] = lambda _: ()
     arrays: Callable[[Any], Arrays] | None = None
 
+    @classmethod
+    def of_record(
+        cls,
+        lines: Callable[[Any], Sequence[str]],
+        tables: Callable[[Any], Sequence[Table]],
+        figures: Callable[[Any], Sequence[Chart]],
+    ) -> Presenter:
+        """Presenter of results from whose `record` its functions make what is shown."""
+        return cls(lambda r: lines(r.record()), lambda r: tables(r.record()), lambda r: figures(r.record()))
+
 
 def presenter_of(result: Any) -> Presenter:
     """Presenter that a result names."""

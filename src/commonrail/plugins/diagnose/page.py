@@ -202,11 +202,7 @@ def diagnosis_html(record: Record, command: str) -> str:
     )
 
 
-DIAGNOSIS = Presenter(
-    lambda found: diagnosis_lines(found.record()),
-    lambda found: diagnosis_tables(found.record()),
-    lambda found: diagnosis_figures(found.record()),
-)
+DIAGNOSIS = Presenter.of_record(diagnosis_lines, diagnosis_tables, diagnosis_figures)
 
 
 # A trim on the terminal and as a file.

@@ -8,7 +8,7 @@ from pathlib import Path
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import fixed, listed, quantity, quantity_range, significant
-from commonrail.data.records import Record, Traces
+from commonrail.data.records import Record
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import RECORD
 from commonrail.report.figure import drawings, small_drawings
@@ -26,17 +26,9 @@ FAR = 2.0  # spreads from the type's value beyond which a part's value is named
 
 
 def _page(record: Record, folder: Path) -> str:
-    return family_html(record, read_traces(folder / TRACES), folder.as_posix() or "RUN")
-
-
-KEYS = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
-RESULT = ResultKind(RECORD, KIND, "type", _page, KEYS)
-
-
-def family_html(record: Record, traces: Traces, run: str) -> str:
-    """Page of a joint fit; `run` is the folder's name, for the command lines in it."""
+    """Page of a joint fit, with the curves of its folder."""
     data = [{**d, "name": f"{part['name']}: {d['name']}"} for part in record["parts"] for d in part["data"]]
-    figures = figures_of({"data": data, "labels": TEXTS}, traces)
+    figures = figures_of({"data": data, "labels": TEXTS}, read_traces(folder / TRACES))
     apart = list(drawings(family_figures(record), 330))
     return render(
         "family.html",
@@ -52,9 +44,13 @@ def family_html(record: Record, traces: Traces, run: str) -> str:
         maps=small_drawings(figures, "map"),
         convergence=convergence_section(record),
         data=data,
-        commands=_commands(record, run),
+        commands=_commands(record, folder.as_posix()),
         facts=search_facts(record),
     )
+
+
+KEYS = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
+RESULT = ResultKind(RECORD, KIND, "type", _page, KEYS)
 
 
 def family_lines(record: Record) -> list[str]:

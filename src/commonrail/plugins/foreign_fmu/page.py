@@ -21,16 +21,8 @@ TOLD = 0.1  # tolerances that half the communication step moves a value by
 
 
 def _page(record: Record, folder: Path) -> str:
-    return fmu_html(record, folder.as_posix() or "RUN")
-
-
-KEYS = ("title", "seed", "status", "fmu", "parameters", "objective", "data", "evaluations", "generations")
-RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
-
-
-def fmu_html(record: Record, run: str) -> str:
-    """Page of a calibration of an FMU; `run` is the folder's name, for the command lines in it."""
-    figures = list(drawings(fmu_figures(record)))
+    """Page of a calibration of an FMU; `folder` is its name for the command lines in it."""
+    figures, run = list(drawings(fmu_figures(record))), folder.as_posix()
     return render(
         "fmu.html",
         package=__package__,
@@ -50,6 +42,10 @@ def fmu_html(record: Record, run: str) -> str:
         ],
         facts=_facts(record),
     )
+
+
+KEYS = ("title", "seed", "status", "fmu", "parameters", "objective", "data", "evaluations", "generations")
+RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
 
 
 def _tile(data: Record) -> Tile:

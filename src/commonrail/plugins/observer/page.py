@@ -475,8 +475,8 @@ def _further_facts(record: Record) -> list[tuple[str, str]]:
     return facts
 
 
-OBSERVATION = Presenter(
-    lambda o: [o.record()["title"], *observer_lines(o.record()), *warning_lines(o.record()), *_alarm_lines(o.record())],
-    lambda o: observer_tables(o.record()),
-    lambda o: observer_figures(o.record()),
+OBSERVATION = Presenter.of_record(
+    lambda record: [record["title"], *observer_lines(record), *warning_lines(record), *_alarm_lines(record)],
+    observer_tables,
+    observer_figures,
 )

@@ -225,8 +225,4 @@ def plan_html(record: Record, command: str) -> str:
     )
 
 
-PLAN = Presenter(
-    lambda found: plan_lines(found.record()),
-    lambda found: plan_tables(found.record()),
-    lambda found: plan_figures(found.record()),
-)
+PLAN = Presenter.of_record(plan_lines, plan_tables, plan_figures)

@@ -269,8 +269,6 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     ]
 
 
-TOLERANCE = Presenter(
-    lambda t: [t.tolerances.title, *tolerance_lines(t.record())],
-    lambda t: tolerance_tables(t.record()),
-    lambda t: tolerance_figures(t.record()),
+TOLERANCE = Presenter.of_record(
+    lambda record: [record["title"], *tolerance_lines(record)], tolerance_tables, tolerance_figures
 )
