@@ -33,11 +33,9 @@ MOST_CONDITIONS = 100
 MOST_SEEDS = 100
 
 
-def _block(name: str) -> type[DataModel] | None:
-    return None if (kind := find_kind(name)) is None else kind.model
-
-
-_BLOCK = OneOf("kind", dict.fromkeys(shipped("data")), _block)
+_BLOCK = OneOf(
+    "kind", dict.fromkeys(shipped("data")), lambda name: None if (kind := find_kind(name)) is None else kind.model
+)
 
 
 def known_parameter(item: str) -> str:
@@ -58,10 +56,6 @@ def _percent(item: Any) -> float:
     if not isinstance(item, str) or "%" not in item:
         raise fault('write percent with its sign, as in "50 %"')
     return Unit("%").read(item)
-
-
-def _step(item: Any) -> float | None:
-    return None if item == "auto" else Unit("s").read(item)
 
 
 InItsUnit = Annotated[float, PlainValidator(_in_its_unit)]
@@ -206,7 +200,8 @@ class StudyModel(FileModel):
     injector: str
     type: Text | None = None
     seed: int = Field(default=1, ge=0)
-    time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
+    # None: "auto", short enough for every candidate
+    time_step: Annotated[float | None, PlainValidator(lambda x: None if x == "auto" else Unit("s").read(x))] = None
     precision: Precision = Field(default=Precision.F64, strict=False)
     loss: Loss = Field(default=Loss.KINDS, strict=False)
     loss_scale: Annotated[float, Unit("1")] | None = None

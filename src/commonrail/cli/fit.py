@@ -6,7 +6,7 @@ import os
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -98,7 +98,8 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
         if record["synthetic"]:
             click.echo(f"SYNTHETIC: {record['synthetic']}" if full else _one_line(f"SYNTHETIC: {record['synthetic']}"))
         print_card(record, str(outcome.folder))
-        click.echo(f"report: {outcome.report}{_mention(warnings)}")
+        top = f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
+        click.echo(f"report: {outcome.report}{top}")
     end_if_stopped(outcome)
     if live:
         make_live(outcome)
@@ -199,10 +200,6 @@ def end_if_stopped(outcome: Outcome) -> None:
             f"`commonrail resume {shlex.quote(str(outcome.folder))}` judges that."
         )
         raise SystemExit(INTERRUPTED)
-
-
-def _mention(warnings: Sequence[Any]) -> str:
-    return f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
 
 
 def stage_of(p: Progress, counted: str = "injections") -> Stage:

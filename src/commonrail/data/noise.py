@@ -106,11 +106,12 @@ class Noise:
     scatter_freedom: float = math.inf
 
     def __post_init__(self) -> None:
+        uncertain = mapping(self.uncertain, "uncertain quantities of the noise", '{"delay": "1 us"}')
         settle(
             self,
             law=chosen(self.law, Law, "law of the noise"),
             correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
-            uncertain={key: _deviation(key, value) for key, value in _given(self.uncertain).items()},
+            uncertain={key: _deviation(key, value) for key, value in uncertain.items()},
         )
         plain = (
             "sigma",
@@ -181,10 +182,6 @@ def uncertain_unit(key: str) -> str:
             "parameters of an injector can."
         )
     return parameter_quantities()[name].unit
-
-
-def _given(uncertain: object) -> Mapping[str, Quantity]:
-    return mapping(uncertain, "uncertain quantities of the noise", '{"delay": "1 us"}')
 
 
 def _deviation(key: str, value: object) -> float:

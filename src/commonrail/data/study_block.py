@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
@@ -114,13 +114,10 @@ class DriveModel(TraceModel):
     zero_at_rest: bool = False
 
 
-def _course_form(item: Any) -> str:
-    return "<trace>" if isinstance(item, (dict, TraceModel)) else "<value>"
-
-
 # A pressure: constant [Pa], or a course.
 Course = Annotated[
-    Annotated[float, Unit("Pa"), Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")], Discriminator(_course_form)
+    Annotated[float, Unit("Pa"), Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")],
+    Discriminator(lambda item: "<trace>" if isinstance(item, (dict, TraceModel)) else "<value>"),
 ]
 
 

@@ -21,6 +21,7 @@ from commonrail.readers.toml import (
     Sourced,
     Text,
     Unit,
+    as_table,
     choice,
     fault,
     key_text,
@@ -82,7 +83,7 @@ class _Amounts:
         prior: Any = create_model("MeterPrior", __base__=MeterPrior, value=number, sigma=sigma)
         keys["prior"] = (prior | None, None)
         model = handler.generate_schema(create_model("Amount", __base__=Amount, **keys))
-        table = core_schema.no_info_before_validator_function(_as_table, model)
+        table = core_schema.no_info_before_validator_function(as_table, model)
         return core_schema.no_info_after_validator_function(self._checked, table)
 
     def _checked(self, item: Amount) -> Amount:
@@ -99,10 +100,6 @@ class _Amounts:
             if value is not None and not self.quantity.domain.admits(value):
                 raise fault(f"the {self.quantity.meaning} must be {self.quantity.domain.value}, not {value:g}")
         return item
-
-
-def _as_table(item: Any) -> Any:
-    return item if isinstance(item, dict) else {"value": item}
 
 
 class MeterHead(Sourced):

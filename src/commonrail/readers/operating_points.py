@@ -22,7 +22,7 @@ from commonrail.base.units import FAST, compatible, convert, fits
 from commonrail.readers.columns import Table
 from commonrail.readers.grid import Grid, numbers_of
 from commonrail.readers.location import Place
-from commonrail.readers.quantity_matrix import kind_of, unit_in
+from commonrail.readers.quantity_matrix import kind_of, plain_unit, unit_in
 
 # Names of columns that state an operating point, ``800bar_300us``, and the pattern that reads them.
 
@@ -262,4 +262,4 @@ def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[s
 
 def _units_of(text: str) -> list[str]:
     inside = [part.partition("]")[0] for part in text.split("[")[1:]]
-    return [unit.strip().replace("µ", "u").replace("³", "3") for unit in (inside or [text])]
+    return [plain_unit(unit) for unit in (inside or [text])]

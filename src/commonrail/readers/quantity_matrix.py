@@ -77,7 +77,7 @@ def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
     for i, header in enumerate(grid.rows[:MOST_HEADER]):
         columns = _columns(header, given)
         if columns is not None:
-            units = [_plain(str(cell)) for cell in header if cell != ""]
+            units = [plain_unit(str(cell)) for cell in header if cell != ""]
             names = i - 1 if i and all(fits(unit, unit) for unit in units) else i
             refuse_longer_rows(grid, names, i + 1)
             return _long(grid, i + 1, columns)
@@ -103,10 +103,11 @@ def unit_in(text: str) -> list[str]:
 
 def kind_of(unit: str) -> str:
     """Kind of a map's quantity that a unit measures, empty if none."""
-    return next((kind for kind, wanted in KINDS.items() if any(fits(_plain(unit), one) for one in wanted)), "")
+    return next((kind for kind, wanted in KINDS.items() if any(fits(plain_unit(unit), one) for one in wanted)), "")
 
 
-def _plain(unit: str) -> str:
+def plain_unit(unit: str) -> str:
+    """Name of a unit with signs that stand on every keyboard: us for µs."""
     return unit.strip().replace("µ", "u").replace("³", "3")
 
 
@@ -118,7 +119,7 @@ def _columns(header: Sequence[str | float], given: GivenUnits) -> dict[str, tupl
         if BAND in str(cell):
             continue
         for unit in unit_in(str(cell))[:1]:
-            found[kind_of(unit)].append((i, stated[kind_of(unit)] or _plain(unit)))
+            found[kind_of(unit)].append((i, stated[kind_of(unit)] or plain_unit(unit)))
     if all(len(places) == 1 for places in found.values()):
         return {kind: places[0] for kind, places in found.items()}
     return None
@@ -218,20 +219,21 @@ def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], l
             units.setdefault(kind, unit)
     missing = [kind for kind in KINDS if kind not in units]
     if missing:
-        unknown = [unit for text in texts for unit in _BRACKETED.findall(text) if not fits(_plain(unit), _plain(unit))]
+        named = [unit for text in texts for unit in _BRACKETED.findall(text)]
+        unknown = [unit for unit in named if not fits(plain := plain_unit(unit), plain)]
         among = f' ("{unknown[0]}" is not a known unit)' if unknown else ""
         raise InputError(
             f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner{among}; write "
             'them as in "rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
         )
-    return {kind: _plain(unit) for kind, unit in units.items()}, [
+    return {kind: plain_unit(unit) for kind, unit in units.items()}, [
         kind_of(unit) for unit in unit_in(corner) if kind_of(unit) != "quantity"
     ]
 
 
 def _alike(first: str, second: str) -> bool:
     """Return whether two units are the same under different names."""
-    one, other = _plain(first), _plain(second)
+    one, other = plain_unit(first), plain_unit(second)
     return compatible(one, other) and math.isclose(float(convert(np.array(1.0), one, other)), 1.0, rel_tol=1e-9)
 
 

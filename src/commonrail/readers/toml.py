@@ -134,7 +134,7 @@ class Stated:
     quantity: Q
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        table = core_schema.no_info_before_validator_function(_as_table, handler.generate_schema(Number))
+        table = core_schema.no_info_before_validator_function(as_table, handler.generate_schema(Number))
         return core_schema.no_info_after_validator_function(self.read, table)
 
     def read(self, item: Number) -> Number:
@@ -147,13 +147,14 @@ class Stated:
         return item.model_copy(update={"value": value})
 
 
-def _as_table(item: Any) -> Any:
+def as_table(item: Any) -> Any:
+    """Inline table with the value alone, for one that states no more."""
     return item if isinstance(item, dict) else {"value": item}
 
 
 def _number(item: tuple[Q, Any], read: ValidatorFunctionWrapHandler) -> Number:
     quantity, stated = item
-    return Stated(quantity).read(read(_as_table(stated)))
+    return Stated(quantity).read(read(as_table(stated)))
 
 
 class ParameterTable(Sourced):

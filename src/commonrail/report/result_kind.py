@@ -17,10 +17,6 @@ from commonrail.runs.folder import RESULT, read_record
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 
-def _nothing(folder: Path) -> str:
-    return ""
-
-
 class ResultKind(NamedTuple):
     """Kind of result, registered in the group "results" by the name of its record file.
 
@@ -48,7 +44,7 @@ class ResultKind(NamedTuple):
     verb: str
     page: Callable[[Record, Path], str]
     keys: tuple[str, ...] = ()
-    extra: Callable[[Path], str] = _nothing
+    extra: Callable[[Path], str] = lambda _: ""
     still: Callable[[Record, Path], str] | None = None
 
     def read(self, folder: Path) -> Record:

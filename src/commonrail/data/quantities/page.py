@@ -139,7 +139,7 @@ def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table
     parts = (
         Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], row[1])),
         Part((f"{view.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
-        Part(_figure_heads(data), lambda row: _figure_texts(row[2])),
+        Part(_figure_heads(data), lambda row: [text(row[2].get(key)) for key, text in _FIGURES]),
     )
     return table_of(f"Errors of the {view.of}quantity maps", rows, parts, _rules(data), 3)
 
@@ -298,10 +298,6 @@ def _rules(data: Sequence[Record]) -> str:
     """Sentences on the rules of the baselines."""
     found = (f"{baseline['text']}: {baseline['rule']}" for d in data for baseline in d.get("baselines", ()))
     return " ".join(f"{rule[0].upper()}{rule[1:]}." for rule in dict.fromkeys(found))
-
-
-def _figure_texts(figures: Record) -> list[str]:
-    return [text(figures.get(key)) for key, text in _FIGURES]
 
 
 def _quantities(data: Record) -> list[Record]:

@@ -191,7 +191,10 @@ def profiles_of(estimate: Estimate, which: Sequence[int] | None = None, level: f
             ends.round()
     found = [
         Profile(
-            likelihood.names[i], ends.end(2 * k), ends.end(2 * k + 1), _points(ends.seen[2 * k] + ends.seen[2 * k + 1])
+            likelihood.names[i],
+            ends.end(2 * k),
+            ends.end(2 * k + 1),
+            np.array(sorted(ends.seen[2 * k] + ends.seen[2 * k + 1])).reshape(-1, 2),
         )
         for k, i in enumerate(columns)
     ]
@@ -215,10 +218,6 @@ def fall_along(estimate: Estimate, distances: Sequence[float]) -> Floats:
     falls = ends._fall(likelihood.residuals(likelihood.space.from_unit(units)), units) - ends.best
     over = np.concatenate([ends.sign * (one - ends.limit) >= 0.0 for one in wanted])
     return np.where(over, np.nan, falls).reshape(len(distances), d, 2)
-
-
-def _points(seen: Sequence[tuple[float, float]]) -> Floats:
-    return np.array(sorted(seen)).reshape(-1, 2)
 
 
 # Comparison of the curvature with the simulated likelihood, one and two standard errors from the most likely values.

@@ -102,10 +102,6 @@ def _unit(name: str) -> str:
     return "m2" if name == SEAT_LEAK else parameter_quantities()[name].unit
 
 
-def _changed_name(item: str) -> str:
-    return item if item == SEAT_LEAK else known_parameter(item)
-
-
 def _amount(item: Any, info: ValidationInfo) -> tuple[float, bool]:
     """Share of the value, which is given in percent, or difference [SI]; and which of them it is."""
     relative = isinstance(item, str) and "%" in item
@@ -118,7 +114,7 @@ _Amount = Annotated[tuple[float, bool], PlainValidator(_amount)]
 
 
 class _ChangeModel(FileModel):
-    name: Annotated[str, AfterValidator(_changed_name)]
+    name: Annotated[str, AfterValidator(lambda name: name if name == SEAT_LEAK else known_parameter(name))]
     least: _Amount
     most: _Amount
 

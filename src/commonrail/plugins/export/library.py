@@ -94,7 +94,7 @@ def write_library_with(
     model = make()
     shared: dict[str, Path] = {}
     with placed(folder) as made:
-        files = [*write_sources(model, made), *_write_block(model, made), *write_around(model, made, more)]
+        files = [*write_sources(model, made), *write_around(model, made, block_texts() | dict(more))]
         for target in targets:
             place = made / target.name if len(targets) > 1 else made
             place.mkdir(exist_ok=True)
@@ -116,11 +116,6 @@ def _write_kernel(model: Model, place: Path, target: Target) -> Path:
     kernel = place / f"{model.name}_kernel_{target.name}.o"
     kernel.write_bytes(emit(model.injector.wired(), target, model.name))
     return kernel
-
-
-def _write_block(model: Model, folder: Path) -> list[Path]:
-    """Write header and source of blocks of injectors."""
-    return write_around(model, folder, block_texts())
 
 
 def block_texts() -> dict[str, str]:

@@ -147,17 +147,14 @@ def adapt(
     if study.space.parameters[0].is_at_bound(found.best[FLOW]):
         shut = stays_shut(points, start[None])
         check = f"{shut}; take points with larger energising times" if shut else "check nozzle, units and pressures"
+        change = one_change(known, part, points, threads, share)
         raise InputError(
             f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
-            f"{check}{_or_change(one_change(known, part, points, threads, share))}."
+            f"{check}{f'; one change of the type explains them best: {change}' if change else ''}."
         )
     _check_met(points, best)
     doubts = doubts_of(known, part, points, found, threads, share)
     return Adapted(_named(known, study, found, factor), factor, start, best, points, found, doubts)
-
-
-def _or_change(change: str) -> str:
-    return f"; one change of the type explains them best: {change}" if change else ""
 
 
 def _check_met(points: QuantityData, best: Floats) -> None:

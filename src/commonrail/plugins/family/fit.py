@@ -14,7 +14,6 @@ from commonrail.base.hooks import held_interrupts
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.scoring import mean_of, members_of, score_all
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
-from commonrail.calibration.study import Study
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
 from commonrail.plugins.family.drawn import FLOW
@@ -41,6 +40,7 @@ def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str,
         source = f'joint fit "{family.title}", {relation}'
         own = None if between is None else min(between, spread)
         parameters.append(TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source, own))
+    values = [PartValues(name, s.injector.values, s.injector.sources, s.fixed) for name, s in family.parts.items()]
     return InjectorType(
         family.name,
         family.title,
@@ -48,7 +48,7 @@ def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str,
         tuple(_provenance(family, name) for name in family.parts),
         next(iter(family.parts.values())).injector,
         synthetic=" ".join(dict.fromkeys(s.synthetic for s in family.parts.values() if s.synthetic)),
-        fixed=fixed_values([_values(name, study) for name, study in family.parts.items()], names),
+        fixed=fixed_values(values, names),
     )
 
 
@@ -77,10 +77,6 @@ def _learnt(
     error = errors[name]
     spread = min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
     return joint[name], spread, shared.spread
-
-
-def _values(name: str, study: Study) -> PartValues:
-    return PartValues(name, study.injector.values, study.injector.sources, study.fixed)
 
 
 def _provenance(family: Family, name: str) -> TypePart:

@@ -22,7 +22,7 @@ from commonrail.base.hooks import note
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.plugins.features.injections import TracedInjection, second_difference
+from commonrail.plugins.features.injections import Instant, TracedInjection, second_difference
 
 STEADY_PART = 0.2  # last part of the longest energising whose mean rate is the steady rate of a simulation
 SHIFT = 1e-3  # flow added to a rate to make a sum of absolute errors linear [m³/s]; some ten times any injector's
@@ -115,34 +115,15 @@ def known_name(name: object, known: Collection[str]) -> str:
 # In a trace, where the rate passes the threshold.
 
 
-def _opening(one: TracedInjection) -> Estimate:
-    return Estimate(*one.at.opening)
+def _between(begin: Instant, end: Instant) -> Estimate:
+    return Estimate(end.time - begin.time, math.hypot(begin.error, end.error))
 
 
-def _closing(one: TracedInjection) -> Estimate:
-    return Estimate(*one.at.closing)
-
-
-def _opening_delay(one: TracedInjection) -> Estimate:
+def _delay(one: TracedInjection, at: Instant, share: float) -> Estimate:
+    """Time [s] from a share of an injection's energising to an instant; NaN without an energising."""
     if one.pulse is None:
         return Estimate(math.nan)
-    return Estimate(one.at.opening.time - one.pulse.start, one.at.opening.error)
-
-
-def _closing_delay(one: TracedInjection) -> Estimate:
-    if one.pulse is None:
-        return Estimate(math.nan)
-    return Estimate(one.at.closing.time - (one.pulse.start + one.pulse.duration), one.at.closing.error)
-
-
-def _duration(one: TracedInjection) -> Estimate:
-    opening, closing = one.at.opening, one.at.closing
-    return Estimate(closing.time - opening.time, math.hypot(opening.error, closing.error))
-
-
-def _separation(one: TracedInjection) -> Estimate:
-    opening = one.at.opening
-    return Estimate(opening.time - one.before.time, math.hypot(opening.error, one.before.error))
+    return Estimate(at.time - (one.pulse.start + share * one.pulse.duration), at.error)
 
 
 # In a trace, ramps and rates.
@@ -180,14 +161,6 @@ def _peak_error(one: TracedInjection) -> float:
     return one.levels.noise * math.sqrt(one.levels.width / width * (1.0 + 2.0 * math.log(count)))
 
 
-def _steady_rate(one: TracedInjection) -> Estimate:
-    return Estimate(one.steady)
-
-
-def _peak_rate(one: TracedInjection) -> Estimate:
-    return Estimate(one.peak)
-
-
 # In a trace, quantities; their errors are those of sums of white noise.
 
 
@@ -201,24 +174,12 @@ def _quantity(one: TracedInjection) -> Estimate:
     return Estimate(trace.quantity(begin, end), trace.noise * math.sqrt(trace.interval * length * grown))
 
 
-def _total_quantity(one: TracedInjection) -> Estimate:
-    return Estimate(sum(one.trace.quantity(*window) for window in one.windows) if one.windows else math.nan)
-
-
 def _dribble(one: TracedInjection) -> Estimate:
     closing = one.at.closing.time
     return Estimate(one.trace.quantity(closing, one.window[1]) if math.isfinite(closing) else math.nan)
 
 
 # In a simulation.
-
-
-def _first(point: OperatingPoint) -> float:
-    return point.pulses[0].start if point.pulses else point.start
-
-
-def _mean_rate(batch: Batch, point: OperatingPoint) -> Floats:
-    return np.asarray(batch.injected_volume[:, 0] / (batch.closing[:, 0] - batch.opening[:, 0]))
 
 
 def steady_samples(point: OperatingPoint, dt: float) -> tuple[OperatingPoint, Misfit]:
@@ -243,7 +204,7 @@ FEATURES: Mapping[str, Feature] = {
             "opening",
             "s",
             "instant of opening; in a trace, when the rate rises above the threshold",
-            _opening,
+            lambda one: Estimate(*one.at.opening),
             lambda b, p: b.opening[:, 0],
             final=False,
         ),
@@ -251,45 +212,62 @@ FEATURES: Mapping[str, Feature] = {
             "closing",
             "s",
             "instant of closing; in a trace, when the rate falls below the threshold",
-            _closing,
+            lambda one: Estimate(*one.at.closing),
             lambda b, p: b.closing[:, 0],
         ),
         Feature(
             "opening_delay",
             "s",
             "hydraulic delay: from the start of energising to opening",
-            _opening_delay,
-            lambda b, p: b.opening[:, 0] - _first(p),
+            lambda one: _delay(one, one.at.opening, 0.0),
+            lambda b, p: b.opening[:, 0] - (p.pulses[0].start if p.pulses else p.start),
             final=False,
         ),
         Feature(
             "closing_delay",
             "s",
             "closing delay: from the end of energising to closing",
-            _closing_delay,
+            lambda one: _delay(one, one.at.closing, 1.0),
             lambda b, p: b.closing[:, 0] - p.end_of_energising,
         ),
-        Feature("duration", "s", "from opening to closing", _duration, lambda b, p: b.closing[:, 0] - b.opening[:, 0]),
-        Feature("separation", "s", "from the closing of the previous injection to opening", _separation),
+        Feature(
+            "duration",
+            "s",
+            "from opening to closing",
+            lambda one: _between(one.at.opening, one.at.closing),
+            lambda b, p: b.closing[:, 0] - b.opening[:, 0],
+        ),
+        Feature(
+            "separation",
+            "s",
+            "from the closing of the previous injection to opening",
+            lambda one: _between(one.before, one.at.opening),
+        ),
         Feature("rise_time", "s", "opening ramp, between two shares of the largest rate", _rise_time),
         Feature("fall_time", "s", "closing ramp, between the same shares", _fall_time),
         Feature(
             "steady_rate",
             "m3/s",
             "mean of the middle half of the plateau; in a simulation, of the last fifth of the longest energising",
-            _steady_rate,
+            lambda one: Estimate(one.steady),
             lambda b, p: b.absolute_error[:, 0] - SHIFT,
             final=False,
             own_simulation=steady_samples,
         ),
-        Feature("peak_rate", "m3/s", "largest mean over the peak averaging", _peak_rate),
-        Feature("mean_rate", "m3/s", "mean rate from opening to closing", None, _mean_rate),
+        Feature("peak_rate", "m3/s", "largest mean over the peak averaging", lambda one: Estimate(one.peak)),
+        Feature(
+            "mean_rate",
+            "m3/s",
+            "mean rate from opening to closing",
+            None,
+            lambda b, p: b.injected_volume[:, 0] / (b.closing[:, 0] - b.opening[:, 0]),
+        ),
         Feature("quantity", "m3", "injected quantity", _quantity, lambda b, p: b.injected_volume[:, 0]),
         Feature(
             "total_quantity",
             "m3",
             "quantity with what reopenings after the same energising add",
-            _total_quantity,
+            lambda one: Estimate(sum(one.trace.quantity(*w) for w in one.windows) if one.windows else math.nan),
         ),
         Feature("dribble", "m3", "quantity after closing", _dribble),
         Feature("return_quantity", "m3", "return quantity", None, lambda b, p: b.returned_volume[:, 0]),

@@ -44,15 +44,8 @@ from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 _NEAR = 1e-6  # share of a step by which rounding may bring samples closer together
 
 
-def notes_on(fmu: Fmu, data: Sequence[FmuData], step: float) -> tuple[str, ...]:
-    """Sentences on samples closer together than communication points, and on inputs that the FMU need not take.
-
-    The communication step is in s.
-    """
-    return tuple(sentence for one in data for sentence in _on(fmu, one, step))
-
-
-def _on(fmu: Fmu, data: FmuData, step: float) -> Iterator[str]:
+def _notes_on(fmu: Fmu, data: FmuData, step: float) -> Iterator[str]:
+    """Sentences on samples closer together than communication points, and on inputs that the FMU need not take."""
     inputs = data.runs[0].inputs  # all simulations of a data set share them
     if closer := _closer(data.runs[0].times, step):
         yield f"The samples of {data.name} {closer}: outputs are linear between them; lower the step."
@@ -170,7 +163,7 @@ class FmuStudy:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on a step that is coarser than the data, and on inputs beyond the limits of the FMU."""
-        return notes_on(self.fmu, self.data, self.step)
+        return tuple(sentence for one in self.data for sentence in _notes_on(self.fmu, one, self.step))
 
     def _refuse_outside(self, name: str, value: float, what: str) -> None:
         if found := self.fmu.outside(name, value, what):

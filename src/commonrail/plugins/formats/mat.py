@@ -16,7 +16,15 @@ from commonrail.base.text import counted
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, find_column, finite
 from commonrail.readers.guarded import read_apart
 from commonrail.readers.location import MOST_COLUMNS
-from commonrail.readers.quantity_matrix import KINDS, FoundMap, GivenUnits, filled_points, kind_of, matrix_form
+from commonrail.readers.quantity_matrix import (
+    KINDS,
+    FoundMap,
+    GivenUnits,
+    filled_points,
+    kind_of,
+    matrix_form,
+    plain_unit,
+)
 
 # Variables of a MAT file, of version 5 to 7 or of version 7.3, which is HDF5; both are read in a child process.
 #
@@ -99,7 +107,7 @@ def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
     """
     stated = given.by_kind()
     names = {kind: _variable(file, kind, 2 if kind == "quantity" else 1) for kind in KINDS}
-    units = {kind: stated[kind] or _plain(file.unit(name)) for kind, name in names.items()}
+    units = {kind: stated[kind] or plain_unit(file.unit(name)) for kind, name in names.items()}
     missing = [f'{kind} ("{names[kind]}")' for kind, unit in units.items() if not unit]
     if missing:
         raise InputError(
@@ -124,7 +132,7 @@ def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
 def _variable(file: MatFile, kind: str, dimensions: int) -> str:
     """The variable that holds a kind: the only one with such a unit, else the one with a usual name."""
     fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
-    found = [name for name in fitting if _kind(file.unit(name)) == kind]
+    found = [name for name in fitting if (unit := file.unit(name)) and kind_of(unit) == kind]
     if len(found) != 1:
         found = _named(found or fitting, kind)
     if len(found) == 1:
@@ -144,11 +152,3 @@ def _named(names: Sequence[str], kind: str) -> list[str]:
         if found:
             return found
     return []
-
-
-def _kind(unit: str) -> str:
-    return kind_of(unit) if unit else ""
-
-
-def _plain(unit: str) -> str:
-    return unit.replace("µ", "u").replace("³", "3")

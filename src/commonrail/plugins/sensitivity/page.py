@@ -72,18 +72,13 @@ def _tiles(record: Record) -> list[Tile]:
         best, (_, unit, scale) = output["parameters"][0], field_unit(output["unit"])
         if output["estimated"]:
             is_share = record["design"] == "sobol"
-            figure = f"{percent(best['total']['value'], 0)} %" if is_share else _effect(best, scale, unit)
-            what = "of the variance" if is_share else "mean size of its effect"
-            tiles.append(
-                Tile(
-                    _heading({**output, "meaning": output["name"].replace("_", " ")}), best["name"], f"{figure} {what}"
-                )
-            )
+            if is_share:
+                words = f"{percent(best['total']['value'], 0)} % of the variance"
+            else:
+                words = f"{significant(best['magnitude']['value'], 3, scale)} {unit} mean size of its effect"
+            heading = _heading({**output, "meaning": output["name"].replace("_", " ")})
+            tiles.append(Tile(heading, best["name"], words))
     return tiles
-
-
-def _effect(best: Record, scale: float, unit: str) -> str:
-    return f"{significant(best['magnitude']['value'], 3, scale)} {unit}"
 
 
 def sensitivity_tables(record: Record) -> list[Table]:
@@ -252,8 +247,6 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     ]
 
 
-SENSITIVITY = Presenter(
-    lambda s: [s.title, *sensitivity_lines(s.record())],
-    lambda s: sensitivity_tables(s.record()),
-    lambda s: sensitivity_figures(s.record()),
+SENSITIVITY = Presenter.of_record(
+    lambda record: [record["title"], *sensitivity_lines(record)], sensitivity_tables, sensitivity_figures
 )

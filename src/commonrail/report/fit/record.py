@@ -78,7 +78,8 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
     Where the data have several cylinder or return pressures, the most frequent are taken, and the purpose says so.
     `run` is the name of the calibration's folder.
     """
-    counted = Counter(_options(point, _PRESSURES) for data in record["data"] for point in _points(data))
+    points = (point for data in record["data"] for point in kind_of(data["kind"]).view.operating_points(data))
+    counted = Counter(_options(point, _PRESSURES) for point in points)
     ranked = [pressures for pressures, _ in counted.most_common()]
     pressures, others = ranked[0], ranked[1:]
     purpose = "Compute the map of the calibrated injector for the control unit."
@@ -90,10 +91,6 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
         )
     words = ["commonrail map", shlex.quote(run), pressures, _options(record, _STEP), "--out map.dcm"]
     return purpose, " ".join(filter(None, words))
-
-
-def _points(data: Record) -> Sequence[Record]:
-    return kind_of(data["kind"]).view.operating_points(data)
 
 
 def _options(values: Record, units: Mapping[str, str]) -> str:

@@ -373,11 +373,10 @@ def _better(record: Record, folder: str) -> Iterator[_Point]:
     found = difference(record)
     if found is None or not found.matters:
         return
-    yield _Point(CARE, found.sentence, _adopt(folder) if record["certainty"]["starts"] > 1 else _full(folder, record))
-
-
-def _adopt(folder: str) -> Step:
-    return Step("Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt", ADOPT)
+    adopt = Step(
+        "Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt", ADOPT
+    )
+    yield _Point(CARE, found.sentence, adopt if record["certainty"]["starts"] > 1 else _full(folder, record))
 
 
 def _misses(record: Record) -> Iterator[_Point]:
