@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -29,7 +29,7 @@ from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import unread_parameters
 from commonrail.readers.injector import in_catalogue, load_injector
 from commonrail.readers.location import Place, Reach, located
-from commonrail.readers.toml import UNSTATED, FileModel, Text, read_model, read_toml
+from commonrail.readers.toml import UNSTATED, FileModel, Text, inline_table, read_model, read_toml, value_text
 from commonrail.readers.toml import Mark as MarkField
 
 ROUNDING = 1e-9  # relative, by which a spread may lie below its part
@@ -347,19 +347,18 @@ def dump_type(injector_type: InjectorType, path: str | Path) -> None:
 
 def type_text(injector_type: InjectorType) -> str:
     """The file's text."""
-    import tomlkit  # slow to import
-
-    document = tomlkit.document()
     head = {"format": FORMAT, "name": injector_type.name, "title": injector_type.title}
     head |= {"synthetic": injector_type.synthetic} if injector_type.synthetic else {}
     if names_injector(injector_type):
         head["injector"] = injector_type.injector.name  # type: ignore[union-attr]
-    document.update(head)
-    document.add("part", _tables([_part(part) for part in injector_type.parts]))
-    document.add("parameter", _tables([_parameter(parameter) for parameter in injector_type.parameters]))
-    if injector_type.fixed:
-        document.add("fixed", _tables([_fixed(value) for value in injector_type.fixed]))
-    return tomlkit.dumps(document)
+    lines = [f"{key} = {value_text(value)}" for key, value in head.items()]
+    for name, items in (
+        ("part", map(_part, injector_type.parts)),
+        ("parameter", map(_parameter, injector_type.parameters)),
+        ("fixed", map(_fixed, injector_type.fixed)),
+    ):
+        lines += [line for item in items for line in _table(name, item)]
+    return "\n".join([*lines, ""])
 
 
 def names_injector(injector_type: InjectorType) -> bool:
@@ -373,19 +372,13 @@ def names_injector(injector_type: InjectorType) -> bool:
     return same and own.variant == base.variant
 
 
-def _tables(items: list[dict[str, Any]]) -> Any:
-    """List of tables, each with a comment behind its value if it has one."""
-    import tomlkit  # slow to import
-
-    tables = tomlkit.aot()
-    for item in items:
-        table = tomlkit.table()
-        note = item.pop("", None)
-        table.update(item)
-        if note:
-            table["value"].comment(note)
-        tables.append(table)
-    return tables
+def _table(name: str, item: dict[str, Any]) -> Iterator[str]:
+    """Lines of a table of a list, with a comment behind its value if it has one."""
+    note = item.pop("", "")
+    yield from ("", f"[[{name}]]")
+    for key, value in item.items():
+        text = inline_table(value) if isinstance(value, Mapping) else value_text(value)
+        yield f"{key} = {text}" + (f" # {note}" if key == "value" else "")
 
 
 def _part(part: TypePart) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from commonrail.readers.operating_points import pattern_of
 from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
-from commonrail.readers.toml import read_model, read_toml
+from commonrail.readers.toml import read_model, read_toml, value_text
 from commonrail.runs.folder import refuse_used
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
@@ -391,16 +391,10 @@ def _line(key: str, value: Any, is_checked: bool = False) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Value as TOML: a text, true or false, a list or an inline table of these."""
+    """Value as TOML: a text, true or false, a list of them, or an inline table."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    import tomlkit
-
-    if isinstance(value, bool):
-        return str(value).lower()
-    return tomlkit.string(str(value)).as_string()
+        return "{ " + ", ".join(f"{key} = {value_text(item)}" for key, item in value.items()) + " }"
+    return value_text(value)
 
 
 # Screening of an injector's parameters at the points of measured data: those that a first fit should free.
