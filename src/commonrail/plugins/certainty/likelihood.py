@@ -13,7 +13,7 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Drive
-from commonrail.base.errors import StudyError
+from commonrail.base.errors import ConfigurationError, StudyError, nearest
 from commonrail.base.hooks import check_stop
 from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Goal, Objective
@@ -192,6 +192,15 @@ class Likelihood:
     def log_prior(self, points: Floats) -> Floats:
         """Natural logarithm of the priors (m,) without constants; −inf beyond bounds and constraints."""
         return np.asarray(np.where(self.space.satisfies(points), -0.5 * self.priors.costs(points), -np.inf))
+
+    def column(self, name: str) -> int:
+        """Place of a parameter among those that vary; `ConfigurationError` if there is none of this name."""
+        if name not in self.names:
+            free = ", ".join(self.names)
+            raise ConfigurationError(
+                f"{name} is no free parameter of the study{nearest(name, self.names)}; free are {free}."
+            )
+        return self.names.index(name)
 
     def scaled(self, unit: Floats) -> Floats:
         """SI value per unit of position (d,) at a position (d,)."""

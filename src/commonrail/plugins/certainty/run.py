@@ -8,7 +8,7 @@ import numpy as np
 
 from commonrail.base.arguments import fraction, instance, thread_count, whole
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.base.errors import InputError
 from commonrail.base.text import listed
 from commonrail.calibration.constraints import parse_constraints
 from commonrail.calibration.identifiability import LIMIT, FinishedFit, ParameterVerdict, outside_joint_region
@@ -80,7 +80,7 @@ def certify(
     level, limit = fraction(level, "level"), fraction(limit, "limit")
     likelihood = Likelihood.of(study, thread_count(threads))
     wanted = list(likelihood.names) if profiles is None else list(profiles)
-    columns = [_column(likelihood, name) for name in wanted]
+    columns = [likelihood.column(name) for name in wanted]
     rows = {text: _row(likelihood, text) for text in combinations}
     point = likelihood.space.point(best)
     begin = likelihood.space.to_unit(point)[None]
@@ -226,12 +226,6 @@ def friction_withdraws(
     """
     pinned = any(one.verdict is ParameterVerdict.PINNED for one in verdicts)
     return missing_friction(study, found, threads) if pinned else None
-
-
-def _column(likelihood: Likelihood, name: str) -> int:
-    if name not in likelihood.names:
-        raise ConfigurationError(f"{name} is no free parameter of the study; free are {', '.join(likelihood.names)}.")
-    return likelihood.names.index(name)
 
 
 def _row(likelihood: Likelihood, text: str) -> Floats:

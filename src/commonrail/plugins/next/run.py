@@ -306,7 +306,7 @@ def next_measurements(
     settings = settings or DesignSettings()
     likelihood = Likelihood.of(study, thread_count(threads))
     begin = likelihood.space.to_unit(likelihood.space.point(best))[None]
-    columns = [_column(likelihood, name) for name in settings.parameters or likelihood.names]
+    columns = [likelihood.column(name) for name in settings.parameters or likelihood.names]
     wanted = list(candidates_of(study) if candidates is None else candidates)
     data = in_order(of_role(study.data, Role.FIT))
     _check(wanted, data)
@@ -349,12 +349,6 @@ def _check(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> None:
             raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {one.cost:g}.")
     for kind in {one.kind for one in wanted}:
         planned(kind, (), data)
-
-
-def _column(likelihood: Likelihood, name: str) -> int:
-    if name not in likelihood.names:
-        raise ConfigurationError(f"{name} is no free parameter of the study{nearest(name, likelihood.names)}.")
-    return likelihood.names.index(name)
 
 
 def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise], list[str]]:
