@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Annotated
 
 from commonrail.base.output import write_text
-from commonrail.base.units import parse, to_text
+from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import (
-    DecimalSign,
-    Json,
-    Settings,
-    Threads,
-    check_file,
-    check_report,
-    read_axis,
-    read_form,
-    read_pressures,
-    refuse_return_pressure,
-    with_overrides,
-)
-from commonrail.plugins.plans.verb import BenchCylinderPressure, BenchReturnPressure
+from commonrail.cli.options import DecimalSign, Json, Settings, Threads, check_file, check_report, read_axis
+from commonrail.plugins.plans.verb import BenchCylinderPressure, BenchReturnPressure, command_again, read_bench
 
 Model = Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")]
 Results = Annotated[Path, Argument(metavar="RESULTS.csv", help="Test plan with a column bench, as measured on a part.")]
@@ -69,17 +56,11 @@ def diagnose(
       commonrail diagnose cri2-16 examples/test-plan/results.csv --nominal
       commonrail diagnose runs/first results.csv --noise 2% --report diagnosis.html
     """
-    from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.diagnose.page import diagnosis_html, diagnosis_lines, diagnosis_tables
     from commonrail.plugins.diagnose.run import diagnose as run
-    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
     check_report(report)
-    tests = load_plan(file, read_form(None, decimal, None, [file]))
-    named = read_model_name(model)
-    injector = with_overrides(named.injector, set_)
-    refuse_return_pressure(injector)
-    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder, BENCH_PRESSURES)
+    injector, tests, pressures = read_bench(model, file, decimal, set_, (cylinder_pressure, return_pressure))
     say(SIMULATING)
     record = run(
         injector,
@@ -89,19 +70,16 @@ def diagnose(
         sound=parse(sound, "1", "--sound"),
         nominal=nominal,
         stroke_rate=None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate"),
-        cylinder_pressure=cylinder,
-        return_pressure=back,
+        cylinder_pressure=pressures["cylinder_pressure"],
+        return_pressure=pressures["return_pressure"],
         time_step=parse(time_step, "s", "--time-step"),
         threads=threads,
     ).record()
     if report is not None:
-        stated = {"noise": noise, "sound": sound, "faults": faults}
-        stated |= {"stroke-rate": stroke_rate, "decimal": decimal}
-        stated |= {"cylinder-pressure": to_text(cylinder, "Pa"), "return-pressure": to_text(back, "Pa")}
-        again = ["commonrail", "diagnose", model, str(file), *(part for text in set_ for part in ("--set", text))]
-        again += ["--nominal"] if nominal else []
-        again += [f"--{name}={value}" for name, value in stated.items() if value is not None]
-        write_text(report, diagnosis_html(record, shlex.join([*again, f"--report={report}"])))
+        stated = {"noise": noise, "sound": sound, "faults": faults, "stroke_rate": stroke_rate, "decimal": decimal}
+        words = ["diagnose", model, str(file), *(["--nominal"] if nominal else [])]
+        again = command_again(words, set_, pressures, stated | {"report": report})
+        write_text(report, diagnosis_html(record, again))
     print_result(json, lambda: record, lambda: print_text(diagnosis_lines(record), diagnosis_tables(record)), [report])
 
 
@@ -140,17 +118,11 @@ def trim(
       commonrail trim cri2-16 examples/test-plan/sound.csv --nominal --out corrections.csv
       commonrail trim runs/first results.csv --step 1us --rail-pressure 40:160:40MPa --energising-time 300,600,900us
     """
-    from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.diagnose.page import corrections_text, trim_lines, trim_table
     from commonrail.plugins.diagnose.trim import trim as run
-    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
     check_file(out, "--out")
-    tests = load_plan(file, read_form(None, decimal, None, [file]))
-    named = read_model_name(model)
-    injector = with_overrides(named.injector, set_)
-    refuse_return_pressure(injector)
-    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder, BENCH_PRESSURES)
+    injector, tests, pressures = read_bench(model, file, decimal, set_, (cylinder_pressure, return_pressure))
     axes = {
         key: None if text is None else read_axis(text, unit, f"--{key.replace('_', '-')}").tolist()
         for key, text, unit in (("rail_pressure", rail_pressure, "Pa"), ("energising_time", energising_time, "s"))
@@ -165,8 +137,7 @@ def trim(
         faults=faults,
         noise=parse(noise, "1", "--noise"),
         nominal=nominal,
-        cylinder_pressure=cylinder,
-        return_pressure=back,
+        **pressures,
         time_step=parse(time_step, "s", "--time-step"),
         threads=threads,
     )

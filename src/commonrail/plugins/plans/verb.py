@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.output import write_text
 from commonrail.base.units import parse, to_text
@@ -22,6 +23,10 @@ from commonrail.cli.options import (
     with_overrides,
 )
 
+if TYPE_CHECKING:
+    from commonrail.physics.injector import Injector
+    from commonrail.plugins.plans.study import TestPlan
+
 BenchCylinderPressure = Annotated[
     str | None, Option(help="Pressure behind the nozzle. [default: that of the run's first data, else 0.5MPa]")
 ]
@@ -30,6 +35,31 @@ BenchReturnPressure = Annotated[
     Option(help="Pressure at the end of the return line. [default: that of the run's first data, else 0.1MPa]"),
 ]
 """Options whose defaults are `BENCH_PRESSURES`, of all verbs that judge by a test plan."""
+
+
+def read_bench(
+    model: str, file: Path, decimal: str | None, settings: Sequence[str], pressures: tuple[str | None, str | None]
+) -> tuple[Injector, TestPlan, dict[str, float]]:
+    """Injector and test plan of a command line, and the pressures behind nozzle and return [Pa] by their options."""
+    from commonrail.cli.model_name import read_model_name
+    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
+
+    tests = load_plan(file, read_form(None, decimal, None, [file]))
+    named = read_model_name(model)
+    injector = with_overrides(named.injector, settings)
+    refuse_return_pressure(injector)
+    cylinder, back = read_pressures(*pressures, named.folder, BENCH_PRESSURES)
+    return injector, tests, {"cylinder_pressure": cylinder, "return_pressure": back}
+
+
+def command_again(
+    words: Sequence[str], settings: Sequence[str], pressures: Mapping[str, float], stated: Mapping[str, object]
+) -> str:
+    """Command line of a verb with its pressures, and with the options that were stated by their names."""
+    options = {**stated, **{name: to_text(value, "Pa") for name, value in pressures.items()}}
+    changes = [part for text in settings for part in ("--set", text)]
+    given = [f"--{name.replace('_', '-')}={value}" for name, value in options.items() if value is not None]
+    return shlex.join(["commonrail", *words, *changes, *given])
 
 
 @verb
@@ -68,26 +98,16 @@ def plan(
       commonrail plan cri2-16 examples/test-plan/plan.csv --cylinder-pressure 0.5MPa --return-pressure 0.1MPa
       commonrail plan runs/first plan.csv --stroke-rate 1000/min --report plan.html
     """
-    from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.plans.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.plans.run import run_plan
-    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
     check_report(report)
-    tests = load_plan(file, read_form(None, decimal, None, [file]))
-    named = read_model_name(model)
-    injector = with_overrides(named.injector, set_)
-    refuse_return_pressure(injector)
-    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder, BENCH_PRESSURES)
+    injector, tests, pressures = read_bench(model, file, decimal, set_, (cylinder_pressure, return_pressure))
     rate = None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate")
     step = parse(time_step, "s", "--time-step")
-    pressures = {"cylinder_pressure": cylinder, "return_pressure": back}
     say(SIMULATING)
     record = run_plan(injector, tests, stroke_rate=rate, **pressures, time_step=step, threads=threads).record()
     if report is not None:
-        again = ["commonrail", "plan", model, str(file), *(part for text in set_ for part in ("--set", text))]
-        again += [f"--stroke-rate={stroke_rate}"] if stroke_rate else []
-        again += [f"--decimal={decimal}"] if decimal else []
-        again += [f"--{name.replace('_', '-')}={to_text(value, 'Pa')}" for name, value in pressures.items()]
-        write_text(report, plan_html(record, shlex.join([*again, f"--report={report}"])))
+        stated = {"stroke_rate": stroke_rate, "decimal": decimal, "report": report}
+        write_text(report, plan_html(record, command_again(["plan", model, str(file)], set_, pressures, stated)))
     print_result(json, lambda: record, lambda: print_text(plan_lines(record), plan_tables(record)), [report])
