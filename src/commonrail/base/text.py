@@ -143,7 +143,7 @@ def duration(seconds: Any) -> str:
 
 def counted(count: int, noun: str, nouns: str = "") -> str:
     """Number with its noun in the singular or the plural, by default with an s: 1 rail pressure, 2 rail pressures."""
-    return f"{count} {noun if count == 1 else nouns or f'{noun}s'}"
+    return f"{count:,} {noun if count == 1 else nouns or f'{noun}s'}"
 
 
 def several(values: Sequence[Any], text: Callable[[Any], str]) -> str:

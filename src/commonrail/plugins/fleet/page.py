@@ -11,7 +11,7 @@ from commonrail.base.chart import Boxes, Figure, Panel, Series
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import duration, fixed, listed, number, percent, quantity, significant
+from commonrail.base.text import counted, duration, fixed, listed, number, percent, quantity, significant
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
@@ -76,9 +76,10 @@ def fleet_html(record: Record, command: str) -> str:
 def fleet_lines(record: Record) -> list[str]:
     """Sentences on the number of calibrated injectors, their errors, and the parameters that the data determine."""
     counts, best, start = record["counts"], record["J"]["best"], record["J"]["start"]
-    lines = [f"{counts['finished']} of {_injectors(counts['injectors'])} calibrated, {counts['failed']} failed."]
+    total = counted(counts["injectors"], "injector")
+    lines = [f"{counts['finished']} of {total} calibrated, {counts['failed']} failed."]
     if counts["pending"]:
-        lines.append(f"{_injectors(counts['pending'])} not done yet: the same command goes on.")
+        lines.append(f"{counted(counts['pending'], 'injector')} not done yet: the same command goes on.")
     if best and start:
         lines.append(
             f"J of the fitted data fell from {significant(start['median'])} to {significant(best['median'])} "
@@ -119,13 +120,9 @@ def fleet_warnings(record: Record) -> list[str]:
     """For each kind of warning, how many injectors have it, and the sentence of the first."""
     total = record["counts"]["finished"]
     return [
-        f"{w['injectors']:,} of {_injectors(total)}: {w['code']}. The first, {w['first']}: {w['sentence']}"
+        f"{w['injectors']:,} of {counted(total, 'injector')}: {w['code']}. The first, {w['first']}: {w['sentence']}"
         for w in record["warnings"]
     ]
-
-
-def _injectors(count: int) -> str:
-    return f"{count:,} injector{'' if count == 1 else 's'}"
 
 
 def fleet_tables(record: Record) -> list[Table]:
@@ -271,5 +268,5 @@ def _last_run(clock: Record) -> str:
     if not clock["calibrated_now"]:
         return "nothing was left to calibrate"
     speed = significant(clock["injectors_per_second"], 3)
-    workers = f"{clock['workers']} worker{'' if clock['workers'] == 1 else 's'}"
-    return f"{_injectors(clock['calibrated_now'])} in {duration(clock['seconds'])} with {workers}, {speed} injectors/s"
+    calibrated, workers = counted(clock["calibrated_now"], "injector"), counted(clock["workers"], "worker")
+    return f"{calibrated} in {duration(clock['seconds'])} with {workers}, {speed} injectors/s"

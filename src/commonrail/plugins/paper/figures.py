@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 import commonrail as cr
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.chart import MARKERS, Band, Boxes, Figure, Panel, Series, points
-from commonrail.base.text import number
+from commonrail.base.text import counted, number
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.run import LABELS, Repetition
@@ -36,9 +36,10 @@ def convergence(record: Record) -> Figure:
     if level is not None:
         series.append(Series("theoretical model", "level", (x[0], x[-1]), (level, level)))
     bands = tuple(Band(k, x, tuple(found[k]["low"]), tuple(found[k]["high"])) for k in ("mean", "best"))
+    seeds = counted(len(record["seeds"]), "seed")
     return Figure(
         "Convergence (Fig. 4)",
-        f"J at 160 MPa of (70, 50) against generation: medians over {_seeds(record)}; bands span the quartiles.",
+        f"J at 160 MPa of (70, 50) against generation: medians over {seeds}; bands span the quartiles.",
         "generation",
         (Panel("J, mm³/ms", tuple(series), logarithmic=True, bands=bands),),
     )
@@ -50,7 +51,7 @@ def search_boxes(record: Record) -> Figure:
     at = tuple(float(i) for i in range(len(rows)))
     boxes = (
         Boxes(f"seed {record['shown_seed']}", "start", _boxes(rows, "seed"), -0.17),
-        Boxes(f"all of {_seeds(record)}", "best", _boxes(rows, "all"), 0.17),
+        Boxes(f"all of {counted(len(record['seeds']), 'seed')}", "best", _boxes(rows, "all"), 0.17),
     )
     ends = (at[0] - 0.5, at[-1] + 0.5)
     bounds = {key: tuple(row[key] for row in rows) for key in ("lower", "upper")}
@@ -96,11 +97,6 @@ def _rate(record: Record, data: Record, trace: Mapping[str, Floats]) -> Figure:
 
 def _boxes(rows: Sequence[Mapping[str, Any]], which: str) -> tuple[tuple[float, float, float, float, float], ...]:
     return tuple(tuple(float(row[which][key]) for key in BOX) for row in rows)  # type: ignore[misc]
-
-
-def _seeds(record: Record) -> str:
-    count = len(record["seeds"])
-    return f"{count} seed{'' if count == 1 else 's'}"
 
 
 # Measures of curves and searches: edges, phases, convergence, quartiles. Pure functions of arrays.
