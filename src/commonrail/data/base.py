@@ -20,6 +20,7 @@ from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.chart import Figure
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Table
+from commonrail.base.text import number as number_or_none
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.records import JUDGED, Plotted, Record, Texts
 from commonrail.data.simulator import Candidates, Simulator
@@ -158,9 +159,9 @@ class Merit(NamedTuple):
 class View(ABC):
     """Content of reports on records of one kind: tables, figures and sentences, as plain data."""
 
-    @abstractmethod
     def has(self, data: Record, label: str) -> bool:
-        """True if a model has any number for the data set."""
+        """True if a model has any number for the data set, by default for any of its rows."""
+        return any(number_or_none(row.get(label)) is not None for row in data["rows"])
 
     @abstractmethod
     def operating_point(self, data: Record) -> Record:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import Band, Figure, Panel, Points, Series
+from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
 from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
 from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
 from commonrail.data.bands import shaded
@@ -80,14 +80,14 @@ class CurveView(View):
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Injection curve, data and simulation [mm³/ms], and the errors below, against time [us]."""
         trace = plotted.traces[data["name"]]
-        time = _points(trace["time_s"] * MICROSECOND)
+        time = points(trace["time_s"] * MICROSECOND)
         measured = trace[MEASURED]
-        curves = [Series(origin_of(data), MEASURED, time, _points(measured * MM3_PER_MS))]
+        curves = [Series(origin_of(data), MEASURED, time, points(measured * MM3_PER_MS))]
         errors = []
         for label, model in plotted.models.items():
             if label not in trace:
                 continue
-            rate, error = (_points(y * MM3_PER_MS) for y in (trace[label], trace[label] - measured))
+            rate, error = (points(y * MM3_PER_MS) for y in (trace[label], trace[label] - measured))
             curves.append(Series(model.text, model.look, time, rate, family=model.family))
             errors.append(Series("", model.look, time, error, family=model.family))
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
@@ -191,8 +191,4 @@ def _origin(data: Sequence[Record]) -> str:
 def _band(data: Record, time: Points, about: Floats) -> Band:
     """Area of a data set's band [mm³/ms], less a course [m³/s] that it is shown about."""
     low, high = (np.array([np.nan if v is None else v for v in data["band"][key]]) for key in ("lower", "upper"))
-    return Band(JUDGED, time, _points((low - about) * MM3_PER_MS), _points((high - about) * MM3_PER_MS))
-
-
-def _points(values: Floats) -> Points:
-    return tuple(float(v) if np.isfinite(v) else None for v in values)
+    return Band(JUDGED, time, points((low - about) * MM3_PER_MS), points((high - about) * MM3_PER_MS))

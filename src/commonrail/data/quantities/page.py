@@ -57,10 +57,6 @@ class MapView(View):
     of: str = ""
     caption: str = "Injected quantity"
 
-    def has(self, data: Record, label: str) -> bool:
-        """True if the model has a number for any row."""
-        return any(number(row.get(label)) is not None for row in data["rows"])
-
     def operating_point(self, data: Record) -> Record:
         """The last quantity's operating point."""
         last: Record = _quantities(data)[-1]

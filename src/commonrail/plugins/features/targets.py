@@ -65,10 +65,6 @@ _LEGEND = "{small} within one tolerance, {medium} within two, {large} beyond.".f
 class FeatureView(View):
     """Tables, figures and sentences of features."""
 
-    def has(self, data: Record, label: str) -> bool:
-        """True if the model has any of the features."""
-        return any(number(row.get(label)) is not None for row in data["rows"])
-
     def operating_point(self, data: Record) -> Record:
         """The operating point of the features."""
         return data

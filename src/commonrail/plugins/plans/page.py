@@ -27,10 +27,6 @@ _NOTE = (
 class PlanView(View):
     """Tables, figures and sentences of test plans."""
 
-    def has(self, data: Record, label: str) -> bool:
-        """True if the model has a number for any test."""
-        return any(number(row.get(label)) is not None for row in data["rows"])
-
     def operating_point(self, data: Record) -> Record:
         """Operating point of the first test."""
         first: Record = data["rows"][0]
