@@ -266,12 +266,11 @@ APART = 14.0  # entries of a legend [px]
 
 @dataclass(frozen=True)
 class _Sheet:
-    """Places of the panels of a figure [px]."""
+    """Size of a figure, and left edge of its panels [px]."""
 
     width: float
     height: float
     left: float
-    panes: tuple[tuple[float, float], ...]  # top and height of each
 
     @property
     def inner(self) -> float:
@@ -323,7 +322,7 @@ def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "
     ys = [replace(_vertical(panel), start=pane, end=0.0) for panel, (_, pane) in zip(figure.panels, panes, strict=True)]
     left = _left(figure, ys, width)
     turned = _turned(figure.panels[-1], width - left - RIGHT)
-    sheet = _Sheet(float(width), height + turned, left, panes)
+    sheet = _Sheet(float(width), height + turned, left)
     parts = [legend]
     for i, panel in enumerate(figure.panels):
         axis_x = replace(xs[i], start=0.0, end=sheet.inner)

@@ -6,7 +6,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
-from commonrail.base.text import listed, quantity
+from commonrail.base.text import counted, listed, quantity
 from commonrail.base.units import to_text
 from commonrail.data.base import View
 from commonrail.data.records import LABELS, Record, Shown
@@ -79,15 +79,14 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
     `run` is the name of the calibration's folder.
     """
     points = (point for data in record["data"] for point in kind_of(data["kind"]).view.operating_points(data))
-    counted = Counter(_options(point, _PRESSURES) for point in points)
-    ranked = [pressures for pressures, _ in counted.most_common()]
+    counts = Counter(_options(point, _PRESSURES) for point in points)
+    ranked = [pressures for pressures, _ in counts.most_common()]
     pressures, others = ranked[0], ranked[1:]
     purpose = "Compute the map of the calibrated injector for the control unit."
     if others:
-        more = f"{len(others)} other pair" + ("s" if len(others) > 1 else "")
         purpose += (
             " The cylinder and return pressures are those of most of the measured points; the data have "
-            f"{more}: state those of the engine."
+            f"{counted(len(others), 'other pair')}: state those of the engine."
         )
     words = ["commonrail map", shlex.quote(run), pressures, _options(record, _STEP), "--out map.dcm"]
     return purpose, " ".join(filter(None, words))
