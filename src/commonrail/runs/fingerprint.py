@@ -1,4 +1,4 @@
-"""What a run or a fleet was computed from and on, and what of it has changed: study, files, target of the compiler."""
+"""Changes since a run or a fleet was computed: of its study, of its files, and of the target of the compiler."""
 
 from __future__ import annotations
 

@@ -307,7 +307,7 @@ class _Run:
     def _fitting(
         self, shot: ShotRecord, at: Floats, rows: dict[str, Floats], first: Response, x: Floats
     ) -> dict[str, bool]:
-        """Whether each further sensor agrees with the pressures so far; the belief by pressure alone takes the shot's.
+        """True for each further sensor that agrees with the pressures so far; this shot teaches `alone` too.
 
         There the return meter's gain is free, so that its readings teach that gain, which must not be too far off.
         `first`: response at states `x`, from where it is linear.
