@@ -1,7 +1,9 @@
 """Code of README and docs: the blocks of a page in their order, and how a reader runs them.
 
 A fenced block of `sh` holds command lines, one of `python` statements. A comment before a block says why it is not run,
-`<!-- not run: REASON -->`: it takes the reader's own files, installs something or needs a device.
+`<!-- not run: REASON -->`: it takes the reader's own files, installs something or needs a device. A block of `toml` is
+the file whose format it states, or part of the one in the comment before it, `<!-- part of: study -->`, or it is not
+read, `<!-- not read: REASON -->` (tests/docs/test_toml_blocks.py).
 """
 
 from __future__ import annotations
@@ -22,6 +24,9 @@ BLOCK = re.compile(
     r"(?:<!-- not run: (?P<reason>[^\n]+?) -->\n+)?"
     r"^(?P<indent> *)```(?P<language>sh|python)\n(?P<code>.*?)^(?P=indent)```",
     re.S | re.M,
+)
+TOML = re.compile(
+    r"(?:<!-- (?P<said>part of|not read): (?P<text>[^\n]+?) -->\n+)?^```toml\n(?P<code>.*?)^```", re.S | re.M
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -158,6 +159,26 @@ def refuse_used(path: Path) -> None:
     """Refuse (`InputError`) a place for a new run folder that exists and is not empty."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{path}: there already is something; name another folder, nothing was overwritten.")
+
+
+@contextmanager
+def filling(folder: Path) -> Iterator[None]:
+    """Make a new or empty folder that the block fills; it is as before if the block ends in an error.
+
+    Errors are those of `create_run_folder`.
+    """
+    with writing(folder):
+        refuse_used(folder)
+        existed = folder.exists()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            yield
+        except BaseException:
+            for path in folder.iterdir() if folder.is_dir() else ():
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            if not existed and folder.is_dir():
+                folder.rmdir()
+            raise
 
 
 def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from errno import ENOSPC
 from pathlib import Path
 
 import pytest
@@ -49,3 +50,20 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(OutputError, match=r"file/new cannot be written \(Not a directory\)"):
         write_new(tmp_path / "file" / "new")
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_failure_leaves_the_place_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool) -> None:
+    folder = tmp_path / "new"
+    if there:
+        folder.mkdir()
+
+    def full(path: Path, content: bytes) -> None:
+        raise OSError(ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(OutputError):
+            write_new(folder)
+    assert folder.exists() is there
+    assert len(write_new(folder)) == 4

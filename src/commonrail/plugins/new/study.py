@@ -14,7 +14,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.input import read_plain
-from commonrail.base.output import replacing, write_text, writing
+from commonrail.base.output import replacing, write_text
 from commonrail.base.text import listed
 from commonrail.base.units import to_text
 from commonrail.calibration.influence import around
@@ -37,7 +37,7 @@ from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
 from commonrail.readers.toml import read_model, read_toml, value_text
-from commonrail.runs.folder import refuse_used
+from commonrail.runs.folder import filling
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
 
@@ -60,9 +60,8 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
     `files`: content by the path below the folder. Raises `InputError`, `OutputError` as `write_new`.
     """
-    with writing(folder):
-        refuse_used(folder)
-        written = []
+    written = []
+    with filling(folder):
         for name, content in files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -151,9 +150,8 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     if twice is not None:
         raise InputError(f"Two of the data files are called {twice}; rename one.")
     blocks = [_block(found, surveys, model, stated) for found in surveys]
-    with writing(folder):
-        refuse_used(folder)
-        (folder / "data").mkdir(parents=True, exist_ok=True)
+    with filling(folder):
+        (folder / "data").mkdir()
         copies = [_copy(path, folder / "data" / path.name) for path in sources]
         if injector.endswith(".toml"):
             copies.append(_copied_injector(Path(injector), model, folder / "injector.toml"))
@@ -249,9 +247,9 @@ def _rises(sheet: Sheet, name: str, share: float) -> Floats:
 
 
 def _copied_injector(source: Path, model: Injector, target: Path) -> Path:
-    """Copy of an injector's file; written out where it names other files, which are not there."""
+    """Copy of an injector's file; with all values if it refers to other files, which are not copied."""
     document, _ = read_toml(source)
-    if str(document.get("base", "")).endswith(".toml") or "file" in document["fuel"]:
+    if str(document.get("base", "")).endswith(".toml") or "file" in document.get("fuel", {}):
         dump_injector(model, target)
         return target
     return _copy(source, target)
