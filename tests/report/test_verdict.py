@@ -90,11 +90,12 @@ def test_resume_is_for_a_search_that_was_cut_short() -> None:
     """One that ended by itself ends there again; once the most likely values confirm it, nothing is left to do."""
     record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x", "cut_short": False}}
     assert verdict(record, "r").steps[0].command == "commonrail certainty r"
-    known = {"starts": 8, "level": 0.95, "gain": 1.0, "parameters": [], "settled": False}
+    known = {"starts": 8, "agreeing": 8, "level": 0.95, "gain": 1.0, "parameters": [], "settled": False}
     assert verdict(record | {"certainty": known}, "r").steps[0].command == "commonrail certainty r --starts 32"
     many = verdict(record | {"certainty": known | {"starts": 32}}, "r").steps
     assert not any("--starts" in step.command for step in many)  # they would cost minutes and end as these did
     assert verdict(record | {"certainty": known | {"settled": True}}, "r").level == "good"
+    assert verdict(record | {"certainty": known | {"settled": True, "agreeing": 2}}, "r").level == "care"
     assert verdict(record | {"certainty": known | {"settled": True, "gain": 30.0}}, "r").level == "care"
 
 
@@ -130,6 +131,7 @@ def test_a_better_fit_by_the_likelihood_is_the_first_reason_and_is_to_be_adopted
         "upper": 0.6 * known["best"],
     }
     record["certainty"] = {"starts": starts, "level": 0.95, "gain": 41.3, "parameters": [one], "settled": settled}
+    record["certainty"]["agreeing"] = starts
     found = verdict(record, "r")
     assert "2 ln L is higher by 41.3" in found.reasons[0]
     assert f"excludes the calibrated value of {known['name']}" in found.reasons[0]

@@ -23,7 +23,7 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Convergence
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.refits import refits_of
-from commonrail.calibration.result import CERTAINTY
+from commonrail.calibration.result import CERTAINTY, confirms
 from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched, objective_of
 from commonrail.calibration.study import Study
@@ -39,7 +39,7 @@ from commonrail.runs.folder import (
     write_judgement,
     write_results,
 )
-from commonrail.runs.journal import JOURNAL, LOCK, Input, Journal, State, read_about
+from commonrail.runs.journal import ADOPTED, JOURNAL, LOCK, Input, Journal, State, read_about
 from commonrail.runs.lock import trusted
 
 if TYPE_CHECKING:
@@ -457,6 +457,7 @@ def _work(
         files = () if not kept else (POSTERIOR,) if adopt else (LIKELY, POSTERIOR)
         # the fit is kept whatever happens to its judgement
         write_results(journal.folder, calibration, _and_certainty(Identified(), kept), files)
+        journal.describe({ADOPTED: repr(calibration.cost) if "taken" in kept else ""})
         listener.note("judging how well the data determine each parameter ...")
         with held_interrupts() as stop:
             if calibration.status == State.INTERRUPTED:
@@ -493,9 +494,11 @@ def _with_certainty(
         kept |= {"searched": searched, "taken": taken, "gain": 0.0}
     if "taken" not in kept:
         return calibration, kept
-    many = f"{kept['agreeing']} of {kept['starts']} starts"
-    figures = {"starts": kept["starts"], "agreeing": kept["agreeing"], "cut_short": False}
-    verdict = Convergence.of(kept["settled"], f"{many} lead to the most likely values, which were adopted", figures)
+    verdict = calibration.convergence
+    if confirms(kept) or not kept["settled"]:  # too few starts confirm nothing: the search's own verdict stays
+        many = f"{kept['agreeing']} of {kept['starts']} starts"
+        figures = {"starts": kept["starts"], "agreeing": kept["agreeing"], "cut_short": False}
+        verdict = Convergence.of(kept["settled"], f"{many} lead to the most likely values, which were adopted", figures)
     found = at_values(calibration, kept["taken"], threads)
     told = tuple(
         warning for warning in found.warnings if warning.code != "share"

@@ -328,7 +328,7 @@ def earlier_certainty(folder: Path) -> tuple[dict[str, Any], dict[str, float]] |
     with suppress(InputError, KeyError, TypeError, AttributeError):
         record = read_result(folder)
         found = dict(record[CERTAINTY])
-        if found["starts"] > 1 or found["profiles"] or "posterior" in found:
+        if found["starts"] > 1 or found["profiles"] or {"posterior", "taken"} & found.keys():
             return found, dict(found.get("searched") or {p["name"]: p["best"] for p in record["parameters"]})
     return None
 

@@ -235,6 +235,7 @@ def now() -> str:
 
 
 JOURNAL, LOCK = "journal.sqlite", "journal.lock"
+ADOPTED = "adopted"  # fact of a run: objective of the most likely values, if they are the calibrated ones
 
 
 class State:
@@ -404,7 +405,7 @@ def read_about(folder: Path) -> dict[str, Any]:
         return about | {
             "generations done": len(generations),
             "refinements": len(refinements),
-            "best": min((float(row[1]) for row in steps), default=math.inf),
+            "best": float(about.get(ADOPTED) or min((row[1] for row in steps), default=math.inf)),
             "seconds": max((float(row[4]) for row in steps), default=0.0),
             "changed": max((ended or started for _, started, ended, *_ in sessions), default=None),
         }

@@ -76,12 +76,12 @@ _STEPS = """
     trials BLOB NOT NULL,         -- (members, parameters), SI
     costs BLOB NOT NULL,          -- (members,)
     statuses BLOB NOT NULL,       -- (members,), see engine/status.py; -1: not simulated
-    seal TEXT NOT NULL            -- in every table: see seals.py
+    seal TEXT NOT NULL            -- in every table, see `seal` below
 """
 RUN = Schema(
     f"""
 CREATE TABLE about (
-    name TEXT PRIMARY KEY,        -- created, title, study (as given, TOML), content, state, reason, holder
+    name TEXT PRIMARY KEY,        -- created, title, study (as given, TOML), content, state, reason, holder, adopted
     text TEXT NOT NULL,
     seal TEXT NOT NULL
 );

@@ -81,7 +81,7 @@ def test_a_resume_that_changes_nothing_keeps_the_profiles(run: Path, tmp_path: P
 
 def test_adopted_values_are_those_of_all_of_the_run_and_stay_so(run: Path, tmp_path: Path) -> None:
     own = shutil.copytree(run, tmp_path / "own")
-    assert run_command("certainty", own, "--local", "--starts", 2, "--threads", 1).status == 0
+    assert run_command("certainty", own, "--local", "--starts", 3, "--threads", 1).status == 0
     likely = {one["name"]: one["value"] for one in result_of(own)["certainty"]["parameters"]}
     done = run_command("certainty", own, "--adopt", "--threads", 1, "--json")
     assert done.status == 0, done.err
@@ -91,6 +91,8 @@ def test_adopted_values_are_those_of_all_of_the_run_and_stay_so(run: Path, tmp_p
     assert all(calibrated.values[name] == pytest.approx(value, rel=1e-12) for name, value in likely.items())
     assert record["certainty"]["gain"] == 0.0
     assert record["convergence"]["converged"] == record["certainty"]["settled"]
+    (listed,) = cr.list_runs(own)
+    assert listed.best == record["objective"]["best"]
     study = cr.load_study(own / "study.toml")
     scored = cr.compare({"best": calibrated}, study, threads=1).scores["best"]
     assert [score.j for score in scored] == pytest.approx([d["J"]["best"] for d in record["data"]], rel=1e-9)
@@ -100,6 +102,19 @@ def test_adopted_values_are_those_of_all_of_the_run_and_stay_so(run: Path, tmp_p
     assert longer.status == 0, longer.err
     assert "have changed" in longer.err
     assert "taken" not in result_of(own)["certainty"]
+    assert cr.list_runs(own)[0].best == result_of(own)["objective"]["best"]
+
+
+def test_too_few_starts_leave_the_verdict_of_the_search(run: Path, tmp_path: Path) -> None:
+    own = shutil.copytree(run, tmp_path / "own")
+    (own / "SHA256SUMS").unlink()
+    record = json.loads((own / "result.json").read_text(encoding="utf-8"))
+    found = record["certainty"] | {"starts": 2, "agreeing": 2, "settled": True}
+    (own / "result.json").write_text(json.dumps(record | {"certainty": found}), encoding="utf-8")
+    assert run_command("certainty", own, "--adopt", "--threads", 1).status == 0
+    after = result_of(own)
+    assert "taken" in after["certainty"]
+    assert after["convergence"] == record["convergence"]
 
 
 def test_no_interval_is_told_of_chains_that_do_not_agree(run: Path) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, significant
 from commonrail.calibration.optimisers.base import ALIKE
+from commonrail.calibration.result import confirms
 from commonrail.calibration.search import ONE_POINT
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.base import View
@@ -387,12 +388,6 @@ def _misses(record: Record) -> Iterator[_Point]:
             yield _Point(BAD, f"The fit misses {fixed(share, 0, 100.0)} % of what was measured.", step)
 
 
-def _confirmed(record: Record) -> bool:
-    """True if a search for the most likely values from several starts has settled."""
-    known = record.get("certainty") or {}
-    return known.get("starts", 1) > 1 and bool(known.get("settled"))
-
-
 def _full(folder: str, record: Record) -> Step:
     starts = (record.get("certainty") or {}).get("starts", 1)
     if starts > MANY_STARTS:
@@ -417,7 +412,7 @@ def _ending(record: Record, folder: str) -> Iterator[_Point]:
     if record["status"] == "interrupted":
         step = Step("Run the search to its end.", f"commonrail resume {folder}", SEARCH)
         yield _Point(BAD, "The search was stopped before its end.", step)
-    elif record.get("convergence", {}).get("converged") is False and not _confirmed(record):
+    elif record.get("convergence", {}).get("converged") is False and not confirms(record.get("certainty") or {}):
         found = record["convergence"]
         step = Step("Continue the search.", f"commonrail resume {folder} --generations 50", SEARCH)
         if not found.get("cut_short", True):
