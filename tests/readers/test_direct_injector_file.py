@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.choices import Actuation, Body
-from commonrail.base.errors import InputError
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.registry import Catalogue
 from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateData
@@ -105,3 +105,52 @@ def test_a_current_may_take_its_zero_from_before_energising(study: Callable[...,
 def test_a_current_without_samples_before_energising_has_no_zero(study: Callable[..., Path]) -> None:
     with pytest.raises(InputError, match=r"zero_at_rest: the drive has no sample before the first energising"):
         load_study(study(first=0))
+
+
+CONDITION = """
+[[condition]]
+wanted = "{}"
+rail_pressure = ["20 MPa"]
+energising_time = ["50 us"]
+cylinder_pressure = "0.1 MPa"
+return_pressure = "0.1 MPa"
+
+[[parameter]]"""
+RETURN = """
+[[data]]
+kind = "return quantities"
+name = "return"
+role = "fit"
+file = "return.csv"
+cylinder_pressure = "0.1 MPa"
+return_pressure = "0.1 MPa"
+
+[[parameter]]"""
+FEATURE = RETURN.replace('kind = "return quantities"', 'kind = "features"').replace(
+    'file = "return.csv"',
+    'rail_pressure = "20 MPa"\nenergising_time = "50 us"\n'
+    'features = [{ feature = "return_quantity", tolerance = "1 mm3", value = "5 mm3" }]',
+)
+
+
+@pytest.mark.parametrize(
+    ("drive", "tables"),
+    [
+        ("pwm", CONDITION.format("needle reaches its stop")),
+        ("pwm", CONDITION.format("valve stays off its stop")),
+        ("current trace", CONDITION.format("succeeds")),
+        ("pwm", RETURN),
+        ("pwm", FEATURE),
+    ],
+)
+def test_what_names_a_part_that_the_injector_lacks_is_refused_at_load(
+    study: Callable[..., Path], drive: str, tables: str
+) -> None:
+    without = ('drive = { column = "current", zero_at_rest = true }\n', "")
+    path = study(("\n[[parameter]]", tables), *([without] if drive == "pwm" else []))
+    own = path.parent / "own.toml"
+    own.write_text(TEXT.replace('drive_kind = "current trace"', f'drive_kind = "{drive}"'), encoding="utf-8")
+    table = "rail_pressure [MPa],energising_time [us],return_quantity [mm3]\n20,50,5\n"
+    (path.parent / "return.csv").write_text(table, encoding="utf-8")
+    with pytest.raises(ConfigurationError):
+        load_study(path)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from commonrail.base.arguments import amount, instance, instances, known_names
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Precision
-from commonrail.calibration.parameter import Condition, Priors, broken, distances_past
+from commonrail.base.errors import ConfigurationError
+from commonrail.calibration.parameter import Condition, Priors, broken, check_condition, distances_past
 from commonrail.data.base import DataSet, Term, is_metered
 from commonrail.data.registry import in_order, kinds_of
 from commonrail.data.simulator import Candidates, Simulator
@@ -21,6 +22,7 @@ from commonrail.engine.status import OK, Status
 from commonrail.engine.time_step import TIME_STEPS
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import is_of_meter
+from commonrail.physics.variants import RETURN, reader_of, unread_inputs
 
 
 class Loss(StrEnum):
@@ -73,6 +75,18 @@ def _root(residuals: Floats, scale: float) -> Floats:
 
 
 PLAIN = Goal()
+
+
+def check_parts(injector: Injector, data: Sequence[DataSet], conditions: Sequence[Condition]) -> None:
+    """Refuse (`ConfigurationError`) data and conditions about parts that the injector lacks."""
+    for condition in conditions:
+        check_condition(injector, condition)
+    for one in data:
+        if one.has_return and RETURN in unread_inputs(injector.variant):
+            raise ConfigurationError(
+                f"{injector.name} has no return, whose quantity is among the data {one.name}; take a model with "
+                f"{reader_of(RETURN)}, or remove them."
+            )
 
 
 # Misfit between an injector and measured data, for whole populations at once.
@@ -179,8 +193,9 @@ class Objective:
         coarse = goal.screening_step or time_step
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
-        self._points = tuple(condition.point for condition in goal.conditions)
         given = in_order(instances(data, DataSet, "data"))  # type: ignore[type-abstract]
+        check_parts(injector, given, goal.conditions)
+        self._points = tuple(condition.point for condition in goal.conditions)
         # without a meter that shows what it is given
         self.data = tuple(
             d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in given

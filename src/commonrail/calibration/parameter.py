@@ -16,8 +16,8 @@ from commonrail.data.base import past_stops
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.engine.status import OK
-from commonrail.physics.injector import parameter_quantities
+from commonrail.engine.status import OK, check_point
+from commonrail.physics.injector import Injector, parameter_quantities
 
 # Conditions that a candidate must meet at operating points besides its fit to the data.
 
@@ -49,8 +49,14 @@ class Wanted(StrEnum):
     """It succeeds and the valve does not touch its stop."""
 
 
+# Part of the injector that is about to reach a stop, by the parameter that says where the stop is.
+_STOPS = {
+    Wanted.NEEDLE_AT_STOP: "plunger_needle.stop_lift",
+    Wanted.NEEDLE_OFF_STOP: "plunger_needle.stop_lift",
+    Wanted.VALVE_AT_STOP: "valve.lift",
+    Wanted.VALVE_OFF_STOP: "valve.lift",
+}
 _AT = {Wanted.NEEDLE_AT_STOP, Wanted.VALVE_AT_STOP}
-_OFF = {Wanted.NEEDLE_OFF_STOP, Wanted.VALVE_OFF_STOP}
 _NEEDLE = {Wanted.NEEDLE_AT_STOP, Wanted.NEEDLE_OFF_STOP}
 
 
@@ -77,6 +83,21 @@ class Condition:
         instance(self.point, OperatingPoint, "point of a condition")
 
 
+def check_condition(injector: Injector, condition: Condition) -> None:
+    """Refuse (`ConfigurationError`) a condition on a part that the injector lacks, or at a point beyond its fuel."""
+    if condition.wanted in _STOPS and _STOPS[condition.wanted] not in injector.values:
+        raise ConfigurationError(
+            f'"{condition.wanted}" is wanted, and {injector.name} is a {injector.variant.actuation.value} injector '
+            "without this stop; remove the condition."
+        )
+    if injector.variant.drive.is_trace and condition.point.drive is None:
+        raise ConfigurationError(
+            f'"{condition.wanted}" is wanted, and {injector.name} is driven by a measured trace, which a condition '
+            "lacks; remove the condition, or set drive_kind to regulated or pwm."
+        )
+    check_point(injector, condition.point)
+
+
 def broken(conditions: Sequence[Condition], batch: Batch, past: Floats | None = None) -> Bools:
     """Mask (candidates, conditions) of the conditions that candidates do not meet.
 
@@ -91,7 +112,7 @@ def broken(conditions: Sequence[Condition], batch: Batch, past: Floats | None = 
     if past is None:
         return found
     at = np.array([condition.wanted in _AT for condition in conditions])
-    off = np.array([condition.wanted in _OFF for condition in conditions])
+    off = np.array([condition.wanted in _STOPS.keys() - _AT for condition in conditions])
     touches = past > 0.0  # False where the simulation failed, which breaks the condition anyway
     return np.asarray(found | (~touches & at) | (touches & off))
 
@@ -104,11 +125,11 @@ def distances_past(conditions: Sequence[Condition], simulator: Simulator, values
 
     `values` (candidates, names): [SI].
     """
-    if not any(condition.wanted in _AT | _OFF for condition in conditions):
+    if not any(condition.wanted in _STOPS for condition in conditions):
         return None
     found = np.full((len(values), len(conditions)), np.nan)
     for i, condition in enumerate(conditions):
-        if condition.wanted in _AT | _OFF:
+        if condition.wanted in _STOPS:
             past = past_stops(simulator, condition.point, values)
             found[:, i] = past.needle if condition.wanted in _NEEDLE else past.valve
     return found

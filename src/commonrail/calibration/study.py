@@ -24,7 +24,7 @@ from commonrail.base.arguments import (
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.calibration.objective import Loss
+from commonrail.calibration.objective import Loss, check_parts
 from commonrail.calibration.optimisers.base import Settings
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
@@ -223,6 +223,7 @@ class Study(Shown):
         )
         self._check_names()
         self._check_judgement()
+        check_parts(self.injector, self.data, self.conditions)
         check_meters(self.injector, self.data, {p.name: (p.lower, p.upper) for p in self.space.parameters})
 
     def _check_names(self) -> None:

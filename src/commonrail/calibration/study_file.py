@@ -15,7 +15,7 @@ from commonrail.base.input import noting_files, read_plain
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.constraints import parse_products
 from commonrail.calibration.objective import Loss
-from commonrail.calibration.parameter import Condition, Parameter, Prior, percent_bounds
+from commonrail.calibration.parameter import Condition, Parameter, Prior, check_condition, percent_bounds
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Judgement, Method, Study, step_for_all
 from commonrail.calibration.study_keys import (
@@ -31,7 +31,6 @@ from commonrail.data.quantities.reading import AFTER_ENERGISING
 from commonrail.data.registry import kind_of
 from commonrail.data.study_block import Context, DataModel
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.status import check_point
 from commonrail.engine.time_step import check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Domain, Q
@@ -95,6 +94,8 @@ def _study(file: Path) -> Study:
         )
     space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
     method = method_of(model.optimiser, space, at / "optimiser")
+    conditions = _conditions(model.condition, injector, at / "condition")
+    logo = "" if model.logo is None else read_logo(reach.path(file.parent, model.logo, at / "logo"), at / "logo")
     with located(at):
         return Study(
             model.title,
@@ -108,13 +109,13 @@ def _study(file: Path) -> Study:
             model.note,
             model.precision,
             model.loss,
-            _conditions(model.condition, injector, at / "condition"),
+            conditions,
             same_bits=model.same_bits,
             judgement=Judgement(model.judgement.seeds, tuple(model.judgement.leave_out)),
             loss_scale=1.0 if model.loss_scale is None else model.loss_scale,
             author=model.author,
             fixed=tuple(item.name for item in model.fixed),
-            logo="" if model.logo is None else read_logo(reach.path(file.parent, model.logo, at / "logo"), at / "logo"),
+            logo=logo,
         )
 
 
@@ -258,8 +259,8 @@ def _conditions(models: list[ConditionModel], injector: Injector, at: Place) -> 
             for rail, time in itertools.product(model.rail_pressure, model.energising_time):
                 horizon = time + AFTER_ENERGISING
                 point = OperatingPoint(rail, time, model.cylinder_pressure, model.return_pressure, horizon=horizon)
-                check_point(injector, point)
                 found.append(Condition(model.wanted, point))
+                check_condition(injector, found[-1])
     return tuple(found)
 
 

@@ -249,6 +249,8 @@ class DataSet(ABC):
         Law between the simulated flow and the measured values; None where they are compared as they are.
     noise : Noise
         Noise model for the likelihood of the data; the search does not depend on it.
+    has_return : bool
+        Whether a value is a quantity through the return line.
     """
 
     kind: ClassVar[str]
@@ -275,6 +277,7 @@ class DataSet(ABC):
     bounds: Floats | None
     meter: Meter | None
     noise: Noise = NOISE
+    has_return: bool = False
 
     @classmethod
     @abstractmethod

@@ -72,6 +72,7 @@ class ReturnData(QuantityData):
     own_keys: ClassVar[tuple[str, ...]] = ("stroke_period",)
 
     stroke_period: float | None = None
+    has_return = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -229,6 +229,7 @@ class FeatureData(ToleratedData):
             targets=targets,
             points=(curve.point,) * len(targets),
             returned=returned,
+            has_return=returned is not None,
             simulated_points=curve.points if returned is None else curve.points + returned.points,
             measured=np.array([target.value for target in targets]),
             tolerances=np.array([target.tolerance for target in targets]),
