@@ -5,11 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.readers.toml import LARGEST_TOML, parse_toml, read_toml
+from commonrail.readers.location import Place
+from commonrail.readers.toml import LARGEST_TOML, FileModel, parse_toml, read_model, read_toml
 
 
 def written(tmp_path: Path, data: bytes) -> Path:
@@ -21,6 +23,21 @@ def written(tmp_path: Path, data: bytes) -> Path:
 def test_byte_order_mark_and_foreign_line_ends_are_read(tmp_path: Path) -> None:
     tables, text = read_toml(written(tmp_path, b"\xef\xbb\xbfa = 1\r\nb = 2\rc = 3\n"))
     assert (tables, text) == ({"a": 1, "b": 2, "c": 3}, "a = 1\nb = 2\nc = 3\n")
+
+
+class OwnFile(FileModel):
+    """File of a plug-in."""
+
+    format: Literal["commonrail-mything/1"]
+    amount: int
+
+
+def test_a_plug_in_has_a_format_of_its_own() -> None:
+    good = {"format": "commonrail-mything/1", "amount": 2}
+    assert read_model(OwnFile, good, Place("f")).amount == 2
+    for other in ("commonrail-study/1", "other/7", "commonrail-mything/2", "\x1b/1", 3):
+        with pytest.raises(InputError):
+            read_model(OwnFile, good | {"format": other}, Place("f"))
 
 
 def test_size_limit(tmp_path: Path) -> None:

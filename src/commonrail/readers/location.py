@@ -17,17 +17,7 @@ from commonrail.base.input import read_plain, similar_names
 
 Row = TypeVar("Row", bound=Sequence[str | float])
 
-_KINDS = {
-    "commonrail-injector": "an injector file",
-    "commonrail-study": "a study file",
-    "commonrail-fmu-study": "a study of an FMU",
-    "commonrail-fleet": "a fleet file",
-    "commonrail-truth": "a truth of the virtual test bench",
-    "commonrail-type": "a type of injector",
-    "commonrail-family": "a family of injectors",
-    "commonrail-tolerance": "a tolerance study",
-    "commonrail-faults": "a table of faults",
-}
+_FORMAT = re.compile(r"[a-z][a-z0-9-]{0,40}/[0-9]{1,3}")
 
 
 @dataclass(frozen=True)
@@ -55,11 +45,10 @@ class Place:
 
     def check_format(self, document: Mapping[str, Any], wanted: str) -> None:
         """Refuse a document whose key ``format`` is not `wanted`, and say so if it is a file of another kind."""
-        found, kind = document.get("format"), _KINDS[wanted.partition("/")[0]]
+        found, kind = document.get("format"), _file_of(wanted)
         if found == wanted:
             return
-        other = _KINDS.get(found.partition("/")[0], kind) if isinstance(found, str) else kind
-        if other != kind:
+        if isinstance(found, str) and _FORMAT.fullmatch(found) and (other := _file_of(found)) != kind:
             raise self.error(f'this is {other} (format = "{found}"), and {kind} is expected; name that file instead')
         what = "format is missing" if found is None else f"format is {found!r}"
         raise self.error(f'{what}; {kind} begins with format = "{wanted}"')
@@ -69,6 +58,12 @@ class Place:
         for key in table:
             if key not in known:
                 raise self.error(f'there is no key "{key}"{nearest_key(key, known)}')
+
+
+def _file_of(format_: str) -> str:
+    """Words for a file of a format, as "a study file" of "commonrail-study/1"."""
+    name = format_.partition("/")[0].removeprefix("commonrail-")
+    return f"{'an' if name[:1] in 'aeiou' else 'a'} {name} file"
 
 
 @contextmanager
