@@ -22,6 +22,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
+from commonrail.base.child import python, same_modules
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.cache import Source, kept_or_made
 from commonrail.compiler.target import System, may_compile
@@ -84,15 +85,14 @@ class _Child:
 
     def __init__(self, kind: str) -> None:
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process
-        path = os.pathsep.join(path for path in sys.path if path)
         self.process = subprocess.Popen(
-            [sys.executable, "-m", __name__, kind],
+            python("-m", __name__, kind),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
             start_new_session=True,  # a Ctrl-C is for this process, which may have to finish what it does
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same on Windows, 0 elsewhere
-            env=os.environ | _NUMBA | {"PYTHONPATH": path},
+            env=same_modules() | _NUMBA,
         )
 
     def ask(self, source: Source) -> dict[str, Any] | None:

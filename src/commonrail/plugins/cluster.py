@@ -14,9 +14,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
+from commonrail.base.child import SAFE_PATH
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.hooks import note
-from commonrail.workers.pool import SLICE, Refused, blocked_signals, check_count, reply, waited
+from commonrail.workers.pool import SLICE, Refused, check_count, reply, shielded, waited
 from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure
 
 if TYPE_CHECKING:
@@ -204,8 +205,9 @@ def _local(count: int, opened: ExitStack) -> Client:
         raise InputError(_MISSING.format(package="cryptography")) from None
     opened.enter_context(_configured({"distributed.deploy.lost-worker-timeout": f"{RETURN:.0f} s"}))
     folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="commonrail-", ignore_cleanup_errors=True))
-    # the scheduler's web server, on loopback, has no page
-    with blocked_signals(), quiet(), _configured({"distributed.scheduler.http.routes": []}):
+    # the scheduler's web server, on loopback, has no page; workers that Dask starts again run no module of this folder
+    settings = {"distributed.scheduler.http.routes": [], f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"}
+    with shielded(), quiet(), _configured(settings):
         cluster = distributed.LocalCluster(
             n_workers=count,
             threads_per_worker=1,

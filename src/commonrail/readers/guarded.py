@@ -23,6 +23,7 @@ from zipfile import ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.base.child import python
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 
@@ -112,7 +113,7 @@ _cached = lru_cache(maxsize=2)(_content)  # several blocks of a study read one f
 
 def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
     """Run the child; returns its exit status."""
-    command = [sys.executable, "-P", "-c", _PROGRAM, _ROOT, *args]
+    command = python("-c", _PROGRAM, _ROOT, *args)
     wait, env = WAIT * (TIME + float(args[-1])), os.environ | _SETTINGS
     try:
         silent = subprocess.DEVNULL  # a library that a file ends has much to say

@@ -14,6 +14,7 @@ from multiprocessing.util import Finalize
 from typing import Any, NamedTuple
 
 from commonrail.base.arguments import LARGEST_WHOLE, whole
+from commonrail.base.child import SAFE_PATH
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.base.hooks import STOP_SIGNALS
 from commonrail.engine.threads import usable_threads
@@ -122,11 +123,12 @@ def reply(package: Package, argument: Any) -> Answer | Lost | Refused:
 
 @contextmanager
 def shielded() -> Iterator[None]:
-    """Processes started inside do arithmetic on one thread, and stop signals never reach them."""
-    before = {name: os.environ.get(name) for name in SINGLE_THREADED}
-    os.environ.update(dict.fromkeys(SINGLE_THREADED, "1"))
+    """Processes started inside compute on one thread, run no module of the current folder, and get no stop signal."""
+    settings = (*SINGLE_THREADED, SAFE_PATH)
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(dict.fromkeys(settings, "1"))
     try:
-        with blocked_signals():
+        with _blocked_signals():
             yield
     finally:
         for name, value in before.items():
@@ -136,7 +138,7 @@ def shielded() -> Iterator[None]:
 
 
 @contextmanager
-def blocked_signals() -> Iterator[None]:
+def _blocked_signals() -> Iterator[None]:
     """Hold back stop signals; threads and processes started inside never get them, from their first instruction on."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

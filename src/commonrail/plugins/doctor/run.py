@@ -6,7 +6,6 @@ import json
 import os
 import platform
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
+from commonrail.base.child import python, same_modules
 from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.optimisers.registry import named
@@ -43,8 +43,7 @@ def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.C
     `module`: found where this process finds its own, also what is not installed. `seconds`: after these
     `subprocess.TimeoutExpired` is raised.
     """
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    command = [sys.executable, "-m", module, *arguments]
+    command, environment = python("-m", module, *arguments), same_modules()
     return subprocess.run(command, capture_output=True, text=True, timeout=seconds, env=environment, check=False)
 
 

@@ -8,12 +8,12 @@ import platform
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from commonrail.base.child import python
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.compiler import lower
@@ -159,7 +159,7 @@ def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
     if found and not (prefer_zig and zig):
         return Compiler((found,), False)
     if zig:
-        return Compiler((sys.executable, "-m", "ziglang", "cc", "-target", target.zig), True)
+        return Compiler((*python("-m", "ziglang", "cc", "-target"), target.zig), True)
     needed = "a C compiler (cc, gcc, clang), or zig" if own else "zig, which compiles for every platform"
     cure = "pip install 'commonrail[export]' installs zig (its package is ziglang)"
     raise ConfigurationError(f"Binaries for {target.name} need {needed}: {cure}.")
@@ -190,7 +190,7 @@ def _options(target: Target, defines: Sequence[str]) -> list[str]:
 def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:
     """Put objects into a static library, which is replaced where it exists."""
     out.unlink(missing_ok=True)
-    tool = (sys.executable, "-m", "ziglang", "ar") if compiler.is_zig else (shutil.which("ar") or "ar",)
+    tool = python("-m", "ziglang", "ar") if compiler.is_zig else [shutil.which("ar") or "ar"]
     run([*tool, "rcs", _absolute(out), *map(_absolute, objects)], out.parent)
 
 
