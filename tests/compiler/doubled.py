@@ -18,7 +18,7 @@ GIVEN = (REAL, floats(1))  # x, array for the result
 
 def fresh_cache() -> None:
     """Forget which folder is used, as another process would not know it."""
-    for known in (cache.cache_folder, cache._home):
+    for known in (cache.cache_folder, cache.private_folder):
         known.cache_clear()
 
 

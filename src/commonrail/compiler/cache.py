@@ -125,19 +125,19 @@ def cache_folder() -> Path | None:
 
     It is named by all that decides over machine code beside the processor: physics, Python, Numba and llvmlite.
     """
-    home = _home()
-    if home is None:
+    stamps = private_folder(_STAMPS)
+    if stamps is None:
         return None
     versions = " ".join((package_version("numba"), package_version("llvmlite"), platform.python_version()))
     stamp = hashlib.sha256(f"{versions} {sources_stamp()}".encode()).hexdigest()
-    folder = home / f"kernels-{stamp[:20]}"
+    folder = stamps.parent / f"kernels-{stamp[:20]}"
     return folder if _is_usable(folder) else None
 
 
 @functools.cache
-def _home() -> Path | None:
-    """Place of all that is kept, the first that can be used."""
-    return next((place for place in places() if _is_usable(place / _STAMPS)), None)
+def private_folder(name: str) -> Path | None:
+    """Folder of a name in the first place where nobody else can write, or None where there is none."""
+    return next((place / name for place in places() if _is_usable(place / name)), None)
 
 
 def _is_usable(folder: Path) -> bool:
@@ -279,8 +279,8 @@ def _digest(parts: Iterable[bytes]) -> str:
 def _meaning(paths: tuple[Path, ...]) -> str:
     """Digest of sources without comments and docstrings; to parse them takes longer than a start may, so it is kept."""
     contents = [path.read_bytes() for path in paths]
-    home = _home()
-    kept = home / _STAMPS / _digest([platform.python_version().encode(), *contents]) if home else None
+    stamps = private_folder(_STAMPS)
+    kept = stamps / _digest([platform.python_version().encode(), *contents]) if stamps else None
     found, _ = read(kept) if kept else (None, "")
     if found is not None:
         return found.decode()

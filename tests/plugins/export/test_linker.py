@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
 import pytest
 
+from commonrail.compiler import cache
 from commonrail.plugins.export.object_files import archive, compile_source, compiler_for, link_shared, run, target_named
 
 
@@ -34,3 +36,21 @@ def test_the_first_link_for_a_target_says_that_a_c_library_is_built(
     for target in ("aarch64-linux-gnu.2.17", "aarch64-linux-gnu.2.17", "wasm32-freestanding", "x86_64-windows-gnu"):
         run([sys.executable, "-c", "", "-target", target], tmp_path)
     assert ["aarch64-linux-gnu.2.17" in said[0], "x86_64-windows-gnu" in said[1], len(said)] == [True, True, 2]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners are not checked")
+def test_a_cache_of_the_linker_that_others_can_write_to_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What zig has built is linked into libraries: whoever writes it runs code where these are loaded."""
+    shared = tmp_path / "commonrail"
+    shared.mkdir()
+    shared.chmod(0o777)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("ZIG_GLOBAL_CACHE_DIR", raising=False)
+    monkeypatch.setattr(cache, "note", lambda text: None)
+    cache.private_folder.cache_clear()
+    code = "import os, pathlib; pathlib.Path('used').write_text(os.environ['ZIG_GLOBAL_CACHE_DIR'])"
+    run([sys.executable, "-c", code], tmp_path)
+    cache.private_folder.cache_clear()
+    assert not (tmp_path / "used").read_text().startswith(str(shared))

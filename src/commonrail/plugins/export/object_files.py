@@ -8,6 +8,7 @@ import platform
 import re
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import NamedTuple
 from commonrail.base.child import python
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
-from commonrail.compiler import lower
+from commonrail.compiler import cache, lower
 from commonrail.compiler.cache import Source
 from commonrail.compiler.target import Processor, System
 from commonrail.physics.variants import Variant, kernel_name
@@ -201,11 +202,13 @@ def _absolute(path: Path) -> str:
 
 def run(command: Sequence[str], folder: Path) -> None:
     """Run a compiler in a folder; ConfigurationError with its first error line if it fails."""
-    import platformdirs
+    with tempfile.TemporaryDirectory(prefix="commonrail-") as spare:
+        _run(command, folder, cache.private_folder("zig") or Path(spare))
 
-    zig = str(Path(platformdirs.user_cache_dir("commonrail", False)) / "zig")  # C libraries that it has built
-    caches = {"ZIG_GLOBAL_CACHE_DIR": zig, "ZIG_LOCAL_CACHE_DIR": zig}
-    environment = os.environ | {name: value for name, value in caches.items() if name not in os.environ}
+
+def _run(command: Sequence[str], folder: Path, zig: Path) -> None:
+    """Run a compiler; `zig` is the folder where zig keeps the C libraries that it has built."""
+    environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(zig)) | os.environ
     built = _built(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))
     if built is not None and not built.exists():
         note(f"zig builds the C library of {built.name} for its first use: up to some minutes, once ...")
@@ -230,7 +233,7 @@ def run(command: Sequence[str], folder: Path) -> None:
             built.mkdir(parents=True, exist_ok=True)
 
 
-def _built(command: Sequence[str], cache: Path) -> Path | None:
+def _built(command: Sequence[str], zig: Path) -> Path | None:
     """Folder that says that zig has linked for the command's target; None for other compilers or no C library."""
     target = command[command.index("-target") + 1] if "-target" in command else "freestanding"
-    return None if target.endswith("freestanding") else cache / "targets" / target
+    return None if target.endswith("freestanding") else zig / "targets" / target
