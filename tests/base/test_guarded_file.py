@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import os
 import tracemalloc
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from commonrail.base import input as input_module
 from commonrail.base.errors import InputError
-from commonrail.base.input import UNREADABLE, fingerprint, noting_files, opened, read_plain, sha256
+from commonrail.base.input import (
+    LARGEST_FILE,
+    SUMS,
+    UNREADABLE,
+    check_sum,
+    fingerprint,
+    noting_files,
+    opened,
+    read_arrays,
+    read_plain,
+    sha256,
+)
 
 SRC = Path(__file__).resolve().parents[2] / "src" / "commonrail"
 
@@ -40,8 +55,6 @@ ALLOWED = {
     "runs/listing.py": "SQLite, a lock beside a journal that was read",
     "plugins/formats/parquet_child.py": "pyarrow on bytes of `read_plain`",
     "readers/guarded.py": "NumPy on what its child process has written, and the child's standard output",
-    "plugins/certainty/posterior_file.py": "NumPy on a stream of `opened`",
-    "report/page.py": "NumPy on a stream of `opened`",
     "plugins/export/fmu.py": "what it has just written into a temporary folder of its own",
     "plugins/export/sources.py": "files of the installed package",
     "plugins/observer/online.py": "files of the installed package",
@@ -154,3 +167,28 @@ def test_a_file_that_differs_at_its_second_reading_is_refused(tmp_path: Path) ->
         with pytest.raises(InputError, match="the file was changed while it was read; start again"):
             read_plain(path)
     assert noted == {path: sha256(b"abc")}
+
+
+def test_a_large_file_is_not_hashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").touch()
+    (tmp_path / SUMS).write_text(f"{sha256(b'')}  a\n", encoding="utf-8")
+    os.truncate(tmp_path / "a", LARGEST_FILE + 1)
+    monkeypatch.setattr(hashlib, "file_digest", None)  # to read it is a fault
+    with pytest.raises(InputError):
+        check_sum(tmp_path / "a")
+
+
+@pytest.mark.parametrize("content", ["too large", "a lie about the shape", "no zip file", "an array is missing"])
+def test_arrays_that_cannot_be_read_are_refused_before_they_take_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str
+) -> None:
+    monkeypatch.setattr(input_module, "LARGEST_ARRAYS", 10_000)
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, points=np.zeros(2000 if content == "too large" else 10))
+    if content == "a lie about the shape":
+        with zipfile.ZipFile(path, "w") as archive, archive.open("points.npy", "w") as part:
+            np.lib.format.write_array_header_1_0(part, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
+    if content == "no zip file":
+        path.write_bytes(b"PK nothing")
+    with pytest.raises(InputError):
+        read_arrays(path, *(["names"] if content == "an array is missing" else []))

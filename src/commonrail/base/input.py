@@ -11,15 +11,19 @@ import hashlib
 import os
 import re
 import stat
-import sys
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from glob import escape
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
+from zipfile import BadZipFile
 
 from commonrail.base.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LARGEST_FILE = 100_000_000  # [bytes]; no reader but that of Parquet takes a larger one
 UNREADABLE = "unreadable"  # in place of the SHA-256 of what is there and is no file that would be read
@@ -136,6 +140,29 @@ def similar_names(path: Path) -> str:
         return ""
 
 
+LARGEST_ARRAYS = 400_000_000  # [bytes]; five million draws of eight parameters
+
+
+def read_arrays(path: Path, *needed: str) -> dict[str, NDArray[Any]]:
+    """Arrays of a .npz file by their names.
+
+    The sizes that the archive declares are looked at before anything is unpacked. Raises `InputError` if it is no such
+    file, lacks an array that is `needed`, or is larger than `LARGEST_ARRAYS`.
+    """
+    import numpy as np
+
+    try:
+        with opened(path) as stream, np.load(stream, allow_pickle=False) as archive:
+            size = sum(entry.file_size for entry in archive.zip.infolist())
+            if size > LARGEST_ARRAYS:
+                raise _too_large(path, f"{size / 1e6:.0f} MB when it is unpacked", LARGEST_ARRAYS)
+            if missing := set(needed).difference(archive.files):
+                raise InputError(f"{path}: there is no array {min(missing)}; make the file again.")
+            return dict(archive)
+    except (OSError, ValueError, EOFError, AttributeError, MemoryError, BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: this is no file of arrays ({error}); make it again.") from error
+
+
 # Checksums of result files, in a file ``SHA256SUMS`` beside them that ``sha256sum -c SHA256SUMS`` reads too.
 
 SUMS = "SHA256SUMS"
@@ -176,6 +203,6 @@ def listed(sums: Path) -> dict[str, str]:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file of any size."""
-    with opened(path, sys.maxsize) as stream:
+    """SHA-256 of a file; `InputError` as `opened`, before a byte is read."""
+    with opened(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]

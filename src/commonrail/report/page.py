@@ -7,7 +7,6 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from markupsafe import Markup
 
 from commonrail.base import registry
@@ -15,7 +14,7 @@ from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, PluginError, StudyError
 from commonrail.base.hooks import note
-from commonrail.base.input import check_sum, opened
+from commonrail.base.input import check_sum, read_arrays
 from commonrail.base.output import write_text
 from commonrail.base.text import significant
 from commonrail.data.records import Record, Traces
@@ -133,9 +132,9 @@ def _draws(folder: Path) -> dict[str, Floats]:
     if not path.is_file():
         return {}
     check_sum(path)
-    with opened(path) as stream, np.load(stream, allow_pickle=False) as arrays:
-        draws = arrays["points"].reshape(-1, arrays["points"].shape[-1])
-        return {} if str(arrays["refused"]) else {str(name): draws[:, i] for i, name in enumerate(arrays["names"])}
+    arrays = read_arrays(path, "points", "names", "refused")
+    draws = arrays["points"].reshape(-1, arrays["points"].shape[-1])
+    return {} if str(arrays["refused"]) else {str(name): draws[:, i] for i, name in enumerate(arrays["names"])}
 
 
 KEYS = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")

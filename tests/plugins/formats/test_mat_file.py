@@ -76,6 +76,12 @@ def test_damaged_and_huge_files_are_refused(tmp_path: Path, monkeypatch: pytest.
         MatFile(tmp_path / "c.mat")
 
 
+def test_columns_beyond_the_limit_are_refused_before_they_are_looked_at(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {f"v{i}": np.zeros((2, 1000), np.int8) for i in range(11)}, do_compression=True)
+    with pytest.raises(InputError):
+        MatFile(tmp_path / "a.mat")
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_map_is_found_by_names_or_units_either_way_round(tmp_path: Path, turned: bool) -> None:
     cells = np.arange(6.0).reshape(2, 3)

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from commonrail.base.arguments import file_path, instance
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.input import check_sum, opened, read_plain, sha256
+from commonrail.base.input import check_sum, read_arrays, read_plain, sha256
 from commonrail.base.output import replacing
 from commonrail.base.text import listed, number
 from commonrail.plugins.certainty.posterior import Posterior
@@ -106,12 +105,9 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> Floats:
     if not path.is_file():
         raise InputError(f"{path}: there are no draws; run commonrail certainty RUN --posterior first.")
     check_sum(path)
-    try:
-        with opened(path) as stream, np.load(stream, allow_pickle=False) as kept:
-            found, own, refused = kept["points"], [str(name) for name in kept["names"]], str(kept["refused"])
-            beside = [str(name) for name in kept["beside"]] if "beside" in kept else []
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise InputError(f"{path}: this is no file of draws ({error}); run commonrail certainty again.") from error
+    arrays = read_arrays(path, "points", "names", "refused")
+    found, own, refused = arrays["points"], arrays["names"].tolist(), str(arrays["refused"])
+    beside = arrays["beside"].tolist() if "beside" in arrays else []
     if own != list(names):
         raise InputError(
             f"{path}: the draws are of other parameters than the study has; run commonrail certainty again."

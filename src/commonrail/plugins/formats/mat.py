@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from commonrail.readers.quantity_matrix import (
 # Fields of structures are named with a point, ``run.rate``, and columns of a matrix ``rate(:,2)``. MATLAB knows no
 # units: that of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` beside it, or is stated by the reader.
 
+MOST_NAMES = 10_000  # vectors and columns of matrices
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -53,7 +55,11 @@ class MatFile:
         about, arrays = read_apart(f"{__name__}_child", path, data)
         self.arrays: dict[str, NDArray[Any]] = {name: arrays[str(i)] for i, name in enumerate(about["names"])}
         self._texts: dict[str, str] = about["texts"]
-        self._columns = dict(_columns(self.arrays))
+        self._columns = dict(islice(_columns(self.arrays), MOST_NAMES + 1))
+        if len(self._columns) > MOST_NAMES:
+            raise InputError(
+                f"{path}: the variables have more than the {MOST_NAMES} columns that are read; save fewer."
+            )
         self.names = list(self._columns)
         if not self.names:
             raise InputError(f"{path}: the file has no variable with numbers.")
@@ -72,7 +78,9 @@ class MatFile:
 
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of variables; see `Sheet.take`."""
-        names = [self.names[find_column(self.path, self.names, column.name)] for column in columns]
+        names = [column.name for column in columns]
+        for name in set(names).difference(self._columns):
+            find_column(self.path, self.names, name)  # it says which there are
         lengths = {name: len(self._columns[name]) for name in names}
         if len(set(lengths.values())) > 1:
             said = ", ".join(f'"{name}" {length}' for name, length in lengths.items())
