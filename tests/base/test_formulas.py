@@ -6,11 +6,13 @@ import ast
 import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commonrail.base.csv_output import neutralised, neutralised_note, restored, restored_note, write_csv
+from commonrail.base.csv_output import comment_line, neutralised, restored, restored_note, write_csv
+from commonrail.plugins.cfd import Course, _dat_lines, _foam_lines
 from commonrail.readers.columns import Column
 from commonrail.readers.csv import CsvFile
 
@@ -35,7 +37,7 @@ def test_numbers_and_plain_texts_stay_as_they_are(text: str) -> None:
 @given(texts)
 def test_the_same_text_comes_back(text: str) -> None:
     assert restored(neutralised(text)) == text
-    assert restored_note(neutralised_note(text)) == text
+    assert restored_note(comment_line(text).removeprefix("# ")) == text
 
 
 @given(texts)
@@ -47,7 +49,7 @@ def test_no_cell_begins_as_a_formula(text: str) -> None:
 
 @pytest.mark.parametrize("sign", [",", ";", "\t"])
 def test_a_note_has_no_formula_behind_a_separator(sign: str) -> None:
-    assert neutralised_note(f"title{sign} =1+1{sign}-5") == f"title{sign}' =1+1{sign}-5"
+    assert comment_line(f"title{sign} =1+1{sign}-5") == f"# title{sign}' =1+1{sign}-5"
 
 
 def test_a_table_is_written_and_read_back(tmp_path: Path) -> None:
@@ -71,3 +73,15 @@ def test_tables_are_written_in_one_place() -> None:
         if isinstance(node, ast.Attribute) and node.attr in ("writer", "DictWriter", "to_csv", "savetxt")
     }
     assert found == {"base/csv_output.py", "plugins/fleet/study.py"}
+
+
+@pytest.mark.parametrize("end", ["\n", "\r", "\r\n", "\x0b", "\x0c", "\x85", "\u2028"])
+def test_a_line_end_in_a_text_begins_no_line(tmp_path: Path, end: str) -> None:
+    """In a file that states nothing of its own but a table of one row."""
+    hostile = f"measured{end}=1+1"
+    write_csv(tmp_path / "t.csv", [hostile], ["name", hostile], [["a", hostile]])
+    assert len((tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()) == 3
+    for lines in (_foam_lines, _dat_lines):
+        course = Course(np.array([0.0, 1e-4, 2e-4]), np.array([0.0, 1.0, 0.0]), hostile)
+        written = "\n".join(lines([hostile], course)).splitlines()
+        assert [line[:1] for line in written if "=" in line] in (["/"], ["#"])

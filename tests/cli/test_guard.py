@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from pathlib import Path
 
 import click
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from commonrail.base import errors
 from commonrail.cli.grammar import Verbs, cli
 from commonrail.cli.guard import MEMORY
+from commonrail.runs.folder import read_record, write_record
 from tests.cli.conftest import Command, Done, run_command
 
 
@@ -99,3 +102,23 @@ def test_the_cure_of_too_little_memory_is_one_that_the_verb_has(name: str) -> No
 
 def test_the_cure_of_too_little_memory_is_that_of_the_verb() -> None:
     assert MEMORY["fleet"] in end_with(MemoryError(), name="fleet").sentence
+
+
+@pytest.mark.parametrize("sign", ["\x1b", "\r", "\x9b", "\u202e"])
+def test_a_folder_whose_name_a_terminal_obeys_is_refused(tmp_path: Path, sign: str) -> None:
+    (folder := tmp_path / f"a{sign}[31mb").mkdir()
+    done = run_command("runs", folder)
+    assert done.status == 2
+    assert sign not in done.out + done.sentence
+
+
+@pytest.mark.parametrize("text", ["\x1b[2J", "\r", "\x9b", "\u202e"])
+def test_a_record_holds_nothing_that_a_terminal_obeys(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "result.json"
+    write_record(path, {"title": f"a{text}", "path": "C:\\\\ready", "name": "µ\n\t–"})
+    assert read_record(path, "commonrail calibrate")["path"] == "C:\\\\ready"
+    assert read_record(path, "commonrail calibrate")["name"] == "µ\n\t–"
+    for ascii_only in (True, False):
+        path.write_text(json.dumps({"title": text}, ensure_ascii=ascii_only), encoding="utf-8")
+        with pytest.raises(errors.InputError):
+            read_record(path, "commonrail calibrate")

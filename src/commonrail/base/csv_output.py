@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from commonrail.base.output import replacing
+from commonrail.base.output import line_text, replacing
 
 # Texts in tables that a spreadsheet would compute: neutralised where tables are written, restored where they are read.
 #
@@ -33,13 +33,13 @@ def restored(cell: str) -> str:
     return cell[1:] if cell.startswith(MARK) and _is_computed(cell[1:]) else cell
 
 
-def neutralised_note(line: str) -> str:
-    """Comment line, which a spreadsheet divides into cells at each separator; it begins with a sign of its own."""
-    return _behind_separators(line, neutralised)
+def comment_line(text: str) -> str:
+    """Comment line of a text; a spreadsheet divides it into cells at each separator."""
+    return f"# {_behind_separators(line_text(text), neutralised)}"
 
 
 def restored_note(line: str) -> str:
-    """Comment line that `neutralised_note` gave."""
+    """Text of a line that `comment_line` gave, without its sign."""
     return _behind_separators(line, restored)
 
 
@@ -63,7 +63,11 @@ def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Ite
     `notes`: comment lines above the header. `header`: names of the columns with their units.
     """
     with replacing(path) as stream:
-        stream.writelines(f"# {neutralised_note(note)}\n" for note in notes)
+        stream.writelines(f"{comment_line(note)}\n" for note in notes)
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(map(neutralised, header))
-        writer.writerows(map(neutralised, row) for row in rows)
+        writer.writerow(map(_cell, header))
+        writer.writerows(map(_cell, row) for row in rows)
+
+
+def _cell(text: str) -> str:
+    return neutralised(line_text(text))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,6 +14,7 @@ from typing import IO, Any, Literal
 from commonrail.base.errors import OutputError
 from commonrail.base.input import SUMS, digest
 
+_CONTROL = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")  # but tabs
 PART = ".part"  # end of the name of a file that is being written
 
 
@@ -56,6 +58,11 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
                 part.unlink()
             raise
         _sync_folder(path.parent)
+
+
+def line_text(text: str) -> str:
+    """Text for a line of a file, with spaces for line ends, which would begin another line, and control characters."""
+    return text if text.isprintable() else _CONTROL.sub(" ", text)
 
 
 def write_text(path: Path, text: str) -> None:

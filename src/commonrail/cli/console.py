@@ -76,7 +76,7 @@ NARROW_TERMINAL = 100  # columns below which tables lose their last columns rath
 def say(text: str) -> None:
     """Print a line for the person, on stderr."""
     with suppress(OSError, ValueError, AttributeError):  # stderr is closed: continue the work
-        click.echo(text, err=True)
+        click.echo(_shown(text), err=True)
 
 
 def say_of_ending(text: str) -> None:

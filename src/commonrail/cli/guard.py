@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from commonrail.base.errors import CommonrailError, InputError, OutputError, nearest
+from commonrail.base.output import line_text
 
 INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
 UNEXPECTED = 1
@@ -116,17 +117,19 @@ def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
 
 
 def check_paths(options: Mapping[str, Any]) -> None:
-    """Refuse "-" as a file, and an output that would take the place of an input.
+    """Refuse "-" as a file, names that a terminal obeys, and an output that would take the place of an input.
 
     `options` are those of a verb by name. Raises `InputError` if there is one.
     """
-    _refuse_dash(options)
+    _refuse_names(options)
     _refuse_inputs_as_outputs(options)
 
 
-def _refuse_dash(options: Mapping[str, Any]) -> None:
-    """Refuse "-" as the name of a file: elsewhere it means standard input or output, here it would be a file."""
+def _refuse_names(options: Mapping[str, Any]) -> None:
+    """Refuse names that a terminal obeys, and "-", which elsewhere means standard input or output."""
     for name, given in options.items():
+        if any(isinstance(path, Path) and line_text(str(path)) != str(path) for path in _several(given)):
+            raise InputError(f"{given}: the name has control characters, which a terminal obeys; rename it.")
         if any(path == _DASH for path in _several(given)):
             raise InputError(
                 f'{name.replace("_", "-")} "-": files are not read from standard input nor written to standard output; '

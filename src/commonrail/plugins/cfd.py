@@ -18,7 +18,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import CommonrailError, InputError
-from commonrail.base.output import write_text
+from commonrail.base.output import line_text, write_text
 from commonrail.cli.console import say
 from commonrail.cli.options import check_file
 from commonrail.cli.verbs.simulate import Run, heading
@@ -151,13 +151,13 @@ def _rows(course: Course) -> Iterator[tuple[str, str]]:
 
 
 def _foam_lines(notes: Sequence[str], course: Course) -> Iterator[str]:
-    yield from (f"// {note}" for note in notes)
+    yield from (f"// {line_text(note)}" for note in notes)
     yield "("
     yield from (f"    ({time} {rate})" for time, rate in _rows(course))
     yield ")"
 
 
 def _dat_lines(notes: Sequence[str], course: Course) -> Iterator[str]:
-    yield from (f"# {note}" for note in notes)
+    yield from (f"# {line_text(note)}" for note in notes)
     yield "# time [s]  mass flow [kg/s]"
     yield from (f"{time} {rate}" for time, rate in _rows(course))

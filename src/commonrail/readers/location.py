@@ -9,10 +9,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from commonrail.base.arrays import IndexArray
 from commonrail.base.errors import CommonrailError, InputError, nearest_key
+from commonrail.base.hooks import note
 from commonrail.base.input import read_plain, similar_names
 
 Row = TypeVar("Row", bound=Sequence[str | float])
@@ -83,14 +84,17 @@ def located(place: Place) -> Iterator[None]:
 ALLOW = "allow_outside"
 
 
-class Reach(NamedTuple):
+@dataclass
+class Reach:
     """Folder that no name may lead out of, unless the file that sets it says so.
 
-    What the `file` names, which the user named, lies in its folder or below, unless it allows places `outside`.
+    What the `file` names, which the user named, lies in its folder or below, unless it allows places `outside`. The
+    first one that is used is `announced`, because the file may be a stranger's.
     """
 
     file: Path
     outside: bool
+    announced: bool = False
 
     def path(self, folder: Path, name: str, at: Place) -> Path:
         """Path of a file named in a file of `folder`.
@@ -99,7 +103,11 @@ class Reach(NamedTuple):
         if there is none.
         """
         path = folder / name
-        if self.outside or self._inside(path):
+        inside = self._inside(path)
+        if self.outside and not (inside or self.announced):
+            note(f"{self.file}: {ALLOW} = true, so files elsewhere are read, such as {path}.")
+            self.announced = True
+        if self.outside or inside:
             if not os.path.lexists(path) and name.isprintable():  # a name that no file can have is told when it is read
                 raise at.error(f"{path}: there is no such file{similar_names(path)}")
             return path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,6 +34,13 @@ from commonrail.runs.traces import Curve, Traces, read_traces, write_traces
 LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
 
 
+# Control characters of JSON, those that are escaped as a group: a terminal would obey texts of a stranger's run.
+_ESCAPES = re.compile(
+    r"\\(?:(u000[0-8b-f]|u001|u007f|u00[89]|u20(?:2[a-e]|6[6-9])|[bfr])|.)|([\x7f-\x9f\u202a-\u202e\u2066-\u2069])",
+    re.IGNORECASE,
+)
+
+
 def read_record(path: Path, made_by: str) -> dict[str, Any]:
     """A record, which is one JSON object; `made_by` is the command that leaves such a file, for the message.
 
@@ -42,7 +50,10 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
         raise _no_run(path.parent, made_by) or _broken(path, made_by, "there is no such file")
     check_sum(path)
     try:
-        record = json.loads(read_text(path, LARGEST_RECORD), parse_constant=_refuse_constant)
+        text = read_text(path, LARGEST_RECORD)
+        if any(escape.lastindex for escape in _ESCAPES.finditer(text)):
+            raise ValueError("a text has control characters")
+        record = json.loads(text, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
         raise _broken(path, made_by, str(error)) from error
     if not isinstance(record, dict):
@@ -56,7 +67,8 @@ def _refuse_constant(text: str) -> None:
 
 def write_record(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record whole or not at all; `OutputError` if it cannot be written."""
-    write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    text = json.dumps(record, indent=1, allow_nan=False) + "\n"
+    write_text(path, _ESCAPES.sub(lambda escape: " " if escape.lastindex else escape[0], text))
 
 
 def without_result(folder: Path) -> InputError | None:

@@ -50,7 +50,7 @@ def write_traces(
     """
     header = [*before, *_KEYS, *(label + _UNIT for label in labels)]
     rows = (row for curve in curves for row in _rows(curve, labels))
-    write_csv(path, (" ".join(note.split()) for note in notes), header, rows)
+    write_csv(path, notes, header, rows)
 
 
 def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:

@@ -99,9 +99,10 @@ def test_a_label_that_stands_twice_is_refused(tmp_path: Path) -> None:
         read_dcm(path)
 
 
-def test_a_map_whose_lines_are_not_found_is_not_said_to_be_written(tmp_path: Path) -> None:
+@pytest.mark.parametrize("end", [(b"\n", b"\r"), (b"END\n", b"END\n* a note\rWERT 1\n")])
+def test_a_file_with_other_line_ends_is_not_said_to_be_written(tmp_path: Path, end: tuple[bytes, bytes]) -> None:
     path = written(tmp_path, ".dcm", [table()])
-    path.write_bytes(path.read_bytes().replace(b"\n", b"\r"))
+    path.write_bytes(path.read_bytes().replace(*end))
     out = tmp_path / "out.dcm"
     with pytest.raises(InputError, match="must end with LF or CR LF"):
         write_into_dcm(out, path, "InjVlv_tiET_MAP", table())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
-from commonrail.base.csv_output import neutralised_note
+from commonrail.base.csv_output import comment_line
 from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
 from commonrail.base.text import fixed, listed, megapascal, percent, signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
@@ -214,7 +214,7 @@ def corrections_text(record: Record) -> str:
         f"{point['rail_pressure'] / 1e6:.10g},{point['energising_time'] * 1e6:.10g},{point['correction'] * 1e6:.3f}"
         for point in record["points"]
     ]
-    notes = [f"# {neutralised_note(record['synthetic'])}"] if record["synthetic"] else []
+    notes = [comment_line(record["synthetic"])] if record["synthetic"] else []
     return "\n".join([*notes, "rail_pressure [MPa],energising_time [us],correction [us]", *rows, ""])
 
 

@@ -189,7 +189,7 @@ def read_points(
         {"kind": "quantities", "name": file.name, "role": "fit", "file": str(file.absolute()), **stated}
         | {"absolute": "0.05 mm3", "relative": share, "source": f"reference quantities of {file.name}"}
     )
-    (read,) = QuantityData.read_all(model, Context(injector, 1e-6, Reach(file, True), Place(str(file))))
+    (read,) = QuantityData.read_all(model, Context(injector, 1e-6, Reach(file, True, announced=True), Place(str(file))))
     return read
 
 

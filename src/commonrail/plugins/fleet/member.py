@@ -116,9 +116,9 @@ def read_shared(template: Template) -> dict[Path, str]:
     with noting_files() as noted, located(Place(str(template.path))):
         for name, path in shared_files(template).items():
             if name == template.model.injector:
-                load_injector(path, Reach(template.path, outside=True))
+                load_injector(path, Reach(template.path, outside=True, announced=True))
             elif name == template.model.type:
-                load_type(path, Reach(template.path, outside=True))
+                load_type(path, Reach(template.path, outside=True, announced=True))
             read_plain(path)
     return noted
 

@@ -87,6 +87,7 @@ def calibrate_fmu(
     """
     instance(study, FmuStudy, "study")
     function(progress, "progress")
+    note(f"{study.fmu.path}: the code of this FMU runs with your rights; run none that you do not trust.")
     for sentence in study.notes:
         note(sentence)
     how = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes

@@ -49,6 +49,8 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
     table.require_numbers("A DCM file")
     values, inside, done = iter(table.values.ravel().tolist()), False, False
     text, encoding = _decoded(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # either keeps each byte
+    if re.search(r"\r(?!\n)", text):  # others see a line end there
+        raise InputError(f"{source}: a line ends with CR alone; lines must end with LF or CR LF.")
     lines = text.split("\n")
     for i, line in enumerate(lines):
         words = line.split()
