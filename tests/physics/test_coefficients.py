@@ -9,7 +9,7 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.physics import fuel_kernel
-from commonrail.physics.fuel_kernel import FuelCoefficients, coefficient_rows, fuel_coefficients, polynomial_errors
+from commonrail.physics.fuel_kernel import FuelCoefficients, _errors, _Values, coefficient_rows, fuel_coefficients
 from commonrail.readers.fuel import load_fuel
 
 CASES = [(n, t) for n in ("iso4113", "n-dodecane") for t in (293.15, 313.15, 353.15, 393.15)]
@@ -54,7 +54,8 @@ def test_polynomials_follow_the_laws_in_overshoot_and_tension(name: str, tempera
 @pytest.mark.parametrize(("name", "temperature"), CASES)
 def test_measured_errors_are_those_of_the_kernel(name: str, temperature: float) -> None:
     fuel, f = load_fuel(name), fuel_coefficients(load_fuel(name), temperature)
-    error = polynomial_errors(fuel, temperature, f)
+    pressures = np.linspace(*fuel.pressure_range, 101)
+    error = _errors(_Values.of(fuel, pressures, np.array([temperature])), pressures, f)
     rho, modulus = fuel.density(INSIDE, temperature), fuel.bulk_modulus(INSIDE, temperature)
     found = evaluate(fuel_kernel.stiffness, f, rho) * rho / modulus - 1.0
     assert error.bulk_modulus == pytest.approx(np.abs(found).max(), rel=1e-6)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from commonrail.physics.flow import mean_departure, relaxation
+from commonrail.physics.flow import mean_departure
 
 STIFFNESS, VOLUME, DT, NET = 2.5e6, 18e-9, 1e-6, 0.02
 
@@ -43,18 +43,3 @@ def test_in_between_it_stays_near_the_exponential(y: float) -> None:
 def test_a_growing_volume_swallows_flow() -> None:
     grown = mean_departure(NET, 1e-9, STIFFNESS, VOLUME, NET * DT, DT)
     assert grown == 0.0
-
-
-@pytest.mark.parametrize("y", [0.0, 0.2, 2.0, 50.0, 1e6])
-def test_relaxation_is_the_end_of_the_step_whose_mean_is_the_departure(y: float) -> None:
-    # p(dt) − p_n = rate − S mean, exactly, or mass and pressure would part
-    rate = DT * STIFFNESS / VOLUME * NET
-    # two nearly equal terms at large y: their rounding is 1e-16 of the rate
-    assert rate * relaxation(y) == pytest.approx(rate - y * departure(y), rel=1e-12, abs=1e-14 * rate)
-
-
-def test_relaxation_never_overshoots() -> None:
-    assert all(0.0 < y * relaxation(y) < 1.2 for y in (0.1, 1.0, 4.0, 30.0, 1e9))
-    assert relaxation(0.0) == 1.0
-    # L-stable: a stiff state ends on its balance
-    assert 1e9 * relaxation(1e9) == pytest.approx(1.0, rel=1e-8)

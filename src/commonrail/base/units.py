@@ -1,7 +1,7 @@
 """Text with a unit ("160 MPa", "700 us") to SI floats and back: the edge of the project.
 
 Inside the project every number is an SI float. This module is the only user of pint. The units
-that the field writes every day are in `unit_table`, so that an ordinary file never pays for
+that the field writes every day are in `FACTORS`, so that an ordinary file never pays for
 building pint's registry (about 0.4 s); any other unit is handed to pint.
 """
 

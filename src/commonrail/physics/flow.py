@@ -106,8 +106,6 @@ def series(first: float, second: float) -> float:
 
 
 # Leakage through the ring gap of a guide, Eq. (5).
-
-
 #
 # Body and rod of a guide give way to the pressure in their gap, in proportion to it: g(p) = g₀ + C p. By Lamé's
 # equations of a thick-walled cylinder (Timoshenko and Goodier, Theory of Elasticity, section 28) and of a rod pressed
@@ -217,15 +215,6 @@ def friction_resistance(friction_factor: float, length: float, diameter: float, 
 #
 # a rational form of (1 − (1 − e^(−y))/y)/y: second order for y → 0, exact equilibrium for y → ∞ (L-stable).
 # Every flow's mean over the step is q_n ± s δ, and the mass changes by exactly their sum.
-
-
-@physics
-def relaxation(y: float) -> float:
-    """φ1(y) = (6 + y)/(6 + 4y + y²) ≈ (1 − e^(−y))/y: change over a step, divided by dt times its first rate [1].
-
-    `y`: step over relaxation time [1], ≥ 0.
-    """
-    return (6.0 + y) / (6.0 + y * (4.0 + y))
 
 
 @physics

@@ -1,7 +1,6 @@
 """A fuel as the host sees it: density, moduli, viscosity, wave speed over pressure, temperature.
 
-The hot loop does not call this: `commonrail.physics.fuel_kernel` turns a `Fuel` at one temperature
-into the polynomials of `commonrail.physics.fuel_kernel`.
+Kernels do not call this: `commonrail.physics.fuel_kernel` fits polynomials to a `Fuel` at one temperature.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from commonrail.physics.elementary import cosine, exp, expm1, power
 #     kinematic viscosity     y(p) = K1 + K2 p^K3
 #
 # Every K is a polynomial in temperature. Units follow the coefficients; pressures are in
-# MPa here (a power of a pressure has no natural unit) and `commonrail.physics.fuel` converts to SI.
+# MPa here (a power of a pressure has no natural unit) and `Fuel` converts to SI.
 
 TEMPERATURE_ORIGIN = 353.15
 """Temperature [K] at which a K is the first coefficient of its polynomial: the paper's 80 °C."""

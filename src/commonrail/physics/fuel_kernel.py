@@ -267,7 +267,7 @@ class _Values(NamedTuple):
 def _fitted(fuel: Fuel, temperatures: Floats) -> Floats:
     """Coefficients (k, c) at temperatures (k,), all laws evaluated together: fitted here, checked there."""
     p, inside = _grid(fuel)
-    check = _checked(fuel)
+    check = np.linspace(*fuel.pressure_range, 101)  # pressures [Pa] that the polynomials are measured at
     every = _Values.of(fuel, np.concatenate(([0.0], p, check)), temperatures)
     weight = np.where(inside, 1.0, _OUTSIDE_WEIGHT)
     reference = every.density[:, :1]
@@ -293,20 +293,6 @@ def _fitted(fuel: Fuel, temperatures: Floats) -> Floats:
         own = _Values._make(law[i : i + 1] for law in tested)
         _refuse_if_poor(fuel, temperature, _errors(own, check, FuelCoefficients._make(rows[i].tolist())))
     return rows
-
-
-def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoefficients) -> PolynomialErrors:
-    """Measure polynomials against the laws they were made from, at 101 pressures of the range.
-
-    `fuel`: the laws; `temperature`: temperature [K], inside the fuel's range; `coefficients`: the polynomials.
-    """
-    p = _checked(fuel)
-    return _errors(_Values.of(fuel, p, np.array([temperature])), p, coefficients)
-
-
-def _checked(fuel: Fuel) -> Floats:
-    """Pressures [Pa] that polynomials are measured at."""
-    return np.linspace(*fuel.pressure_range, 101)
 
 
 def _errors(values: _Values, p: Floats, f: FuelCoefficients) -> PolynomialErrors:

@@ -130,9 +130,9 @@ def during(share: float, rate: Rate) -> Rate:
 def relaxed(rate: Rate, dt: float) -> float:
     """Mean over the step of dφ/dt [V] while the flux relaxes and the gap keeps closing.
 
-    With y = dt · decay: (6 r + y r_end)/(6 + 4y + y²), `relaxation` for a gap at rest. A rate that changes linearly by
-    2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
-    (r_end − r) y/(6 + 4y + y²): over the same denominator, and as 1/y for large y.
+    With y = dt · decay: (6 r + y r_end)/(6 + 4y + y²), for a gap at rest (6 + y)/(6 + 4y + y²) of r. A rate that
+    changes linearly by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r)
+    (y/6 − y²/12 + …), here (r_end − r) y/(6 + 4y + y²): over the same denominator, and as 1/y for large y.
 
     `rate`: for the flux at the start of the step and the gap of mid-step; its value with the gap of the end; its decay.
     """

@@ -21,7 +21,7 @@ MEMORY = 15e-6
 
 
 _KNOT, _SHAPE = "lift of knot", "relative change of c_d(z) of Eq. (9) at knot"
-_USUAL_KNOT, _USUAL_SHAPE = (2e-6, 2e-3), (-0.6, 0.6)  # [m], [1]: see `parameters.Q`
+_USUAL_KNOT, _USUAL_SHAPE = (2e-6, 2e-3), (-0.6, 0.6)  # [m], [1]: see `law.Q`
 _MEMORY = "time in which c_d forgets the largest lift once needle and SAC are at rest"
 _USUAL_GROWTH = (-8e-9, 8e-9)  # [1/Pa]: 0.2 from 10 to 35 MPa, the range of direct-acting injectors
 

@@ -118,7 +118,7 @@ def nodal_forces(s: Seven, joint: float) -> Nine:
 
 
 _MASS = "mass of cylinder"
-_USUAL_STIFFNESS, _USUAL_MASS = (2e6, 5e9), (2e-5, 0.3)  # [N/m], [kg]: see `parameters.Q`
+_USUAL_STIFFNESS, _USUAL_MASS = (2e6, 5e9), (2e-5, 0.3)  # [N/m], [kg]: see `law.Q`
 _STIFFNESS = "axial stiffness E A/l of cylinder"
 
 
