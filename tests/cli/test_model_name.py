@@ -27,6 +27,9 @@ def test_label_and_variant_may_stand_around_it() -> None:
     assert (model.label, model.stated) == ("stiff", True)
     own = load_injector(NAME).variant
     assert model.injector.variant == own._replace(body=Body.RIGID, boundary=Boundary.VOLUME)
+    assert load_injector(f"{NAME}@rigid,volume") == model.injector
+    with pytest.raises(InputError):
+        load_injector(f"{NAME}@hollow")
 
 
 @pytest.mark.parametrize("word", ["current trace", "current-trace"])

@@ -104,7 +104,7 @@ class Shown:
     def plot(self, point: Any = None) -> Any:
         """Figures of the report; a notebook shows them, `save` writes them as a page.
 
-        `point` is the `OperatingPoint` of a simulation, whose energisings and delays are then drawn. Raises
+        `point`: an `OperatingPoint` in place of that of a simulation, whose energisings and delays are drawn. Raises
         `ConfigurationError` if there is nothing to draw, or what has a point is no simulation.
         """
         return _notebook().plot_of(self, point)

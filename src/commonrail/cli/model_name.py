@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from commonrail.base.choices import Actuation, Body, Boundary, Drive
-from commonrail.base.errors import ConfigurationError, InputError, nearest
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.physics.injector import Injector
-from commonrail.physics.variants import Variant
+from commonrail.physics.variants import varied
 from commonrail.readers.injector import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
 from commonrail.readers.location import Place, located
 
@@ -25,11 +23,6 @@ _RESERVED = frozenset(
     {"data", "dead_time", "measured", "quantity", "synthetic", "time_s"}
     | {"rail_pressure", "cylinder_pressure", "return_pressure", "energising_time"}
 )
-
-_FIELDS: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
-_WORDS: dict[str, tuple[str, Enum]] = {
-    str(member.value).replace(" ", "-"): (field, member) for field, kind in _FIELDS.items() for member in kind
-}
 
 
 class NamedModel(NamedTuple):
@@ -92,7 +85,7 @@ def read_model_name(text: str) -> NamedModel:
     injector, meters = _injector(source), _meters(source)
     if words is not None:
         with located(Place(text)):
-            injector = replace(injector, variant=_varied(injector.variant, words))
+            injector = replace(injector, variant=varied(injector.variant, words))
     folder = None
     if not in_catalogue(source) and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
@@ -158,19 +151,6 @@ def _meters(source: str) -> tuple[Meter, ...]:
         return ()
     path = Path(source)
     return load_meters(path / CALIBRATED if path.is_dir() else path)
-
-
-def _varied(variant: Variant, words: str) -> Variant:
-    changes: dict[str, Enum] = {}
-    for word in (part.strip().replace(" ", "-") for part in words.split(",")):
-        if word not in _WORDS:
-            raise InputError(f'"{word}" is no variant{nearest(word, _WORDS)}; choose from {", ".join(_WORDS)}')
-        field, member = _WORDS[word]
-        if changes.setdefault(field, member) is not member:
-            raise InputError(f'"{changes[field].value}" and "{word}" contradict each other; keep one')
-    if variant.actuation is Actuation.DIRECT and changes.get("body") is Body.FLEXIBLE:
-        raise InputError('a direct-acting injector has a rigid body; omit "flexible"')
-    return Variant(**{**variant._asdict(), **changes})
 
 
 def _stem(source: str) -> str:

@@ -345,6 +345,7 @@ def solution(model: Model, time: Floats, states: Floats, found: Instants, finish
         status=status,
         engine="reference",
         balance=_balance(model, states),
+        point=model.point,
     )
 
 

@@ -145,6 +145,7 @@ def simulate(
         engine=engine.value,
         balance=relative_balance(c, states, time_step),
         find_longest_step=functools.partial(longest_step, injector, theta[0], prepared.medium, reached),
+        point=point,
     )
 
 

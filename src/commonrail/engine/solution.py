@@ -147,7 +147,7 @@ class Solution:
     time : (samples + 1,)
         Bounds of the samples [s].
     mass_rate : (samples,)
-        Mean mass flow through the nozzle between two bounds [kg/s].
+        Mean mass flow through the nozzle between two bounds [kg/s]; rates are drawn over `sample_time`.
     injected : (samples + 1,)
         Mass injected up to a bound [kg].
     channels : dict of str to (samples + 1,)
@@ -173,6 +173,8 @@ class Solution:
         In − out − stored, relative to the injected mass, or to 1 mg where less was injected.
     find_longest_step : function () -> float, optional
         Gives `longest_step`.
+    point : OperatingPoint, optional
+        The one that was simulated.
     """
 
     time: Floats
@@ -189,6 +191,7 @@ class Solution:
     engine: str
     balance: float
     find_longest_step: Callable[[], float] | None = field(default=None, repr=False)
+    point: OperatingPoint | None = field(default=None, repr=False)
 
     @functools.cached_property
     def longest_step(self) -> float:
@@ -212,17 +215,17 @@ class Solution:
 
     @property
     def rate(self) -> Floats:
-        """Rate of injection by volume [m³/s] at the reference density."""
+        """Rate of injection by volume (samples,) [m³/s] at the reference density, at `sample_time`."""
         return np.asarray(self.mass_rate / self.reference_density)
 
     @property
     def rate_mg_per_ms(self) -> Floats:
-        """Rate of injection by mass [mg/ms]."""
+        """Rate of injection by mass (samples,) [mg/ms], at `sample_time`."""
         return np.asarray(self.mass_rate * 1e3)
 
     @property
     def rate_mm3_per_ms(self) -> Floats:
-        """Rate of injection by volume [mm³/ms]."""
+        """Rate of injection by volume (samples,) [mm³/ms], at `sample_time`."""
         return np.asarray(self.rate * 1e6)
 
     @property

@@ -7,12 +7,13 @@ import hashlib
 import inspect
 import sys
 from collections.abc import Callable
+from enum import Enum
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
 from commonrail.base.arguments import chosen, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
-from commonrail.base.errors import ConfigurationError, nearest
+from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics import model
 from commonrail.physics.components import drive, feed_pipe, nozzle, plunger_needle, valve
 from commonrail.physics.law import Layout, layout_of, physics
@@ -338,3 +339,28 @@ def reader_of(name: str) -> str:
         kinds = [kind for kind, names in _READ_OF_DRIVE.items() if key in names]
         return " or ".join(f'drive_kind = "{kind.value}" (@{kind.value.replace(" ", "-")})' for kind in kinds)
     return _READERS[RAIL_TABLE] if part == "rail" else _READERS[CHAIN]
+
+
+# Words that change a variant, as in "cri2-16@rigid,pwm".
+
+_FIELDS: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
+_WORDS: dict[str, tuple[str, Enum]] = {
+    str(member.value).replace(" ", "-"): (field, member) for field, kind in _FIELDS.items() for member in kind
+}
+
+
+def varied(variant: Variant, words: str) -> Variant:
+    """Variant changed by words that commas separate.
+
+    Raises `InputError` if one is unknown or contradicts another or the actuation.
+    """
+    changes: dict[str, Enum] = {}
+    for word in (part.strip().replace(" ", "-") for part in words.split(",")):
+        if word not in _WORDS:
+            raise InputError(f'"{word}" is no variant{nearest(word, _WORDS)}; choose from {", ".join(_WORDS)}.')
+        field, member = _WORDS[word]
+        if changes.setdefault(field, member) is not member:
+            raise InputError(f'"{changes[field].value}" and "{word}" contradict each other; keep one.')
+    if variant.actuation is Actuation.DIRECT and changes.get("body") is Body.FLEXIBLE:
+        raise InputError('a direct-acting injector has a rigid body; omit "flexible".')
+    return Variant(**{**variant._asdict(), **changes})

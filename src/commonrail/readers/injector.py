@@ -23,7 +23,7 @@ from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Q
-from commonrail.physics.variants import Variant, model_of, reader_of, unread_parameters
+from commonrail.physics.variants import Variant, model_of, reader_of, unread_parameters, varied
 from commonrail.readers.fuel import FuelModel, catalogue_fuel, parse_fuel
 from commonrail.readers.location import Place, Reach, located, read_text
 from commonrail.readers.toml import (
@@ -437,7 +437,8 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     Parameters
     ----------
     source : str or Path
-        Path of a ``.toml`` file, or a name of `injector_catalogue`.
+        Path of a ``.toml`` file, or a name of `injector_catalogue`; with another variant as the command line names it,
+        "cri2-16@rigid,pwm".
     reach : Reach, optional
         Where the file of its fuel may lie; by default in the injector's folder or below, unless the injector's file
         says ``allow_outside = true``.
@@ -459,7 +460,12 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     if isinstance(source, Path):
         check_sum(source)
         return _read(read_text(source, LARGEST_TOML), str(source), source.stem, reach)
-    if "@" in source:
+    name, at, words = source.rpartition("@")
+    if at and reach is None:
+        injector = load_injector(name)
+        with located(Place(source)):
+            return replace(injector, variant=varied(injector.variant, words))
+    if at:
         raise InputError(
             f'"{source}" names a variant, which is not taken here; state rail_boundary, drive_kind and variant in an '
             "injector file and name that."

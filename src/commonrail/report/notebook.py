@@ -211,13 +211,15 @@ def html_of(result: Any) -> str:
 
 
 def plot_of(result: Any, point: OperatingPoint | None = None) -> Picture:
-    """Figures of a result, that of a simulation beside a section of the injector; `point` is that of a simulation.
+    """Figures of a result, that of a simulation beside a section of the injector.
+
+    `point`: in place of that of a simulation.
 
     ConfigurationError if there are none, or another result has a point.
     """
     beside = ""
     if isinstance(result, Solution):
-        instance(point, OperatingPoint | None, "point")
+        point = instance(point, OperatingPoint | None, "point") or result.point
         figures: list[Chart] = [registry.shipped("simulations")["figure"].load()(result, point)]
         beside = registry.shipped("simulations")["section"].load()(result, point)
     elif point is not None:

@@ -37,7 +37,7 @@ def posterior(r_hat: float = 1.01) -> cr.Posterior:
         space=SimpleNamespace(from_unit=lambda unit: unit * np.array([10.0, 100.0])),
     )
     unit = np.random.default_rng(1).uniform(size=(2, 300, 2))
-    estimate: Any = SimpleNamespace(likelihood=own)
+    estimate: Any = SimpleNamespace(likelihood=own, point=np.array([5.0, 50.0]))
     sizes = np.array([450.0, 500.0])
     return cr.Posterior(estimate, unit, np.zeros((2, 300)), np.array([1.0, r_hat]), sizes, 0.3, 700, 2, 1)
 
@@ -83,6 +83,14 @@ def test_frames_have_a_row_for_each_value_with_units() -> None:
     measurements = plan().to_pandas()
     assert measurements["energising_time [us]"].tolist() == pytest.approx([300.0, 500.0])
     assert measurements["expected [mm3]"].tolist() == pytest.approx([5.0, 10.0])
+
+
+def test_draws_are_drawn_in_pairs() -> None:
+    (figure,) = posterior().plot().figures
+    _, likely = figure.panels[0].series
+    assert (likely.x, likely.y) in (((5.0,), (50.0,)), ((50.0,), (5.0,)))
+    with pytest.raises(cr.SimulationError):
+        posterior(1.2).plot()
 
 
 def test_data_of_unlike_units_name_theirs_in_a_column() -> None:

@@ -113,7 +113,8 @@ def test_features_relate_to_the_figures_of_the_engine(regulated: Injector, tmp_p
     whole = read(regulated, tmp_path, ALL, pulses()).curve.point
     point = replace(whole, energisings=whole.pulses[:1])
     solution = simulate(regulated, point, time_step=STEP)
-    found = features(solution, point)
+    found = features(solution)
+    assert found.value("opening_delay") == found.value("opening") - point.pulses[0].start
     assert 0.0 < found.value("opening") - solution.opening < 10e-6
     assert abs(found.value("closing") - solution.first_closing) < 10e-6
     assert found.quantity == pytest.approx(solution.injected_volume, rel=1e-9)

@@ -304,6 +304,13 @@ def test_why_a_file_is_no_data_of_a_study_is_said_and_a_unit_can_be_stated(bench
     assert 'quantity_unit = "mm3"' in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
 
 
+def test_a_variant_becomes_an_injector_file(bench: Path, tmp_path: Path) -> None:
+    words = ("--from", bench / "raw" / "rates.csv", "--free", "valve.lift", "--cylinder-pressure", "5MPa")
+    done = run_command("new", tmp_path / "s", "--injector", "cri2-16@rigid", *words, "--return-pressure", "0.5MPa")
+    assert done.status == 0, done.err
+    assert cr.load_injector(tmp_path / "s" / "injector.toml").variant == cr.load_injector("cri2-16@rigid").variant
+
+
 def test_a_test_plan_is_named(tmp_path: Path) -> None:
     (tmp_path / "plan.csv").write_text(
         "# SYNTHETIC\ntest,rail_pressure [MPa],energising_time [us],upper_limit [mm3]\nVL,160,700,60\nEM,80,500,20\n"

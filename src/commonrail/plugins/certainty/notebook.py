@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 
+from commonrail.base.chart import Figure
 from commonrail.base.table import Table
 from commonrail.base.text import counted, fixed, significant
 from commonrail.calibration.identifiability import ParameterVerdict
@@ -14,6 +15,7 @@ from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.posterior import Posterior
 from commonrail.plugins.certainty.posterior_file import posterior_record
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables, posterior_table
+from commonrail.report.fit.diagnostics import pair_figures
 from commonrail.report.presenter import Array, Arrays, Presenter
 
 
@@ -54,6 +56,16 @@ def _posterior_tables(found: Posterior) -> list[Table]:
     return [posterior_table(posterior_record(found), units)]
 
 
+def _posterior_figures(found: Posterior) -> list[Figure]:
+    """Draws of pairs of parameters, as in the report."""
+    likelihood, points = found.estimate.likelihood, found.points()
+    upper = likelihood.space.from_unit(np.ones(points.shape[1]))
+    columns = zip(found.names, likelihood.units, upper.tolist(), found.estimate.point.tolist(), strict=True)
+    parameters = [{"name": name, "unit": unit, "upper": high, "best": best} for name, unit, high, best in columns]
+    draws = {name: points[:, i] for i, name in enumerate(found.names)}
+    return pair_figures({"parameters": parameters}, draws, "most likely")
+
+
 def _arrays(found: Certainty) -> Arrays:
     """Values and intervals of the parameters in SI units, which a column names."""
     likelihood = found.estimate.likelihood
@@ -78,4 +90,4 @@ def _posterior_arrays(found: Posterior) -> Arrays:
 
 
 CERTAINTY = Presenter(_lines, _tables, arrays=_arrays)
-POSTERIOR = Presenter(_posterior_lines, _posterior_tables, arrays=_posterior_arrays)
+POSTERIOR = Presenter(_posterior_lines, _posterior_tables, _posterior_figures, _posterior_arrays)

@@ -120,7 +120,8 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
     if isinstance(source, RateTrace):
         return source if pulses is None else replace(source, energisings=tuple(pulses))
     if isinstance(source, Solution):
-        return RateTrace(source.time, source.rate, energisings=tuple(pulses or ()))
+        known = () if source.point is None else source.point.pulses
+        return RateTrace(source.time, source.rate, energisings=tuple(known if pulses is None else pulses))
     if isinstance(source, Trace):
         return RateTrace(bounds_around(np.array(source.time)), np.array(source.value), energisings=tuple(pulses or ()))
     point = getattr(source, "point", None)

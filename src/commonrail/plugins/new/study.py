@@ -135,9 +135,9 @@ class Started(NamedTuple):
 def write_study_from(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser) -> Started:
     """Write a study into a new or empty folder, with copies of the data files.
 
-    `injector`: name of the catalogue, or a TOML file, which is copied; completed if it names other files; `sources`:
-    data files, see `survey`. Raises `InputError` if something is in the folder already, a file cannot be read, is no
-    data of a study, or two have one name. Raises `OutputError` if the folder cannot be written.
+    `injector`: as of `load_injector`; a file is copied, completed if it names other files; `sources`: data files, see
+    `survey`. Raises `InputError` if something is in the folder already, a file cannot be read, is no data of a study,
+    or two have one name. Raises `OutputError` if the folder cannot be written.
     """
     model = load_injector(injector)
     surveys = tuple(_surveyed(path, stated) for path in sources)
@@ -153,8 +153,8 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     with filling(folder):
         (folder / "data").mkdir()
         copies = [_copy(path, folder / "data" / path.name) for path in sources]
-        if injector.endswith(".toml"):
-            copies.append(_copied_injector(Path(injector), model, folder / "injector.toml"))
+        if injector.endswith(".toml") or "@" in injector:  # a study takes no variant
+            copies.append(_copied_injector(injector, model, folder / "injector.toml"))
             injector = "injector.toml"
         study = folder / "study.toml"
         bench = {key: stated.pressures.get(key) or UNKNOWN for key in ("cylinder_pressure", "return_pressure")}
@@ -246,13 +246,13 @@ def _rises(sheet: Sheet, name: str, share: float) -> Floats:
     return np.asarray(0.5 * (time[rising] + time[rising + 1]))
 
 
-def _copied_injector(source: Path, model: Injector, target: Path) -> Path:
-    """Copy of an injector's file; with all values if it refers to other files, which are not copied."""
-    document, _ = read_toml(source)
-    if str(document.get("base", "")).endswith(".toml") or "file" in document.get("fuel", {}):
+def _copied_injector(source: str, model: Injector, target: Path) -> Path:
+    """Copy of an injector's file; of a variant, or where it refers to other files, one with all values."""
+    document = read_toml(Path(source))[0] if source.endswith(".toml") else {}
+    if not document or str(document.get("base", "")).endswith(".toml") or "file" in document.get("fuel", {}):
         dump_injector(model, target)
         return target
-    return _copy(source, target)
+    return _copy(Path(source), target)
 
 
 def _screened(model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path) -> list[Parameter]:

@@ -169,20 +169,20 @@ def _unit(p: Record) -> tuple[str, float]:
     return shown_unit(p["upper"], p["unit"])
 
 
-def pair_figures(record: Record, draws: Mapping[str, Floats]) -> list[Figure]:
-    """Draws of a posterior, a figure for each pair of the parameters that the data see most."""
+def pair_figures(record: Record, draws: Mapping[str, Floats], best: str = "calibrated") -> list[Figure]:
+    """Draws of a posterior, a figure for each pair of the parameters that the data see most; `best` labels its best."""
     known = {p["name"]: p for p in by_effect(record) if p["name"] in draws}
     names = names_of(record)
-    return [_pair((known[a], known[b]), draws, names) for a, b in combinations(list(known)[:PAIRED], 2)]
+    return [_pair((known[a], known[b]), draws, names, best) for a, b in combinations(list(known)[:PAIRED], 2)]
 
 
-def _pair(pair: tuple[Record, Record], draws: Mapping[str, Floats], names: Mapping[str, str]) -> Figure:
+def _pair(pair: tuple[Record, Record], draws: Mapping[str, Floats], names: Mapping[str, str], best: str) -> Figure:
     every = max(len(draws[pair[0]["name"]]) // DRAWS, 1)
     axes = [_unit(p) for p in pair]
     x, y = (points(factor * draws[p["name"]][::every]) for p, (_, factor) in zip(pair, axes, strict=True))
     across, up = ((factor * p["best"],) for p, (_, factor) in zip(pair, axes, strict=True))
     first, second = (_axis(names[p["name"]], unit) for p, (unit, _) in zip(pair, axes, strict=True))
-    series = Series("draws", "start", x, y, MARKERS), Series("calibrated", "best", across, up, MARKERS)
+    series = Series("draws", "start", x, y, MARKERS), Series(best, "best", across, up, MARKERS)
     return Figure(f"{names[pair[0]['name']]} and {names[pair[1]['name']]}", "", first, (Panel(second, series),))
 
 
