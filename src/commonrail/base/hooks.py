@@ -131,6 +131,7 @@ class StopRequest:
 
     def __init__(self) -> None:
         self.asked = self.pressed = False
+        self.holders = 0  # blocks of `held_interrupts`, which look after the request themselves
         self.tell: Callable[[str], None] | None = None
 
     def check(self) -> None:
@@ -147,6 +148,15 @@ def check_stop() -> None:
     _STOP.check()
 
 
+def check_unheld_stop() -> None:
+    """Raise KeyboardInterrupt if a stop was asked for, unless a block of `held_interrupts` looks after that.
+
+    Called between batches of simulations, before results are written and at the end of a command.
+    """
+    if not _STOP.holders:
+        _STOP.check()
+
+
 def end_at_second(tell: Callable[[str], None]) -> None:
     """Let a second Ctrl-C end this process at once, as commands do; in a library it raises `KeyboardInterrupt`.
 
@@ -157,7 +167,20 @@ def end_at_second(tell: Callable[[str], None]) -> None:
 
 @contextmanager
 def held_interrupts() -> Iterator[StopRequest]:
-    """While inside, `STOP_SIGNALS` only request a stop: what is being computed or written is finished.
+    """As `requested_stops`; what is being computed or written is finished, `check_unheld_stop` raises nothing."""
+    with requested_stops() as stop:
+        stop.holders += 1
+        try:
+            yield stop
+        finally:
+            stop.holders -= 1
+
+
+@contextmanager
+def requested_stops() -> Iterator[StopRequest]:
+    """While inside, `STOP_SIGNALS` only request a stop, and raise nothing into whatever is at work.
+
+    An exception could be lost in a library, which would go on with half of what it was about to read.
 
     One that was ignored at the start, as by ``nohup``, stays ignored. A second Ctrl-C raises `KeyboardInterrupt` at
     once, or ends the process if `end_at_second` was called.

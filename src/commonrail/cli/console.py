@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
-from commonrail.base.hooks import compiled_words, tell_of_compiling
+from commonrail.base.hooks import check_unheld_stop, compiled_words, tell_of_compiling
 from commonrail.base.text import duration
 
 if TYPE_CHECKING:
@@ -315,6 +315,7 @@ class Bar(AbstractContextManager["Bar"]):
 
     def show(self, s: Stage) -> None:
         """Show a stage; in a file at its first step and at every tenth part of it, with the time that is left."""
+        check_unheld_stop()
         if self.console is not None:
             self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
             return

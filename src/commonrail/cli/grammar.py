@@ -16,9 +16,10 @@ from typing import Any, get_args, get_origin
 import click
 
 from commonrail.base.errors import PluginError, nearest
+from commonrail.base.hooks import check_unheld_stop, requested_stops
 from commonrail.base.registry import entries, find
 from commonrail.cli.console import say
-from commonrail.cli.guard import check_paths, guarded, raise_interrupts
+from commonrail.cli.guard import check_paths, guarded
 
 HEADINGS = {
     "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "certainty", "next", "report"),
@@ -173,12 +174,12 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Import the verb that is called, and let Ctrl-C raise an exception from then on."""
+        """Import the verb that is called; from then on Ctrl-C is a request, see `requested_stops`."""
         if find("verbs", self.prefix + args[0]) is None:
             known = self._names() if self.prefix else [*entries("verbs")]
             ctx.fail(f"No such command '{args[0]}'{nearest(args[0], known)}.")
         resolved = super().resolve_command(ctx, args)
-        raise_interrupts()
+        ctx.with_resource(requested_stops())
         return resolved
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -199,9 +200,11 @@ class Verbs(click.Group):
             return super().make_context(*args, **settings)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the verb that is called; its exceptions become sentences."""
+        """Run the verb that is called; its exceptions become sentences, and a stop that was asked for is no success."""
         with guarded():
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            check_unheld_stop()
+            return result
 
 
 # The help is plain: it reads the same in a terminal, a log and a page of documentation.

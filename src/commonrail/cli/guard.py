@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -44,12 +43,6 @@ def end_process(number: int, frame: Any) -> None:
     os._exit(INTERRUPTED)
 
 
-def raise_interrupts() -> None:
-    """Let Ctrl-C raise `KeyboardInterrupt` again: a verb has begun, and something may have to be kept."""
-    if signal.getsignal(signal.SIGINT) is end_process:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
 @contextmanager
 def guarded() -> Iterator[None]:
     """Turn what a verb raises into a sentence and an exit status.
@@ -57,7 +50,6 @@ def guarded() -> Iterator[None]:
     A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130. Whatever else is raised is a
     fault of the program (1), or of the plug-in whose verb it is (2); its traceback is shown on demand.
     """
-    before = signal.getsignal(signal.SIGINT)
     try:
         yield
     except CommonrailError as error:
@@ -81,9 +73,6 @@ def guarded() -> Iterator[None]:
             _end_of_click(error)
             raise
         _end(*_fault(error))
-    finally:
-        if before is end_process:
-            signal.signal(signal.SIGINT, before)
 
 
 def _end_of_click(error: Exception) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import NamedTuple
 
+from commonrail.base.hooks import check_unheld_stop
+
 
 def usable_threads() -> int:
     """Processors this process may use."""
@@ -63,7 +65,11 @@ if hasattr(os, "register_at_fork"):  # a forked process inherits the crew's task
 
 
 def side_by_side(work: Callable[[int], None], items: Sequence[int]) -> None:
-    """Call `work` with every item at the same time: with the first in the calling thread, the others in threads."""
+    """Call `work` with every item at the same time: with the first in the calling thread, the others in threads.
+
+    `KeyboardInterrupt` before that if a stop was asked for, see `check_unheld_stop`.
+    """
+    check_unheld_stop()
     done: SimpleQueue[BaseException | None] = SimpleQueue()
     _crew.grow(len(items) - 1)
     for item in items[1:]:

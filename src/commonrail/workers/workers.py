@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Protocol
 
 from commonrail.base import registry
+from commonrail.base.hooks import check_unheld_stop
 from commonrail.engine.threads import usable_threads
 from commonrail.workers.pool import USUAL, Limits, ProcessPool
 from commonrail.workers.task import Lost, Outcome, Task
@@ -107,7 +108,7 @@ class Workers:
         self,
         tasks: Iterable[Task],
         again: Callable[[Task], Sequence[Task]] = lambda task: [task],
-        check_stop: Callable[[], None] = lambda: None,
+        check_stop: Callable[[], None] = check_unheld_stop,
     ) -> Generator[tuple[Task, Outcome]]:
         """Each task and what became of it, as they come; a lost one is repeated as often as the limits allow.
 
