@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
+from commonrail.calibration.study_file import MOST_SAMPLES
+from commonrail.readers.csv import CsvFile
 from commonrail.runs.traces import Curve, read_traces, write_traces
 
 HEAD = "data,time [us],measured [mm3/ms],best [mm3/ms]"
@@ -35,6 +38,22 @@ def test_rates_come_back_to_the_last_digits(tmp_path: Path) -> None:
         np.testing.assert_allclose(trace["time_s"], [1.5e-6, 4.5e-6, 7.5e-6, 10.5e-6], rtol=0.0, atol=1e-12)
         for label in ("measured", 'a,"b"'):
             np.testing.assert_allclose(trace[label], written.rates[label], rtol=1e-15)
+
+
+def test_as_many_samples_are_read_as_a_study_may_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = {}
+
+    class Watched(CsvFile):
+        def __init__(self, path: Path, **how: Any) -> None:
+            asked.update(how)
+            super().__init__(path, **how)
+
+    monkeypatch.setattr("commonrail.runs.traces.CsvFile", Watched)
+    write_traces(tmp_path / "traces.csv", [], LABELS, [curve("160 MPa", 1)])
+    read_traces(tmp_path / "traces.csv")
+    row = (tmp_path / "traces.csv").stat().st_size / 4
+    assert asked["most"] >= MOST_SAMPLES
+    assert asked["largest"] >= row * MOST_SAMPLES
 
 
 def test_comments_stand_on_lines_of_their_own(tmp_path: Path) -> None:
