@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, NoReturn, Self
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from commonrail.base.input import check_plain
 from commonrail.base.output import PART, check_target
 from commonrail.calibration.search import Checkpoint, Generation, Stage, Step
 from commonrail.compiler.target import describe
-from commonrail.runs.lock import UNTRUE, Lock, explained, trusted
-from commonrail.runs.tables import RUN, Schema, Statement, digest, number_bytes, pack, put, rows_of, unpack
+from commonrail.runs.lock import UNTRUE, Lock, explained, refuse_rollback, trusted
+from commonrail.runs.tables import RUN, Schema, Statement, digest, number_bytes, pack, put, read_rows, unpack
 
 # An SQLite file in a folder that one process holds and others read: what all journals have in common.
 
@@ -31,6 +31,11 @@ LONGEST_LOG = 4_000_000  # written to the log before the main file takes it [byt
 
 # What the fact "log" says: as the main file has it, that its log has more; in the log itself, that this one is there.
 NEEDED, THERE = "needed", "there"
+
+# Before and after the log is in use. The default, a rollback journal in a file, could be left by a crash, and could
+# then not be distinguished from one that somebody has put there. Only the head of the file is written meanwhile, at
+# once.
+_NO_ROLLBACK_FILE = "PRAGMA journal_mode=MEMORY"
 
 
 class JournalFile:
@@ -52,13 +57,10 @@ class JournalFile:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.path = folder, folder / self.NAME
-        try:
-            self._lock = Lock(folder / self.LOCK)
-        except BlockingIOError:
-            holder = _holder(self.path) or "another process has just begun to work here"
-            raise StudyError(f"{folder}: {holder}; wait for it, or end it first.") from None
+        self._lock = _lock(folder / self.LOCK, self.path)
         try:
             check_target(self.path)
+            refuse_rollback(self.path)
             with explained(self.path), trusted(self.path):
                 self._open()
         except BaseException:
@@ -69,9 +71,12 @@ class JournalFile:
         with_log = _has_log(self.path)
         self._connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None)
         try:
-            if not _check(self._connection, self.path, self.SCHEMA, with_log):
+            has_tables = _check(self._connection, self.path, self.SCHEMA, with_log)
+            if self._connection.execute("PRAGMA journal_mode").fetchone() != ("wal",):
+                self._connection.execute(_NO_ROLLBACK_FILE)
+                self._connection.execute("PRAGMA journal_mode=WAL")
+            if not has_tables:
                 self.SCHEMA.create(self._connection)
-            self._connection.execute("PRAGMA journal_mode=WAL")
             self._connection.execute("PRAGMA wal_autocheckpoint=0")
             self._connection.execute(_synchronous(self.DURABLE))
             self._note(holder=f"process {os.getpid()} on {socket.gethostname()} is at work here since {now()}")
@@ -93,18 +98,14 @@ class JournalFile:
 
     def check_place(self) -> None:
         """Refuse (`StudyError`) to write into what has taken the folder's place since it was opened."""
-        if not self.is_in_place:
-            raise StudyError(
-                f"{self.folder}: the folder was renamed, moved or replaced, or its lock removed, while this process "
-                "was at work in it; nothing more is written here. Resume it where it is now: what was done is in it."
-            )
+        self._lock.check_place()
 
     def close(self) -> None:
         """Release the lock; SQLite merges the log unless a reader is open."""
         if self.is_in_place:  # SQLite would remove a log by its name, which may by now be another journal's
             with suppress(sqlite3.Error):
                 self._note(holder="", log="")
-                self._connection.execute("PRAGMA journal_mode=DELETE")
+                self._connection.execute(_NO_ROLLBACK_FILE)
         self._connection.close()
         self._lock.close()
 
@@ -141,13 +142,22 @@ class JournalFile:
     def _table(self, name: str) -> list[tuple[Any, ...]]:
         """Rows of a table without their seals, by key or in the order of writing; `StudyError` if one was changed."""
         with explained(self.path), trusted(self.path):
-            return rows_of(self._connection, name)
+            return list(read_rows(self._connection, name))
 
     def _next(self, table: str) -> int:
         """Number of the next row of a table that counts from 1."""
         with explained(self.path), trusted(self.path):
             (last,) = self._connection.execute(f"SELECT COALESCE(MAX(number), 0) FROM {table}").fetchone()
             return int(last) + 1
+
+
+def _lock(path: Path, journal: Path) -> Lock:
+    """Lock of a folder; `StudyError` with the process that holds it according to its journal."""
+    try:
+        return Lock(path)
+    except BlockingIOError:
+        holder = _holder(journal) or "another process has just begun to work here"
+        raise StudyError(f"{path.parent}: {holder}; wait for it, or end it first.") from None
 
 
 def _synchronous(durable: bool) -> str:
@@ -165,6 +175,7 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
 
     `StudyError` if it is no journal that this version reads, is damaged, or has lost its log.
     """
+    refuse_rollback(path)
     with_log = _has_log(path)
     with explained(path), trusted(path), closing(_read_only(path)) as connection:
         if _check(connection, path, schema, with_log or _has_log(path)):
@@ -180,18 +191,24 @@ def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log:
 
     `with_log`: there is a write-ahead log beside it.
     """
+    # the tables first: SQLite evaluates the conditions of foreign ones while it checks the rest, whatever that takes
+    if not schema.check(connection, path):
+        return False
     (fault,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
     if fault != "ok":
         raise ValueError(fault)
-    if not schema.check(connection, path):
-        return False
-    rows = {table: rows_of(connection, table) for table in schema.tables}
-    if dict(rows["about"]).get("log") == NEEDED and not with_log:
-        raise StudyError(
-            f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
-            "journal, or take a copy of both."
-        )
+    for table in schema.tables:
+        for row in read_rows(connection, table):
+            if (table, *row) == ("about", "log", NEEDED) and not with_log:
+                _refuse_without_log(path)
     return True
+
+
+def _refuse_without_log(path: Path) -> NoReturn:
+    raise StudyError(
+        f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
+        "journal, or take a copy of both."
+    )
 
 
 def _has_log(path: Path) -> bool:
@@ -236,6 +253,13 @@ def now() -> str:
 
 JOURNAL, LOCK = "journal.sqlite", "journal.lock"
 ADOPTED = "adopted"  # fact of a run: objective of the most likely values, if they are the calibrated ones
+
+
+@contextmanager
+def held_run(folder: Path) -> Iterator[Lock]:
+    """The lock of a run folder, for who writes into it without its journal; `StudyError` if another process has it."""
+    with closing(_lock(folder / LOCK, folder / JOURNAL)) as lock:
+        yield lock
 
 
 class State:
@@ -378,7 +402,7 @@ def best_course(folder: Path) -> Floats:
     best: list[Floats] = []
     lowest = math.inf
     with opened_to_read(path, RUN) as connection:
-        for _, _, _, _, _, trials, costs, _ in rows_of(connection, "generation"):
+        for _, _, _, _, _, trials, costs, _ in read_rows(connection, "generation"):
             values = np.nan_to_num(np.frombuffer(costs, "<f8"), nan=np.inf)
             at = int(np.argmin(values))
             if values[at] < lowest or not best:
@@ -397,9 +421,9 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise StudyError(f"{path}: there is no journal, or it is no plain file; name the folder of a run.")
     with opened_to_read(path, RUN) as connection:
-        about: dict[str, Any] = dict(rows_of(connection, "about"))
-        sessions, generations, refinements = (
-            rows_of(connection, table) for table in ("session", "generation", "refinement")
+        about: dict[str, Any] = dict(read_rows(connection, "about"))
+        generations, refinements = (
+            [row[:5] for row in read_rows(connection, table)] for table in ("generation", "refinement")
         )
         steps = generations + refinements
         return about | {
@@ -407,5 +431,5 @@ def read_about(folder: Path) -> dict[str, Any]:
             "refinements": len(refinements),
             "best": float(about.get(ADOPTED) or min((row[1] for row in steps), default=math.inf)),
             "seconds": max((float(row[4]) for row in steps), default=0.0),
-            "changed": max((ended or started for _, started, ended, *_ in sessions), default=None),
+            "changed": max((row[2] or row[1] for row in read_rows(connection, "session")), default=None),
         }

@@ -10,7 +10,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -62,6 +62,21 @@ def _sentence(path: Path, error: sqlite3.Error) -> CommonrailError:
     return StudyError(f"{path}: this cannot be read as a journal ({error}); take a copy of it that is whole.")
 
 
+def refuse_rollback(path: Path) -> None:
+    """Refuse (`StudyError`) a rollback journal beside a file of SQLite, which this program never leaves.
+
+    SQLite would apply it to the file, and would delete any file that it names.
+    """
+    rollback = path.with_name(f"{path.name}-journal")
+    with suppress(FileNotFoundError):
+        if not rollback.lstat().st_size:  # the lock of earlier versions
+            return
+        raise StudyError(
+            f"{rollback}: this file does not belong to a run, and SQLite could delete other files because of it; "
+            "remove it, or take a copy of the folder without it."
+        )
+
+
 fcntl: ModuleType | None
 try:
     import fcntl
@@ -75,11 +90,14 @@ class Lock:
     """Lock that this process holds until it is closed; SQLite's own locking serves, which works on every system.
 
     The file stays empty. `BlockingIOError` if somebody else holds it, `OutputError` if it cannot be made, or is a link
-    or a device.
+    or a device; `StudyError` if it is not empty, or a rollback journal is beside it.
     """
 
     def __init__(self, path: Path) -> None:
         check_target(path)
+        refuse_rollback(path)
+        if path.exists() and path.stat().st_size:
+            raise StudyError(f"{path}: a lock is an empty file, and this one is not; remove it.")
         if path.exists() and not os.access(path, os.W_OK):  # SQLite would only read it, and lock nobody out
             raise OutputError(f"{path} cannot be written (no permission); copy the folder and go on from the copy.")
         self._path, self._handle, self._by_handle = path, *_hold(path.parent, TRIES)
@@ -93,6 +111,7 @@ class Lock:
         with explained(path):
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=0.5)  # who only looks is quick
             try:
+                self._connection.execute("PRAGMA journal_mode=MEMORY")  # no further file beside it
                 self._connection.execute("BEGIN EXCLUSIVE")
             except sqlite3.OperationalError as error:
                 self._connection.close()
@@ -110,6 +129,15 @@ class Lock:
         except OSError:
             return False
         return here and (self._by_handle or self._path.is_file())
+
+    def check_place(self) -> None:
+        """Refuse (`StudyError`) to write into what has taken the folder's place since it was locked."""
+        if not self.is_in_place:
+            raise StudyError(
+                f"{self._path.parent}: the folder was renamed, moved or replaced, or its lock removed, while this "
+                "process was at work in it; nothing more is written here. Resume it where it is now: what was done is "
+                "in it."
+            )
 
     def close(self) -> None:
         """Release it."""

@@ -8,7 +8,7 @@ import math
 import re
 import sqlite3
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -76,12 +76,12 @@ _STEPS = """
     trials BLOB NOT NULL,         -- (members, parameters), SI
     costs BLOB NOT NULL,          -- (members,)
     statuses BLOB NOT NULL,       -- (members,), see engine/status.py; -1: not simulated
-    seal TEXT NOT NULL            -- in every table, see `seal` below
+    seal TEXT NOT NULL            -- in every table: see `seal` below
 """
 RUN = Schema(
     f"""
 CREATE TABLE about (
-    name TEXT PRIMARY KEY,        -- created, title, study (as given, TOML), content, state, reason, holder, adopted
+    name TEXT PRIMARY KEY,        -- created, title, study (as given, TOML), content, state, reason, holder
     text TEXT NOT NULL,
     seal TEXT NOT NULL
 );
@@ -205,14 +205,12 @@ def put(table: str, *values: Any) -> Statement:
     return f"INSERT OR REPLACE INTO {table} VALUES ({places})", (*values, seal(table, values))
 
 
-def rows_of(connection: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
+def read_rows(connection: sqlite3.Connection, table: str) -> Iterator[tuple[Any, ...]]:
     """Rows of a table in the order of its keys or of writing, without their seals.
 
     `ValueError` if a row is not the one that was written.
     """
-    found = []
     for *values, written in connection.execute(f"SELECT * FROM {table} ORDER BY rowid"):
         if written != seal(table, values):
             raise ValueError(f"a row of {table} is not the one that was written")
-        found.append(tuple(values))
-    return found
+        yield tuple(values)
