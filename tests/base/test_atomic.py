@@ -89,3 +89,9 @@ def test_a_link_in_place_of_the_part_is_not_followed(tmp_path: Path, monkeypatch
         write_text(tmp_path / "out.txt", "new")
     assert victim.read_text() == "mine"
     assert not (tmp_path / "out.txt").exists()
+
+
+def test_names_that_are_not_utf_8_are_written(tmp_path: Path) -> None:
+    name = os.fsdecode(b"run \xff")
+    write_text(tmp_path / "page.html", name)
+    assert "run " in (tmp_path / "page.html").read_text(encoding="utf-8")

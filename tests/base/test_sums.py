@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -27,7 +28,7 @@ def run(tmp_path: Path) -> Path:
     """Result files with their checksums."""
     folder = tmp_path / "run"
     folder.mkdir()
-    with summed(folder, *FILES):
+    with summed(folder):
         write_record(folder / "result.json", {"best": 0.000257})
         dump_injector(load_injector("virtual-lino-2016"), folder / "calibrated.toml")
         write_traces(folder / "traces.csv", [], ("measured",), [])
@@ -100,16 +101,52 @@ def test_checksums_that_were_cut_are_refused(run: Path) -> None:
         check_sum(run / FILES[0])
 
 
-def test_a_process_killed_while_files_are_replaced_leaves_none_that_are_called_damaged(run: Path) -> None:
-    writing = summed(run, *FILES)
+def test_a_process_killed_while_it_writes_leaves_the_former_files(run: Path) -> None:
+    writing = summed(run)
     writing.__enter__()
     write_record(run / "result.json", {"best": 0.1})  # and nothing after it
-    assert not (run / SUMS).exists()
-    assert read_run(run)[0] == {"best": 0.1}
+    assert read_run(run)[0] == {"best": 0.000257}
+
+
+def test_a_block_that_fails_leaves_the_former_files_alone(run: Path) -> None:
+    with pytest.raises(TypeError), summed(run, "traces.csv"):
+        write_record(run / "result.json", {"best": object()})
+    assert read_run(run)[0] == {"best": 0.000257}
+    assert sorted(path.name for path in run.iterdir()) == sorted((*FILES, SUMS))
+
+
+def _write_another(run: Path) -> None:
+    with summed(run):
+        write_record(run / "result.json", {"best": 0.1})
+        dump_injector(load_injector("virtual-lino-2016").with_values({"nozzle.holes": 9}), run / "calibrated.toml")
+
+
+@pytest.mark.parametrize("moved", [1, 2])
+def test_a_folder_with_files_of_two_results_is_refused(run: Path, monkeypatch: pytest.MonkeyPatch, moved: int) -> None:
+    left, replace = iter(range(moved)), os.replace
+
+    def killed(source: Path, target: Path) -> None:
+        next(left)  # StopIteration in place of the end of the process
+        replace(source, target)
+
+    monkeypatch.setattr("commonrail.base.output.os.replace", killed)
+    with pytest.raises(RuntimeError):
+        _write_another(run)
+    monkeypatch.undo()
+    for read in (read_run, lambda folder: read_model_name(str(folder))):
+        with pytest.raises(InputError):
+            read(run)
+
+
+def test_files_of_the_former_set_are_removed_with_their_checksums(run: Path) -> None:
+    with summed(run, "traces.csv"), summed(run, "calibrated.toml"):
+        write_record(run / "result.json", {"best": 0.1})
+    assert sorted(path.name for path in run.iterdir()) == [SUMS, "result.json"]
+    assert read_record(run / "result.json", "") == {"best": 0.1}
 
 
 def test_a_link_in_place_of_the_checksums_is_not_followed(run: Path, tmp_path: Path) -> None:
     (run / SUMS).unlink()
     (run / SUMS).symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OutputError, match="symbolic link"), summed(run, *FILES):
+    with pytest.raises(OutputError, match="symbolic link"), summed(run):
         raise AssertionError

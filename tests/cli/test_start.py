@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import warnings
@@ -45,15 +44,34 @@ def test_an_interrupt_that_is_ignored_stays_ignored():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_verb_alone_meets_an_interrupt_as_an_exception():
-    before = signal.signal(signal.SIGINT, guard.end_process)
+# A library that loses the interrupt, and goes on with half of what it was reading.
+LOST = """
+import os, signal
+import click
+from commonrail.base.output import write_text
+from commonrail.cli.grammar import Verbs
+from commonrail.cli.start import main
+from pathlib import Path
+def verb():
     try:
-        with guard.guarded():
-            guard.raise_interrupts()
-            assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        assert signal.getsignal(signal.SIGINT) is guard.end_process
-    finally:
-        signal.signal(signal.SIGINT, before)
+        os.kill(os.getpid(), signal.{signal})
+    except BaseException:
+        pass
+    {following}
+Verbs.get_command = lambda *_: click.Command("runs", callback=verb)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+main()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("following", ["pass", 'write_text(Path("result"), "")'])
+def test_a_stop_that_a_library_loses_is_no_success(tmp_path, name, following):
+    program = LOST.format(signal=name, following=following)
+    words = [sys.executable, "-c", program, "runs"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == guard.INTERRUPTED
+    assert not list(tmp_path.iterdir())
 
 
 LATE = """

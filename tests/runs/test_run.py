@@ -27,7 +27,6 @@ from commonrail.calibration.identifiability import identify
 from commonrail.calibration.space import Space
 from commonrail.calibration.study_file import load_study
 from commonrail.runs.fit import Listener, calibrate_into, resume
-from commonrail.runs.folder import read_fit
 from commonrail.runs.journal import Journal
 from commonrail.runs.listing import list_runs
 from tests.runs.conftest import (
@@ -220,16 +219,6 @@ def test_changed_data_are_refused(stopped: Stop, study_file: Path) -> None:
         resume(run)
 
 
-def test_data_of_a_run_that_changed_after_the_fit_are_refused(whole: Whole, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    shutil.copytree(whole.run, run)
-    read_fit(run)
-    data = run / "data" / "evi.csv"
-    data.write_text(data.read_text(encoding="utf-8").replace("0.0", "0.1", 1), encoding="utf-8")
-    with pytest.raises(InputError, match=r"evi\.csv: the file was changed after the fit"):
-        read_fit(run)
-
-
 def test_two_at_once_are_told_of_each_other(stopped: Stop) -> None:
     run = stopped(2)
     with Journal(run) as journal:
@@ -337,7 +326,7 @@ def test_a_full_disk_ends_with_3_and_keeps_what_was_done(whole: Whole, tmp_path:
     assert done.returncode == 3, done.stderr
     assert "make room or copy the folder to another place, then go on from it" in done.stderr.splitlines()[-1]
     (found,) = list_runs(run)
-    assert found.generation == 3
+    assert found.generation in (3, 4)  # the log may have room for one more
     resume(run)
     assert timeless(run) == timeless(whole.run)
 

@@ -166,8 +166,8 @@ def read_arrays(path: Path, *needed: str) -> dict[str, NDArray[Any]]:
 # Checksums of result files, in a file ``SHA256SUMS`` beside them that ``sha256sum -c SHA256SUMS`` reads too.
 
 SUMS = "SHA256SUMS"
-_LARGEST = 100_000  # [bytes]
-_LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+)")
+_LARGEST = 10_000_000  # [bytes]; a run lists its data files too
+_LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+?)\r?")
 
 
 def check_sum(path: Path) -> None:
@@ -175,14 +175,24 @@ def check_sum(path: Path) -> None:
 
     Raises `InputError` if the checksums list the file with another digest, or cannot be read.
     """
-    sums = path.parent / SUMS
-    if not (sums.is_file() and path.is_file()):
-        return
-    if listed(sums).get(path.name, "") not in ("", digest(path)):
-        raise InputError(
-            f"{path}: this is not the file that was written: its SHA-256 is another than in {SUMS} beside it; take a "
-            "copy that is whole or make it again, and if it was changed on purpose, copy it to another folder."
-        )
+    check_sums(path.parent, path.name)
+
+
+def check_sums(folder: Path, *names: str) -> None:
+    """Refuse a folder in which a file that its checksums list is not the one that was written.
+
+    A file that is missing is refused by whoever reads it. `names` are those to look at, by default all. Raises
+    `InputError` if there is one, or the checksums cannot be read.
+    """
+    sums = folder / SUMS
+    for name, written in listed(sums).items() if sums.is_file() else ():
+        path = folder / name
+        if (not names or name in names) and path.is_file() and digest(path) != written:
+            raise InputError(
+                f"{path}: this is not the file that was written: its SHA-256 is another than in {sums}; bring it back "
+                "as it was, or make it again (`commonrail resume RUN` writes all results of a run), and if it was "
+                "changed on purpose, copy it to another folder."
+            )
 
 
 def listed(sums: Path) -> dict[str, str]:
@@ -191,7 +201,8 @@ def listed(sums: Path) -> dict[str, str]:
     Raises `InputError` if a line is not a digest, two spaces and a name.
     """
     found = {}
-    for i, line in enumerate(read_plain(sums, _LARGEST).decode("utf-8", "replace").splitlines(), 1):
+    lines = os.fsdecode(read_plain(sums, _LARGEST)).removesuffix("\n")
+    for i, line in enumerate(lines.split("\n") if lines else (), 1):
         parts = _LINE.fullmatch(line)
         if parts is None:
             raise InputError(

@@ -6,16 +6,31 @@ import errno
 import os
 import re
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from commonrail.base.errors import OutputError
-from commonrail.base.input import SUMS, digest
+from commonrail.base.errors import InputError, OutputError
+from commonrail.base.hooks import check_unheld_stop
+from commonrail.base.input import SUMS, digest, listed
 
 _CONTROL = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")  # but tabs
 PART = ".part"  # end of the name of a file that is being written
+
+
+@dataclass
+class _FileSet:
+    """Files of a folder that are being written as one: where each is by its place, and those to be removed."""
+
+    folder: Path
+    parts: dict[Path, Path]
+    stale: set[str]
+
+
+_set: ContextVar[_FileSet | None] = ContextVar("_set", default=None)
 
 
 @contextmanager
@@ -40,18 +55,28 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Stream to a file that takes the place of `path` at the end of the block, unless the block ends in an error.
 
     A crash or a full disk leaves what was at `path` before; a power cut leaves that or the new file, never a part.
+    Inside `summed` the file comes to its place with the others of the set.
 
-    Raises `OutputError` if it cannot be written, or `path` is a symbolic link, a device or a folder.
+    Raises `OutputError` if it cannot be written, or `path` is a symbolic link, a device or a folder, and
+    `KeyboardInterrupt` if a stop was asked for, see `check_unheld_stop`.
     """
+    check_unheld_stop()
     with writing(path):
         check_target(path)
         part = path.with_name(f".{path.name}.{secrets.token_hex(6)}{PART}")
-        text: dict[str, Any] = {} if mode == "wb" else {"encoding": "utf-8", "newline": ""}
+        # names of files need not be UTF-8
+        encoded = {"encoding": "utf-8", "errors": "backslashreplace", "newline": ""}
+        text: dict[str, Any] = {} if mode == "wb" else encoded
         try:
             with open(part, mode, opener=_create, **text) as stream:
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
+            if (joint := _set.get()) is not None and path.is_relative_to(joint.folder):
+                if (before := joint.parts.pop(path, None)) is not None:
+                    before.unlink()
+                joint.parts[path] = part
+                return
             os.replace(part, path)
         except BaseException:
             with suppress(OSError):
@@ -103,18 +128,46 @@ def _sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def summed(folder: Path, *names: str) -> Iterator[None]:
-    """Write files of a folder in the block; their checksums follow when all are there.
+def summed(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterator[None]:
+    """Write several files of a folder as one set: all those that the block writes below it, and none if it fails.
 
-    While the files are replaced there are no checksums: those of the former files would call the new ones damaged.
+    They are written beside their places. At the end of the block their checksums join those of the set, SHA256SUMS,
+    which makes the new set valid, and then the files are moved. A crash in between leaves a folder whose files do not
+    fit the checksums, which `check_sums` refuses. A block inside another one is a part of that.
 
-    `names`: files to be read back; one that was not written has no checksum. Raises `OutputError` if the checksums
-    cannot be written.
+    `stale`: files of the former set that are not of the new one, and are removed; `inputs`: digests by name of files
+    that are there already. Raises `OutputError` if a file cannot be written.
     """
-    path = folder / SUMS
-    with writing(path):
-        check_target(path)
-        path.unlink(missing_ok=True)
-    yield
-    written = [name for name in names if (folder / name).is_file()]
-    write_text(path, "".join(f"{digest(folder / name)}  {name}\n" for name in written))
+    outer = _set.get()
+    if outer is not None:
+        yield
+        outer.stale.update(stale)
+        return
+    check_target(folder / SUMS)
+    written = _FileSet(folder, {}, set(stale))
+    try:
+        token = _set.set(written)
+        try:
+            yield
+        finally:
+            _set.reset(token)
+        new = {place.relative_to(folder).as_posix(): digest(part) for place, part in written.parts.items()}
+        stale_names = written.stale - set(new)
+        sums: dict[str, str] = {}
+        with suppress(InputError):  # damaged ones are replaced
+            sums = listed(folder / SUMS) if (folder / SUMS).is_file() else {}
+        sums = {name: text for name, text in {**sums, **inputs, **new}.items() if name not in stale_names}
+        with replacing(folder / SUMS, "wb") as stream:
+            # a line holds no name with two lines
+            stream.writelines(os.fsencode(f"{text}  {name}\n") for name, text in sums.items() if "\n" not in name)
+    except BaseException:
+        with suppress(OSError):
+            for part in written.parts.values():
+                part.unlink()
+        raise
+    with writing(folder):
+        for place, part in written.parts.items():
+            os.replace(part, place)
+        for name in stale_names:
+            (folder / name).unlink(missing_ok=True)
+    _sync_folder(folder)

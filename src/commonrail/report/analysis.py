@@ -18,7 +18,7 @@ from commonrail.report.figure import drawings
 from commonrail.report.fit.verdict import Tile
 from commonrail.report.html import render
 from commonrail.report.page import write_report
-from commonrail.runs.folder import new_run_folder, write_record
+from commonrail.runs.folder import new_folder, write_record
 
 SHOWN = 16  # rows of a table or figure; all are in the CSV file
 HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
@@ -41,17 +41,17 @@ Result = TypeVar("Result", bound=Analysis)
 def run_into(folder: Path | None, table: str, run: Callable[[], Result], texts: Mapping[str, str] = {}) -> Result:
     """Run an analysis, and write record, table, report and further texts into a new folder, if there is to be one.
 
-    The record has the name of the table, such as "tolerance.csv", with the ending ``.json``. The folder is removed
-    again if nothing comes of the analysis.
+    The record has the name of the table, such as "tolerance.csv", with the ending ``.json``. There is no folder if
+    nothing comes of the analysis.
     """
     if folder is None:
         return run()
-    with new_run_folder(folder):
+    with new_folder(folder) as place:
         found = run()
-        _write(folder, table, found)
+        _write(place, table, found)
         for file, text in texts.items():
-            write_text(folder / file, text)
-        write_report(folder)
+            write_text(place / file, text)
+        write_report(place)
     return found
 
 
@@ -60,7 +60,7 @@ def _write(folder: Path, table: str, found: Analysis) -> None:
     record_file = Path(table).with_suffix(".json").name
     notes = (record["title"], "simulated, not measured; SI units", *synthetic_lines(record))
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    with summed(folder, record_file, table):
+    with summed(folder):
         write_record(folder / record_file, record)
         write_csv(folder / table, notes, heads, ([_cell(row.get(head)) for head in heads] for row in rows))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 
@@ -43,8 +43,8 @@ from commonrail.report.fit.verdict import (
 )
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind, kind_of
-from commonrail.runs.folder import RESULT, TRACES, refuse_foreign
-from commonrail.runs.journal import JOURNAL, best_course
+from commonrail.runs.folder import RESULT, TRACES, final_text
+from commonrail.runs.journal import JOURNAL, best_course, held_run
 from commonrail.runs.traces import read_traces
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
@@ -91,12 +91,12 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
         make = kind.still if kind.still and not live else kind.page
         page = make(kind.read(folder), folder)
     path = folder / "report.html"
-    write_text(path, page)
+    with held_run(folder) if (folder / JOURNAL).is_file() else nullcontext():
+        write_text(path, final_text(page, folder))
     return path
 
 
 def _page(record: Record, folder: Path, live: bool = True) -> str:
-    refuse_foreign(folder, record)
     return report_html(
         record,
         read_traces(folder / TRACES),

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import os
-import sqlite3
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from commonrail.base.errors import CommonrailError, InputError, StudyError
+from commonrail.base.errors import InputError, StudyError
 from commonrail.base.input import SUMS, listed, read_plain, sha256
 from commonrail.base.output import replacing, writing
 from commonrail.runs.folder import LIKELY, MEMBER, RESULT, STUDY, TRACES
-from commonrail.runs.journal import JOURNAL, LOCK, Input, opened_to_read
-from commonrail.runs.tables import RUN, rows_of
+from commonrail.runs.journal import JOURNAL, LOCK, Input
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", LIKELY, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
@@ -136,12 +133,6 @@ def refuse_file_of_run(path: Path, option: str) -> None:
 
 def _is_own(folder: Path, name: str) -> bool:
     """True for the name of a file that the run in a folder has written or copied."""
-    has_sums, has_journal = (folder / SUMS).is_file(), (folder / JOURNAL).is_file()
-    if not (has_sums or has_journal):
-        return False
-    own = set(listed(folder / SUMS)) if has_sums else set()
-    if has_journal:
-        # a damaged journal is not this command's affair
-        with suppress(CommonrailError, sqlite3.Error), opened_to_read(folder / JOURNAL, RUN) as connection:
-            own |= {str(copied) for copied, *_ in rows_of(connection, "input")}
-    return name in own or name.lower() in RESERVED
+    if (folder / SUMS).is_file() and name in listed(folder / SUMS):
+        return True
+    return name.lower() in RESERVED and any((folder / file).is_file() for file in (SUMS, JOURNAL))

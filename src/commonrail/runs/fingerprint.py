@@ -14,7 +14,7 @@ import numpy as np
 
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.input import fingerprint, sha256
-from commonrail.base.output import write_text
+from commonrail.base.output import summed, write_text
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import Finding, found
 from commonrail.calibration.search import Searched
@@ -145,7 +145,8 @@ def check_files(journal: Journal, as_begun: bool) -> None:
     about, inputs = journal.about, journal.inputs
     if inputs and about.get("before") and fingerprint(journal.folder / inputs[0].name) == about["before"]:
         # a crash came between the journal's note of more generations and the file
-        write_text(journal.folder / inputs[0].name, about.get("study", ""))
+        with summed(journal.folder):
+            write_text(journal.folder / inputs[0].name, about.get("study", ""))
     for i, item in enumerate(inputs):
         path = journal.folder / item.name
         if (now := fingerprint(path)) != item.copy:

@@ -5,7 +5,6 @@ All kinds of fit run here: `FitKind` says what differs, `calibrate_into` and `re
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -16,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 from commonrail.base.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.base.errors import CommonrailError, ConfigurationError, InputError, StudyError
 from commonrail.base.hooks import held_interrupts, quiet
-from commonrail.base.input import sha256
-from commonrail.base.output import PART, write_text, writing
+from commonrail.base.input import SUMS, sha256
+from commonrail.base.output import PART, summed, write_text, writing
 from commonrail.calibration.identifiability import Identified, identify
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Convergence
@@ -40,12 +39,11 @@ from commonrail.runs.folder import (
     write_results,
 )
 from commonrail.runs.journal import ADOPTED, JOURNAL, LOCK, Input, Journal, State, read_about
-from commonrail.runs.lock import trusted
 
 if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
 
-_LEFT = (JOURNAL, LOCK)  # and what SQLite puts beside them
+_LEFT = (JOURNAL, LOCK, SUMS)  # and what SQLite puts beside them
 
 
 class Fitted(Protocol):
@@ -113,14 +111,13 @@ class FitKind(Generic[_Study, _Fit]):
         `InputError` if the folder is not empty, `OutputError` if it cannot be written; what was done before is kept.
         """
         existed = folder.is_dir()
-        _check_free(folder)
+        copies = self.copies(study)
+        _check_free(folder, copies)
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        copies = self.copies(study)
         with Journal(folder) as journal:
             if "content" in journal.about:
                 refuse_used(folder)
-            journal.describe({"copies": json.dumps(copies)})
             try:
                 inputs, own, content = self.copy(study, folder)
                 facts = {"title": study.title, "given": study.text, "study": own.text, "content": content}
@@ -153,6 +150,8 @@ class FitKind(Generic[_Study, _Fit]):
                 raise StudyError(self._nothing_to_resume(folder))
             check_files(journal, as_begun)
             own = self._begun_with(journal, study)
+            with summed(folder, inputs={item.name: item.copy for item in journal.inputs}):
+                pass  # as they are in the journal, if the checksums were lost or are those of an earlier version
             if generations:
                 own = _extended(journal, own, generations)
             return _run(journal, own, journal.checkpoint(), work)
@@ -170,7 +169,8 @@ class FitKind(Generic[_Study, _Fit]):
         content = self.content(study)
         if not study.files:
             return [], study, content
-        inputs = copy_files(study.files, folder, copy_paths(study.files, self.file, self.results))
+        with summed(folder):
+            inputs = copy_files(study.files, folder, copy_paths(study.files, self.file, self.results))
         with quiet():
             own = self.load(folder / self.file)
         wanted: dict[str, Any] = {name: getattr(study, name) for name in self.chosen}
@@ -181,14 +181,14 @@ class FitKind(Generic[_Study, _Fit]):
         if (total := _generations(study)) != _generations(own):
             text = set_in_text(text, ("optimiser", "generations"), total)
         if text != own.text:
-            write_text(folder / self.file, text)
+            with summed(folder):
+                write_text(folder / self.file, text)
             inputs[0] = inputs[0]._replace(copy=sha256(text.encode()))
             own = _with_generations(_changed(own, **wanted, text=text), total)
         if self.content(own) == content:
             return inputs, own, content
-        for item in inputs:
-            (folder / item.name).unlink()
-        return [], study, content
+        with summed(folder, *(item.name for item in inputs)):
+            return [], study, content
 
     def _nothing_to_resume(self, folder: Path) -> str:
         if not folder.is_dir():
@@ -238,18 +238,18 @@ def _run(journal: Journal, study: _Study, checkpoint: Checkpoint | None, work: W
             raise
 
 
-def _check_free(folder: Path) -> None:
-    """Refuse a folder in use, but not what a run left that was killed before it was ready to start."""
-    if not (folder / LOCK).is_file():
+def _check_free(folder: Path, copies: Sequence[str]) -> None:
+    """Refuse a folder in use, but not what a run of the same study left that was killed before it was ready to start.
+
+    `copies`: names of the files that such a run has copied.
+    """
+    if not folder.is_dir():
         refuse_used(folder)
         return
-    copies: list[str] = []
+    own: set[Path] = set()
     with suppress(StudyError):
-        about = read_about(folder)
-        with trusted(folder / JOURNAL):
-            copies = [] if "content" in about else [str(name) for name in json.loads(about.get("copies", "[]"))]
-    own = {folder / name for name in copies}
-    files = [path for path in folder.rglob("*") if not path.is_dir()]
+        own = set() if "content" in read_about(folder) else {folder / name for name in copies}
+    files = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
     if any(not (path in own or path.name.startswith(_LEFT) or path.suffix == PART) for path in files):
         refuse_used(folder)
 
@@ -298,7 +298,8 @@ def _extended(journal: Journal, study: _Study, more: int) -> _Study:
         longer = _changed(longer, text=facts["study"])
     journal.describe(facts, inputs)
     if inputs:
-        write_text(journal.folder / inputs[0].name, facts["study"])
+        with summed(journal.folder):
+            write_text(journal.folder / inputs[0].name, facts["study"])
         journal.describe({"before": ""})
     return longer
 
@@ -466,7 +467,7 @@ def _work(
             refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
         identified.sections |= {"refits": refits} if refits else {}
         journal.check_place()
-        write_judgement(journal.folder, calibration, identified, files)
+        write_judgement(journal.folder, calibration, identified)
         if refits.get("interrupted"):
             raise KeyboardInterrupt
         return calibration

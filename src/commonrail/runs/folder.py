@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import secrets
 import shlex
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,9 +14,9 @@ from typing import Any
 
 from commonrail.base.arguments import file_path, instance, mapping
 from commonrail.base.errors import InputError
-from commonrail.base.hooks import note
-from commonrail.base.input import check_sum, read_plain, sha256
-from commonrail.base.output import summed, write_text, writing
+from commonrail.base.hooks import check_unheld_stop, note
+from commonrail.base.input import check_sums
+from commonrail.base.output import PART, summed, write_text, writing
 from commonrail.calibration.result import CERTAINTY, result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
@@ -25,7 +26,6 @@ from commonrail.data.records import LABELS, MEAN, MEASURED
 from commonrail.physics.meters import is_of_meter
 from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import read_text
-from commonrail.readers.toml import read_toml
 from commonrail.runs.journal import JOURNAL
 from commonrail.runs.traces import Curve, Traces, read_traces, write_traces
 
@@ -48,7 +48,7 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
     """
     if not path.exists():
         raise _no_run(path.parent, made_by) or _broken(path, made_by, "there is no such file")
-    check_sum(path)
+    check_sums(path.parent)
     try:
         text = read_text(path, LARGEST_RECORD)
         if any(escape.lastindex for escape in _ESCAPES.finditer(text)):
@@ -107,9 +107,10 @@ _told: set[Path] = set()
 def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
     """Note, once a process, that the values of a run are those of a search that was stopped.
 
-    By default its record is read; a folder that has none is not judged.
+    By default its record is read; a folder that has none is not judged. `InputError` if a file of the run was changed.
     """
     if record is None:
+        check_sums(folder)
         with suppress(InputError):
             record = read_record(folder / _RESULT, "commonrail calibrate")
     where = folder.absolute()
@@ -146,51 +147,53 @@ def create_run_folder(path: str | Path) -> Path:
     refuse_used(path)
     with writing(path):
         path.mkdir(parents=True, exist_ok=True)
-        probe = path / ".writable"
+        probe = path / f".writable{PART}"
         probe.touch()
         probe.unlink()
     return path
 
 
 @contextmanager
-def new_run_folder(path: str | Path) -> Iterator[Path]:
-    """A new run folder, which is taken away again if it is left by an error before anything was written.
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder to fill, which takes the place `path` when it is complete; an error or a stop leaves nothing.
 
-    Errors are those of `create_run_folder`.
+    `InputError` if something is at the place, `OutputError` if it cannot be written.
     """
-    folder = create_run_folder(path)
+    refuse_used(path)
+    end = f".{secrets.token_hex(6)}{PART}"
+    exists = path.is_dir()
+    part = path.resolve() / end if exists else path.with_name(path.name + end)
+    with writing(path):
+        part.mkdir(parents=True)
     try:
-        yield folder
+        yield part
+        check_unheld_stop()
     except BaseException:
-        with suppress(OSError):
-            folder.rmdir()  # only if nothing was written
+        shutil.rmtree(part, ignore_errors=True)
         raise
+    with writing(path):
+        if not exists:
+            part.rename(path)
+            return
+        for entry in part.iterdir():  # the folder itself may be the one that a shell is in
+            entry.rename(part.parent / entry.name)
+        part.rmdir()
+
+
+def final_text(text: str, folder: Path) -> str:
+    """Text that names a folder, with the name that the folder will have if it is one of `new_folder`."""
+    if folder.suffix != PART:
+        return text
+    end = folder.name[folder.name.rindex(".", 0, -len(PART)) :]
+    return text.replace(f"/{end}", "").replace(end, "")
 
 
 def refuse_used(path: Path) -> None:
-    """Refuse (`InputError`) a place for a new run folder that exists and is not empty."""
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(f"{path}: there already is something; name another folder, nothing was overwritten.")
-
-
-@contextmanager
-def filling(folder: Path) -> Iterator[None]:
-    """Make a new or empty folder that the block fills; it is as before if the block ends in an error.
-
-    Errors are those of `create_run_folder`.
-    """
-    with writing(folder):
-        refuse_used(folder)
-        existed = folder.exists()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            yield
-        except BaseException:
-            for path in folder.iterdir() if folder.is_dir() else ():
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-            if not existed and folder.is_dir():
-                folder.rmdir()
-            raise
+    """Refuse (`InputError`) a place for a new run folder that exists and is not empty, but for unfinished files."""
+    if path.exists() and (not path.is_dir() or any(entry.suffix != PART for entry in path.iterdir())):
+        has_run = (path / JOURNAL).is_file()
+        cure = f"; `commonrail resume {shlex.quote(str(path))}` goes on with the run there" if has_run else ""
+        raise InputError(f"{path}: there already is something; name another folder, nothing was overwritten{cure}.")
 
 
 def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
@@ -213,8 +216,9 @@ def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[
     folder = file_path(folder, "folder")
     instance(calibration, Calibration, "calibration")
     mapping(identified, "identified", "what identify(calibration) returns")
-    write_text(folder / STUDY, calibration.study.text)
-    write_results(folder, calibration, identified)
+    with summed(folder):
+        write_text(folder / STUDY, calibration.study.text)
+        write_results(folder, calibration, identified)
 
 
 def write_results(
@@ -230,25 +234,18 @@ def write_results(
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
     others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
-    with summed(folder, RESULT, CALIBRATED, TRACES, *others, *keep):
+    former = {path.name for path in folder.glob(MEMBER.format("*"))} | {LIKELY, POSTERIOR}
+    with summed(folder, *former - set(keep)):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
-        for name in {LIKELY, *members_of(folder)} - {*others, *keep}:  # of the run before it was extended
-            with writing(folder / name):
-                (folder / name).unlink(missing_ok=True)
         for name, injector in others.items():
             dump_injector(injector, folder / name, notes)
         write_record(folder / RESULT, result_record(calibration, identified))
         _write_traces(folder / TRACES, calibration)
 
 
-def write_judgement(
-    folder: Path,
-    calibration: Calibration,
-    identified: Mapping[str, Mapping[str, Any]],
-    keep: Sequence[str] = (),
-) -> None:
+def write_judgement(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
     """Write result.json again, with what was judged since `write_results`; the other files stay."""
-    with summed(folder, RESULT, CALIBRATED, TRACES, *members_of(folder), *keep):
+    with summed(folder):
         write_record(folder / RESULT, result_record(calibration, identified))
 
 
@@ -268,9 +265,7 @@ def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
         If it is no path.
     """
     folder = file_path(folder, "folder")
-    record = read_result(folder)
-    refuse_foreign(folder, record)
-    return record, read_traces(folder / TRACES)
+    return read_result(folder), read_traces(folder / TRACES)
 
 
 def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
@@ -282,9 +277,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     folder = file_path(folder, "folder")
     record = read_result(folder)
     note_stopped(folder, record)
-    _refuse_changed_data(folder, record)
     study = load_study(folder / STUDY)
-    refuse_foreign(folder, record)
     try:
         best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}
     except (KeyError, TypeError, ValueError) as error:
@@ -292,44 +285,6 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     if set(best) != set(study.space.names):
         raise InputError(f"{folder}: {RESULT} has other parameters than {STUDY}; calibrate again.")
     return study, best
-
-
-def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
-    """Refuse a result that is not of the study beside it, such as one copied from another run with its checksums.
-
-    `InputError` if title, seed or free parameters of the record are not those of ``study.toml``.
-    """
-    path = folder / STUDY
-    if not path.is_file() or not path.stat().st_size:
-        return  # a study made in Python
-    document = read_toml(path)[0]
-    free = [p.get("name") for p in document.get("parameter", ())]
-    try:
-        fitted = [p.get("name") for p in record.get("parameters", ())]
-    except (AttributeError, TypeError) as error:
-        raise _broken(folder / RESULT, "commonrail calibrate", "parameters: each is one object in braces") from error
-    stated = {key: document[key] for key in ("title", "seed") if key in document}
-    other = [f"{key} {record[key]!r}" for key, value in stated.items() if key in record and record[key] != value]
-    other += [f"no free parameter {name}" for name in free if name not in fitted]
-    if other:
-        raise InputError(
-            f"{folder}: {RESULT} is not the result of {STUDY} beside it, it has {other[0]}; take the files of one run."
-        )
-
-
-def _refuse_changed_data(folder: Path, record: Mapping[str, Any]) -> None:
-    """Refuse (`InputError`) a folder whose copy of a data file is not what the fit has read."""
-    try:
-        read = {str(file["name"]): str(file["sha256"]) for file in record.get("files", ())}
-    except (KeyError, TypeError) as error:
-        raise _broken(folder / RESULT, "commonrail calibrate", "files: each has a name and a sha256") from error
-    for name in read:
-        copy = folder / "data" / name
-        # a copy of a TOML file names the copies of others
-        if copy.suffix != ".toml" and copy.is_file() and sha256(read_plain(copy)) not in read.values():
-            raise InputError(
-                f"{copy}: the file was changed after the fit; bring it back as it was, or calibrate again."
-            )
 
 
 def earlier_certainty(folder: Path) -> tuple[dict[str, Any], dict[str, float]] | None:
@@ -343,11 +298,6 @@ def earlier_certainty(folder: Path) -> tuple[dict[str, Any], dict[str, float]] |
         if found["starts"] > 1 or found["profiles"] or {"posterior", "taken"} & found.keys():
             return found, dict(found.get("searched") or {p["name"]: p["best"] for p in record["parameters"]})
     return None
-
-
-def members_of(folder: Path) -> list[str]:
-    """Names of the members' files in a run folder."""
-    return sorted(path.name for path in folder.glob(MEMBER.format("*")))
 
 
 def _write_traces(path: Path, calibration: Calibration) -> None:

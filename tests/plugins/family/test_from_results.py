@@ -74,7 +74,7 @@ def fleet_folder(path: Path, *preloads: float) -> Path:
     head = ["injector", "status", f"{PRELOAD} [N]", f"{PRELOAD} standard error [N]", f"{PRELOAD} verdict"]
     rows = [[f"SN{i}", "finished", repr(x), "1.0", "pinned"] for i, x in enumerate(preloads)]
     rows.append(["SN", "failed", "", "", ""])
-    with summed(path, "fleet.json", "results.csv"):
+    with summed(path):
         write_csv(path / "results.csv", ["SYNTHETIC: made up"], head, rows)
         parameter = {"name": PRELOAD, "lower": 40.0, "upper": 100.0, "prior": None}
         record = {"kind": "fleet", "title": "line 4", "synthetic": "made up", "parameters": [parameter], "fixed": []}

@@ -12,7 +12,7 @@ import numpy as np
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
-from commonrail.base.output import summed, writing
+from commonrail.base.output import summed
 from commonrail.base.text import number
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
@@ -24,7 +24,7 @@ from commonrail.plugins.certainty.one_sided import Within
 from commonrail.plugins.certainty.profile import Profile, Ripple
 from commonrail.plugins.certainty.verdict import Assessment, sensitivity_records
 from commonrail.readers.injector_writer import dump_injector
-from commonrail.runs.folder import CALIBRATED, LIKELY, POSTERIOR, RESULT, TRACES, members_of, read_result, write_record
+from commonrail.runs.folder import LIKELY, POSTERIOR, RESULT, read_result, write_record
 
 
 @dataclass(frozen=True, repr=False)
@@ -224,9 +224,7 @@ def write_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[st
     known = {one["name"]: one for one in certainty["parameters"]}
     for parameter in record["parameters"]:
         parameter.update({key: known[parameter["name"]][key] for key in ("standard_error", "verdict")})
-    if "posterior" not in certainty:  # that of a former certainty has other noise
-        with writing(folder / POSTERIOR):
-            (folder / POSTERIOR).unlink(missing_ok=True)
-    with summed(folder, RESULT, CALIBRATED, TRACES, POSTERIOR, LIKELY, *members_of(folder)):
+    former = () if "posterior" in certainty else (POSTERIOR,)  # that of a former certainty has other noise
+    with summed(folder, *former):
         write_record(folder / RESULT, record)
     return record

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -14,6 +14,7 @@ from commonrail.cli.options import Json, Threads, check_folder
 if TYPE_CHECKING:
     from commonrail.plugins.certainty.ascent import Listener
     from commonrail.plugins.certainty.file import Certainty
+    from commonrail.plugins.certainty.posterior import Posterior
 
 STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is pinned
 
@@ -59,37 +60,46 @@ def certainty(
       commonrail certainty runs/first --posterior
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
+    from commonrail.base.output import summed
     from commonrail.plugins.certainty.ascent import telling
     from commonrail.plugins.certainty.file import write_certainty, write_likely
+    from commonrail.plugins.certainty.posterior_file import posterior_record, write_posterior
     from commonrail.plugins.certainty.run import certify
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener, adopt_likely
     from commonrail.runs.folder import CALIBRATED, LIKELY, earlier_certainty, read_fit, read_result
+    from commonrail.runs.journal import held_run
 
     asked = starts != STARTS or profile or local or combination or limit != LIMIT or posterior
-    study, best = read_fit(run)
     check_folder(run)
-    if asked or not adopt or earlier_certainty(run) is None:
-        with (
-            Bar(f"{run}: time left is that of the present search or profiles, at most") as bar,
-            telling(_shown_by(bar)),
-        ):
-            found = certify(
-                study,
-                best,
-                threads=threads,
-                starts=starts,
-                profiles=() if local else profile or None,
-                combinations=combination,
-                limit=0.01 * limit,
-                note=bar.note,
-            )
-        kept = found.record()
-        write_likely(run, study, dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True)))
-        if posterior:
-            kept["posterior"] = _posterior(run, found, seed, most)
-        write_certainty(run, kept)
+    with held_run(run) as lock:  # until the result is written, nobody else changes the fit that it is about
+        study, best = read_fit(run)
+        if asked or not adopt or earlier_certainty(run) is None:
+            with (
+                Bar(f"{run}: time left is that of the present search or profiles, at most") as bar,
+                telling(_shown_by(bar)),
+            ):
+                found = certify(
+                    study,
+                    best,
+                    threads=threads,
+                    starts=starts,
+                    profiles=() if local else profile or None,
+                    combinations=combination,
+                    limit=0.01 * limit,
+                    note=bar.note,
+                )
+            kept = found.record()
+            values = dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True))
+            drawn = _draw(found, seed, most) if posterior else None
+            lock.check_place()
+            with summed(run):
+                write_likely(run, study, values)
+                if drawn is not None:
+                    write_posterior(run, drawn)
+                    kept["posterior"] = posterior_record(drawn, found.level)
+                write_certainty(run, kept)
     if adopt:
         adopt_likely(run, threads=threads, listener=Listener(note=say))
     record = read_result(run)
@@ -115,11 +125,8 @@ def _shown_by(bar: Bar) -> Listener:
     return show
 
 
-def _posterior(run: Path, found: Certainty, seed: int, most: int) -> dict[str, Any]:
-    """Record of the posterior, whose draws are written to the run folder."""
+def _draw(found: Certainty, seed: int, most: int) -> Posterior:
+    """Draws of the posterior, of the parameters of the study."""
     from commonrail.plugins.certainty.posterior import sample_posterior
-    from commonrail.plugins.certainty.posterior_file import posterior_record, write_posterior
 
-    drawn = sample_posterior(found.within.whole, seed=seed, most=most, note=say).of_first(found.estimate)
-    write_posterior(run, drawn)
-    return posterior_record(drawn, found.level)
+    return sample_posterior(found.within.whole, seed=seed, most=most, note=say).of_first(found.estimate)

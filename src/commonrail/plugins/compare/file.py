@@ -79,6 +79,6 @@ def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, 
         "a row is the mean rate of one sample, whose middle is the time; J is the sum of |model - measured|",
     )
     curves = rate_curves(comparison.data, comparison.scores)
-    with writing(folder), summed(folder, RECORD, TRACES):
+    with writing(folder), summed(folder):
         write_record(folder / RECORD, record)
         write_traces(folder / TRACES, notes, (MEASURED, *comparison.models), curves)

@@ -52,14 +52,13 @@ def compare(
     """
     from commonrail.plugins.compare.file import write_comparison
     from commonrail.report.page import write_report
-    from commonrail.runs.folder import new_run_folder
+    from commonrail.runs.folder import new_folder
 
-    with new_run_folder(out) if out else nullcontext():
+    with new_folder(out) if out else nullcontext() as place:
         comparison, record = _compared(read_models(models, set_), data, threads)
-        if out is not None:
-            write_comparison(out, comparison, record)
-    if out is not None:
-        write_report(out)
+        if place is not None:
+            write_comparison(place, comparison, record)
+            write_report(place)
     if json:
         print_json(record)
         return

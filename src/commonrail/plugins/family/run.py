@@ -105,7 +105,7 @@ def _write(folder: Path, fit: FamilyFit) -> None:
     models = folder / MODELS
     with writing(models):
         models.mkdir(exist_ok=True)
-    with summed(folder, TYPE, RECORD, TRACES):
+    with summed(folder):
         for name, part in fit.parts.items():
             for number, injector in enumerate(part.members, 1):
                 member = "" if number == 1 else f"-member-{number}"

@@ -159,7 +159,7 @@ def _fit(
     from commonrail.base.output import write_text
     from commonrail.plugins.family.run import MODELS, fit_into
     from commonrail.plugins.family.study import load_family
-    from commonrail.runs.folder import filling, refuse_used
+    from commonrail.runs.folder import new_folder, refuse_used
 
     if models is not None:
         refuse_used(models)
@@ -167,10 +167,10 @@ def _fit(
     fit = partial(fit_into, folder, family, threads=threads, workers=workers)
     outcome = reported(family.title, folder, lambda listener: fit(listener=listener))
     if models is not None:
-        with filling(models):
+        with new_folder(models) as place:
             for part in outcome.record["parts"]:
                 file = f"{part['name']}.toml"
-                write_text(models / file, read_plain(folder / MODELS / file).decode())
+                write_text(place / file, read_plain(folder / MODELS / file).decode())
     return outcome
 
 

@@ -171,7 +171,7 @@ def write_results(
     columns = result_columns(fleet, entries, why)
     notes = [f"SYNTHETIC: {' '.join(record['synthetic'].split())}"] if record["synthetic"] else []
     rows = zip(*(map(_text, column) for column in columns.values()), strict=True)
-    with summed(folder, RECORD, RESULTS, RESULTS_PARQUET):
+    with summed(folder):
         write_csv(folder / RESULTS, notes, list(columns), rows)
         _write_parquet(folder / RESULTS_PARQUET, columns, record["synthetic"])
         write_record(folder / RECORD, record)

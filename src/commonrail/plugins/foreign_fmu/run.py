@@ -87,7 +87,7 @@ def _write(folder: Path, fit: FmuFit) -> None:
     synthetic = fit.study.synthetic
     notes = (f"Values of: {fit.study.title}", f"SYNTHETIC: {synthetic}" if synthetic else "not declared synthetic")
     header = ["data", "variable", "unit", "axis", "at", "measured", "start", "best"]
-    with summed(folder, RECORD, VALUES):
+    with summed(folder):
         write_record(folder / RECORD, record)
         write_csv(folder / VALUES, notes, header, _rows(record))
 

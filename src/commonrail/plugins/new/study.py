@@ -14,7 +14,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.input import read_plain
-from commonrail.base.output import replacing, write_text
+from commonrail.base.output import replacing, write_text, writing
 from commonrail.base.text import listed
 from commonrail.base.units import to_text
 from commonrail.calibration.influence import around
@@ -37,7 +37,7 @@ from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
 from commonrail.readers.toml import read_model, read_toml, value_text
-from commonrail.runs.folder import filling
+from commonrail.runs.folder import new_folder
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
 
@@ -60,14 +60,12 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
     `files`: content by the path below the folder. Raises `InputError`, `OutputError` as `write_new`.
     """
-    written = []
-    with filling(folder):
+    with new_folder(folder) as place, writing(folder):
         for name, content in files.items():
-            path = folder / name
+            path = place / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-            written.append(path)
-    return written
+    return [folder / name for name in files]
 
 
 # Free parameters where no screening can be made: what the quantity depends on most and drawings know least.
@@ -150,13 +148,13 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     if twice is not None:
         raise InputError(f"Two of the data files are called {twice}; rename one.")
     blocks = [_block(found, surveys, model, stated) for found in surveys]
-    with filling(folder):
-        (folder / "data").mkdir()
-        copies = [_copy(path, folder / "data" / path.name) for path in sources]
+    with new_folder(folder) as place, writing(folder):
+        (place / "data").mkdir()
+        copies = [_copy(path, place / "data" / path.name) for path in sources]
         if injector.endswith(".toml") or "@" in injector:  # a study takes no variant
-            copies.append(_copied_injector(injector, model, folder / "injector.toml"))
+            copies.append(_copied_injector(injector, model, place / "injector.toml"))
             injector = "injector.toml"
-        study = folder / "study.toml"
+        study = place / "study.toml"
         bench = {key: stated.pressures.get(key) or UNKNOWN for key in ("cylinder_pressure", "return_pressure")}
         free = named or _screened(model, [bench | block for block in blocks], study)
         lines = [
@@ -174,7 +172,8 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         if _checked(key, block, stated)
     ]
     screened = () if named else tuple(parameter.name for parameter in free)
-    return Started(study, (study, *copies), surveys, tuple(missing), tuple(assumed), screened)
+    files = tuple(folder / path.relative_to(place) for path in (study, *copies))
+    return Started(files[0], files, surveys, tuple(missing), tuple(assumed), screened)
 
 
 def _surveyed(path: Path, stated: StatedByUser) -> Survey:

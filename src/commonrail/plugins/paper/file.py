@@ -38,7 +38,7 @@ def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping
         f"SYNTHETIC: {reproduction.bench.truth.synthetic}",
         "a row is the mean rate of one sample, whose middle is the time",
     )
-    with summed(folder, RECORD, TRUTH, TRACES):
+    with summed(folder):
         write_record(folder / RECORD, record)
         write_text(folder / TRUTH, reproduction.bench.truth.text)
         write_traces(folder / TRACES, notes, (EXPERIMENT, *LABELS), _curves(reproduction.repetitions), BEFORE)

@@ -98,22 +98,22 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.plugins.paper.run import reproduce
     from commonrail.readers.injector import load_injector
     from commonrail.report.page import write_report
-    from commonrail.runs.folder import new_run_folder
+    from commonrail.runs.folder import new_folder
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)
     with held_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
-        with new_run_folder(folder):
+        with new_folder(folder) as place:
             with Bar(f"{count} repetitions of the paper's study on the virtual test bench (synthetic)") as bar:
                 outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(_stage(p)))
             record = reproduction_record(outcome, quick)
             with writing(folder):
-                write_reproduction(folder, outcome, record)
-        with writing(folder):
-            lacking = draw_plates(folder)
+                write_reproduction(place, outcome, record)
+                lacking = draw_plates(place)
+            write_report(place)
         if lacking:
             say(lacking)
-        return Outcome(folder, write_report(folder), record)
+        return Outcome(folder, folder / "report.html", record)
 
 
 def _stage(p: SeedProgress) -> Stage:
