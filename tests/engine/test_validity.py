@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
+from commonrail.base import hooks
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine import plan, status
 from commonrail.engine.operating_point import OperatingPoint, Trace
@@ -83,7 +84,7 @@ def test_a_discharge_coefficient_that_is_held_at_one_is_told(regulated: Injector
     point = OperatingPoint(160e6, 20e-6, horizon=30e-6)
     for injector, count in ((regulated, 0), (regulated.with_values(excess), 1)):
         for prepare in (lambda i: plan.prepare(i, [point], 1e-6), lambda i: simulate_reference(i, point, 3e-6, COARSE)):
-            status._note_once.cache_clear()
+            hooks._noted.clear()
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 prepare(injector)
@@ -98,7 +99,7 @@ def test_a_pipe_that_rubs_more_than_is_resolved_is_told(
     regulated: Injector, pipe: tuple[float, float, float], count: int
 ) -> None:
     names = ("feed_pipe.length", "feed_pipe.diameter", "feed_pipe.friction_factor")
-    status._note_once.cache_clear()
+    hooks._noted.clear()
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         plan.prepare(regulated.with_values(dict(zip(names, pipe, strict=True))), [OperatingPoint(160e6, 700e-6)], 1e-6)

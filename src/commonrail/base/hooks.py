@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -15,62 +16,87 @@ Listener = Callable[[], AbstractContextManager[Any]]
 
 
 def _warn(text: str) -> None:
-    warnings.warn(text, RuntimeWarning, stacklevel=3)
+    """Raise a warning at the line that called this package."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in ("commonrail", "contextlib"):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, RuntimeWarning, stacklevel=level)
 
 
-_listener: Listener = nullcontext
-_note: Callable[[str], None] = _warn
-_duration = "ten seconds on an idle machine, up to a minute on a busy one"
-_named: ContextVar[tuple[str, ...]] = ContextVar("named", default=())  # batches are simulated in threads, too
-_under_way = 0  # compilations, each of which another one needs
-_spent = 0.0  # [s]
+ONE_KERNEL = "ten seconds on an idle machine, up to a minute on a busy one"
 ALL_ENTRIES = "about a minute, more on a busy machine"  # of an export, which has more to compile than one kernel
 
+# Listeners of the process, and what a block changes in its own thread and in the threads that it passes its context to.
+_of_process: Listener = nullcontext
+_note: Callable[[str], None] = _warn
+_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+_quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+_duration: ContextVar[str] = ContextVar("duration", default=ONE_KERNEL)
+_named: ContextVar[tuple[str, ...]] = ContextVar("named", default=())
 
-def tell_of_compiling(listener: Listener) -> Listener:
-    """Have a context entered while a kernel is compiled that is in no cache; returns the listener before."""
-    global _listener
-    before, _listener = _listener, listener
-    return before
+_turn = threading.RLock()  # of all below
+_under_way = 0  # compilations of all threads
+_began = _spent = 0.0  # [s]
+_noted: set[str] = set()
+
+
+def tell_of_compiling(listener: Listener) -> None:
+    """Have a context entered in this process while a kernel is compiled that is in no cache."""
+    global _of_process
+    _of_process = listener
+
+
+@contextmanager
+def _within(variable: ContextVar[Any], value: object) -> Iterator[None]:
+    """Set a variable inside the block."""
+    before = variable.set(value)
+    try:
+        yield
+    finally:
+        variable.reset(before)
+
+
+def telling_of_compiling(listener: Listener) -> AbstractContextManager[None]:
+    """Have another context than that of the process entered while a kernel is compiled inside the block."""
+    return _within(_listener, listener)
 
 
 @contextmanager
 def compiling() -> Iterator[None]:
     """The context to compile in: the listener's, and its time counts as `compiling_seconds`.
 
-    A compilation that another one needs is part of that one.
+    A compilation that another one needs, or that another thread does at the same time, is part of that one.
     """
-    global _under_way, _spent
-    start = time.perf_counter()
-    _under_way += 1
+    global _under_way, _began, _spent
+    with _turn:
+        _under_way += 1
+        if is_first := _under_way == 1:
+            _began = time.perf_counter()
     try:
-        with _listener() if _under_way == 1 else nullcontext():
+        with (_listener.get() or _of_process)() if is_first else nullcontext():
             yield
     finally:
-        _under_way -= 1
-        if not _under_way:
-            _spent += time.perf_counter() - start
+        with _turn:
+            _under_way -= 1
+            if not _under_way:
+                _spent += time.perf_counter() - _began
 
 
 def compiling_seconds() -> float:
     """Time that this process has spent compiling, or waiting for another that compiled for it [s]."""
-    return _spent
+    with _turn:
+        return _spent + (time.perf_counter() - _began if _under_way else 0.0)
 
 
-@contextmanager
-def naming(words: str) -> Iterator[None]:
+def naming(words: str) -> AbstractContextManager[None]:
     """State what is simulated inside the block, for whoever says that it is compiled; blocks inside add their words."""
-    before = _named.set((*_named.get(), words))
-    try:
-        yield
-    finally:
-        _named.reset(before)
+    return _within(_named, (*_named.get(), words))
 
 
 def compiled_words() -> str:
     """End of a sentence on compiling: of what, where that is stated, and how long it takes."""
     named = ", ".join(_named.get())
-    return f": {named} ({_duration})" if named else f" ({_duration})"
+    return f": {named} ({duration()})" if named else f" ({duration()})"
 
 
 @contextmanager
@@ -79,38 +105,36 @@ def lasting(words: str) -> Iterator[None]:
 
     `words` are such as `ALL_ENTRIES`.
     """
-    global _duration
-    before, _duration = _duration, words
-    try:
+    with _within(_duration, words):
         yield
-    finally:
-        _duration = before
 
 
 def duration() -> str:
     """Words for the time that a compilation takes."""
-    return _duration
+    return _duration.get()
 
 
 def tell_notes(listener: Callable[[str], None]) -> None:
-    """Have notes given to a function instead of raised as warnings."""
+    """Pass the notes of this process to a function instead of raising warnings."""
     global _note
     _note = listener
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Leave notes untold inside the block: they have been told before."""
-    before = _note
-    tell_notes(lambda _: None)
-    try:
-        yield
-    finally:
-        tell_notes(before)
+def quiet() -> AbstractContextManager[None]:
+    """Leave out notes inside the block, which have been said before."""
+    return _within(_quiet, True)
 
 
-def note(text: str) -> None:
-    """Say one sentence that changes no result but should be known."""
+def note(text: str, *, once: bool = False) -> None:
+    """Say one sentence that changes no result but should be known; `once`: unless this process has said it before."""
+    with _turn:
+        if not (_quiet.get() or (once and text in _noted)):
+            _note(text)
+            _noted.add(text)
+
+
+def note_of_process(text: str) -> None:
+    """Say a sentence on this process, inside a quiet block too: a cached function finds the reason for it once."""
     _note(text)
 
 

@@ -23,7 +23,7 @@ from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
 from commonrail.base.errors import CommonrailError, InputError, PluginError, nearest
-from commonrail.base.hooks import note
+from commonrail.base.hooks import note_of_process
 
 _Kind = TypeVar("_Kind")
 # File of a plug-in folder that has a part, the part's name and the attribute that it is.
@@ -178,7 +178,7 @@ def installed(group: str) -> Mapping[str, Entry]:
     """Parts that other installed packages register, by name in alphabetical order; a warning names those unused."""
     displaced = unused(group)
     for sentence in displaced.values():
-        note(sentence)
+        note_of_process(sentence)
     return {name: entries[0] for name, entries in _registered(group).items() if entries[0] not in displaced}
 
 

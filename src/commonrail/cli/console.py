@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
-from commonrail.base.hooks import check_unheld_stop, compiled_words, tell_of_compiling
+from commonrail.base.hooks import check_unheld_stop, compiled_words, telling_of_compiling
 from commonrail.base.text import duration
 
 if TYPE_CHECKING:
@@ -86,7 +86,6 @@ def say_of_ending(text: str) -> None:
         os.write(2, f"{show_cursor}\ncommonrail: {text}\n".encode())
 
 
-_under_way = False  # one display, also while one compilation needs another
 _said = ""  # the last sentence, where it cannot be taken back
 
 
@@ -98,22 +97,16 @@ def compiling_words() -> str:
 @contextmanager
 def compiling() -> Iterator[None]:
     """Say that a simulation is being compiled, with a sign of life in a terminal, else once for each sentence."""
-    global _under_way, _said
+    global _said
     console, words = stderr_console(), compiling_words()
-    if _under_way or (_said == words and console is None):
-        yield
-        return
-    _under_way = True
-    try:
-        if console is not None:
-            with console.status(words):
-                yield
-        else:
-            _said = words
-            say(words)
+    if console is not None:
+        with console.status(words):
             yield
-    finally:
-        _under_way = False
+        return
+    if words != _said:
+        _said = words
+        say(words)
+    yield
 
 
 def print_json(record: Mapping[str, Any]) -> None:
@@ -288,7 +281,8 @@ class Bar(AbstractContextManager["Bar"]):
             self.bar = _rich_bar(self.console)
             self.bar.start()
             self.task = self.bar.add_task(STARTING, total=None, figures="")
-        self._before = tell_of_compiling(self._compiling)
+        self._telling = telling_of_compiling(self._compiling)
+        self._telling.__enter__()
         return self
 
     @contextmanager
@@ -302,7 +296,7 @@ class Bar(AbstractContextManager["Bar"]):
             yield
 
     def __exit__(self, *_: object) -> None:
-        tell_of_compiling(self._before)
+        self._telling.__exit__(None, None, None)
         if self.console is not None:
             self.bar.stop()
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.base.hooks import compiling, note
+from commonrail.base.hooks import compiling, note, note_of_process
 from commonrail.compiler.target import package_version
 
 LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
@@ -151,7 +151,7 @@ def _is_usable(folder: Path) -> bool:
             level.mkdir(mode=0o700, exist_ok=True)
         fault = objection(folder)
         if fault:
-            note(f"No compiled simulations are kept in {folder.parent}: {fault}.")
+            note_of_process(f"No compiled simulations are kept in {folder.parent}: {fault}.")
             return False
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:

@@ -139,10 +139,11 @@ def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
     for pressure in sorted({min(pressures), max(pressures)}, reverse=True):
         greatest = _greatest_discharge(injector.parameters.nozzle, pressure)
         if greatest > 1.0 + ROUNDING:
-            _note_once(
+            note(
                 f"{injector.name}: growth with pressure and shape would lift the nozzle's discharge coefficient to "
                 f"{greatest:.3g} at {pressure * 1e-6:g} MPa; it is held at 1, beyond which no nozzle goes; check "
-                "nozzle.discharge_growth and nozzle.shape_1 … shape_8, which were fitted at other pressures or lifts."
+                "nozzle.discharge_growth and nozzle.shape_1 … shape_8, which were fitted at other pressures or lifts.",
+                once=True,
             )
             return
 
@@ -165,10 +166,11 @@ def note_narrow_pipe(injector: Injector, points: Sequence[OperatingPoint]) -> No
     pressure = max(point.at_start(point.rail_pressure) for point in points)
     loss = pipe_loss(injector, pressure)
     if loss > MOST_LOSS:
-        _note_once(
+        note(
             f"{injector.name}: the feed pipe is so narrow, long or rough (R q/Z = {loss:.2g} at {pressure * 1e-6:g} "
             f"MPa, above {MOST_LOSS:g}) that the fast engines may miss the quantity by more than 0.3 %; check "
-            "feed_pipe.diameter, length and friction_factor, or compare with the reference engine."
+            "feed_pipe.diameter, length and friction_factor, or compare with the reference engine.",
+            once=True,
         )
 
 
@@ -189,8 +191,3 @@ def pipe_loss(injector: Injector, rail_pressure: float) -> float:
 def _density_and_speed(fuel: Fuel, pressure: float, temperature: float) -> tuple[float, float]:
     """Density [kg/m³] and speed of sound [m/s], cached for the next batch at the same point."""
     return float(fuel.density(pressure, temperature)), sound_speed(fuel, temperature, pressure)
-
-
-@functools.cache
-def _note_once(sentence: str) -> None:
-    note(sentence)

@@ -9,7 +9,7 @@ import re
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
@@ -198,16 +198,18 @@ def _unreached(address: str, error: Exception) -> str:
 def _local(count: int, opened: ExitStack) -> Client:
     """Client of a cluster on this machine that no other user can enter."""
     distributed = _distributed()
+    from dask import config
+
     check_count(count)
     try:
         security = distributed.Security.temporary()
     except ImportError:
         raise InputError(_MISSING.format(package="cryptography")) from None
-    opened.enter_context(_configured({"distributed.deploy.lost-worker-timeout": f"{RETURN:.0f} s"}))
+    opened.enter_context(config.set({"distributed.deploy.lost-worker-timeout": f"{RETURN:.0f} s"}))
     folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="commonrail-", ignore_cleanup_errors=True))
     # the scheduler's web server, on loopback, has no page; workers that Dask starts again run no module of this folder
     settings = {"distributed.scheduler.http.routes": [], f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"}
-    with shielded(), quiet(), _configured(settings):
+    with shielded(), quiet(), config.set(settings):
         cluster = distributed.LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -241,24 +243,22 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def _configured(values: Mapping[str, Any]) -> Any:
-    """Dask's configuration of this process with other values, as a context."""
-    import dask
-
-    return dask.config.set(values)
+_TURN = threading.Lock()
+_LEVELS: list[int] = []  # of the log, before each block that some thread is inside: the first is the one to return to
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
     """Silence of Dask's log: what went wrong is told in our own words."""
     log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)
+    with _TURN:
+        _LEVELS.append(log.level)
+        log.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        with suppress(Exception):
-            log.setLevel(level)
+        with _TURN, suppress(Exception):
+            log.setLevel(_LEVELS.pop())
 
 
 FETCH = 10.0  # how long to wait for a result that is said to be there [s]

@@ -101,7 +101,6 @@ def _broken(path: Path, made_by: str, reason: str) -> InputError:
 # Runs whose search was stopped before its end: who takes their values is told.
 
 _RESULT = "result.json"
-_told: set[Path] = set()
 
 
 def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
@@ -113,13 +112,12 @@ def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
         check_sums(folder)
         with suppress(InputError):
             record = read_record(folder / _RESULT, "commonrail calibrate")
-    where = folder.absolute()
-    if record is None or record.get("status") != "interrupted" or where in _told:
+    if record is None or record.get("status") != "interrupted":
         return
-    _told.add(where)
     note(
         f"{folder}: the search was stopped before its end, and these are the best values up to then; "
-        f"`commonrail resume {shlex.quote(str(folder))}` runs it to its end."
+        f"`commonrail resume {shlex.quote(str(folder))}` runs it to its end.",
+        once=True,
     )
 
 

@@ -121,6 +121,9 @@ def reply(package: Package, argument: Any) -> Answer | Lost | Refused:
         return failure(error)
 
 
+_STARTING = threading.Lock()  # the environment is that of all threads
+
+
 @contextmanager
 def shielded() -> Iterator[None]:
     """Processes started inside compute on one thread, run no module of the current folder, and get no stop signal."""
@@ -162,7 +165,7 @@ class _Worker:
         self.pipe, other = context.Pipe()
         self.process = context.Process(target=serve, args=(other,), daemon=True, name="commonrail worker")
         try:
-            with shielded():
+            with _STARTING, shielded():
                 self.process.start()
         except OSError as error:
             raise StudyError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -75,7 +76,8 @@ def simulate_many(
         return _joined([simulated(place, threads) for place in places])
     compiled(injector.wired(names), Precision.F64, False)  # in the calling thread, where Ctrl-C ends it
     with ThreadPoolExecutor(threads) as pool:
-        return _joined(list(pool.map(lambda place: simulated(place, 1), places)))
+        futures = [pool.submit(copy_context().run, simulated, place, 1) for place in places]
+        return _joined([future.result() for future in futures])
 
 
 def _joined(parts: Sequence[Batch]) -> Batch:

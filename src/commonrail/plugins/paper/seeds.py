@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+from contextvars import copy_context
 from typing import NamedTuple, TypeVar
 
 from commonrail.base.arguments import function, sequence, shown, thread_count, whole
@@ -78,7 +79,7 @@ def for_seeds(
 
     with held_interrupts() as stop, ThreadPoolExecutor(threads or usable_threads()) as pool:
         counter = _Counter(stop)
-        futures = [pool.submit(search, seed, counter.count) for seed in seeds]
+        futures = [pool.submit(copy_context().run, search, seed, counter.count) for seed in seeds]
         try:
             _watch(futures, lambda pending: tell(futures, pending))
         finally:
