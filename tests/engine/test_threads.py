@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 import time
 import weakref
 from collections.abc import Sequence
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -78,3 +80,17 @@ def test_a_forked_process_starts_its_own() -> None:
         threading.Timer(PATIENCE, os._exit, (1,)).start()  # it would wait for threads that are not there for ever
         os._exit(0 if len(threads_of(range(3))) == 3 else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def test_three_inside_three_end_from_any_thread() -> None:
+    done: SimpleQueue[tuple[int, int]] = SimpleQueue()
+
+    def outer(item: int) -> None:
+        side_by_side(lambda inner: done.put((item, inner)), range(3))
+
+    callers = [threading.Thread(target=side_by_side, args=(outer, range(3)), daemon=True) for _ in range(2)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join(PATIENCE)
+    assert sorted(done.get_nowait() for _ in range(18)) == sorted(2 * list(itertools.product(range(3), range(3))))

@@ -30,15 +30,16 @@ class _Crew:
 
     def __init__(self) -> None:
         self.tasks: SimpleQueue[_Task] = SimpleQueue()
-        self._size = 0
+        self.threads: list[threading.Thread] = []
         self._growth = threading.Lock()
 
     def grow(self, size: int) -> None:
         """Have at least so many threads."""
         with self._growth:
-            while self._size < size:
-                threading.Thread(target=self._serve, name="commonrail", daemon=True).start()
-                self._size += 1
+            while len(self.threads) < size:
+                thread = threading.Thread(target=self._serve, name="commonrail", daemon=True)
+                thread.start()
+                self.threads.append(thread)
 
     def _serve(self) -> None:
         while True:
@@ -70,6 +71,10 @@ def side_by_side(work: Callable[[int], None], items: Sequence[int]) -> None:
     `KeyboardInterrupt` before that if a stop was asked for, see `check_unheld_stop`.
     """
     check_unheld_stop()
+    if threading.current_thread() in _crew.threads:  # which must not wait for one another
+        for item in items:
+            work(item)
+        return
     done: SimpleQueue[BaseException | None] = SimpleQueue()
     _crew.grow(len(items) - 1)
     for item in items[1:]:
