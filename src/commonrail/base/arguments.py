@@ -14,7 +14,7 @@ from enum import Enum
 from numbers import Real
 from pathlib import Path
 from types import UnionType
-from typing import Any, NamedTuple, TypeVar, get_args, overload
+from typing import Any, NamedTuple, NoReturn, TypeVar, get_args, overload
 
 import numpy as np
 
@@ -324,10 +324,35 @@ def known_names(value: object, known: Collection[str], what: str, example: str) 
     return tuple(map(str, names))
 
 
+class FrozenDict(dict[Any, Any]):
+    """Dict that cannot be changed; it has a hash if its values have one."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FrozenDict, (dict(self),)
+
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("These values belong to a frozen object; make another one, as dataclasses.replace does.")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+
 def settle(target: object, **values: object) -> None:
-    """Set attributes of a frozen dataclass to what was read from its arguments."""
+    """Set attributes of a frozen dataclass to what was read from its arguments, as `frozen` returns it."""
     for name, value in values.items():
-        object.__setattr__(target, name, value)
+        object.__setattr__(target, name, frozen(value))
+
+
+def frozen(value: Any) -> Any:
+    """Return a value whose mappings, lists and arrays are replaced by ones that cannot be changed."""
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        value = value.copy()
+        value.flags.writeable = False
+    elif isinstance(value, Mapping) and not isinstance(value, FrozenDict):
+        return FrozenDict({key: frozen(item) for key, item in value.items()})
+    return tuple(map(frozen, value)) if isinstance(value, list) else value
 
 
 def shown(value: object) -> str:

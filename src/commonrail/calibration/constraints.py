@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from commonrail.base.arguments import settle
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics.elementary import product
@@ -50,11 +51,8 @@ class LinearConstraints:
         strict = np.zeros(len(lower), bool) if self.strict is None else np.array(self.strict, bool)
         labels = tuple(self.labels) or tuple(f"row {row + 1}" for row in range(len(lower)))
         _check_rows(matrix, lower, strict, labels)
-        for name, value in (("matrix", matrix), ("lower", lower), ("strict", strict)):
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "labels", labels)
-        object.__setattr__(self, "chains", tuple(tuple(chain) for chain in self.chains))
+        chains = tuple(tuple(chain) for chain in self.chains)
+        settle(self, matrix=matrix, lower=lower, strict=strict, labels=labels, chains=chains)
 
     @classmethod
     def none(cls, dimension: int) -> LinearConstraints:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import instance, instances, mapping, number, settle
+from commonrail.base.arguments import frozen, instance, instances, mapping, number, plain_text, sequence, settle, whole
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.constraints import (
@@ -75,7 +75,8 @@ class Space:
         _check_names(names)
         rows = self.constraints
         if not isinstance(rows, LinearConstraints):
-            rows = parse_constraints(tuple(rows), names)
+            texts = sequence(rows, "constraints", '["valve.lift > 40e-6"]')
+            rows = parse_constraints([plain_text(text, "constraint") for text in texts], names)
         if rows.dimension != len(parameters):
             raise ConfigurationError(
                 f"constraints: {rows.dimension} columns were given for {len(parameters)} "
@@ -89,9 +90,9 @@ class Space:
             rows=rows,
             labels=tuple(dict.fromkeys((*rows.labels, *self.products.labels))),
             constrained=bool(len(rows) or len(self.products)),
-            lower=_frozen([parameter.lower for parameter in parameters]),
-            upper=_frozen([parameter.upper for parameter in parameters]),
-            reference=_frozen([parameter.reference for parameter in parameters]),
+            lower=np.array([parameter.lower for parameter in parameters]),
+            upper=np.array([parameter.upper for parameter in parameters]),
+            reference=np.array([parameter.reference for parameter in parameters]),
             logarithmic=np.array([parameter.scale == "log" for parameter in parameters]),
         )
         conflict = conflicting_rows(rows, self.lower, self.upper) if len(rows) else ()
@@ -118,10 +119,10 @@ class Space:
         depth, _ = deepest_point(self.polytope)
         deepest = self.lower + depth * (self.upper - self.lower)
         if not len(self.products):
-            return _frozen(deepest)
+            return np.asarray(frozen(deepest))
         drawn = self.from_unit(np.random.default_rng(0).random((_DRAWS, self.dimension)))
         candidates = np.vstack([deepest, self.reference, drawn])
-        return _frozen(candidates[int(np.argmax(self.satisfies(candidates)))])
+        return np.asarray(frozen(candidates[int(np.argmax(self.satisfies(candidates)))]))
 
     def point(self, values: Mapping[str, float]) -> Floats:
         """Point (d,) of values [SI] by the names of the parameters, such as `Calibration.best`.
@@ -289,13 +290,6 @@ def _halved(space: Space, start: Floats, goal: Floats) -> Floats:
     return np.where(space.satisfies(goal)[..., None], goal, found)
 
 
-def _frozen(values: ArrayLike) -> Floats:
-    """A read-only array: spaces are shared."""
-    array = np.array(values, dtype=float)
-    array.flags.writeable = False
-    return array
-
-
 # Draws of starting points: uniform in the bounds, or uniform where the constraints hold too.
 
 # Steps of each chain, s d + d^2 for d parameters. The paper's seven parameters then have the means
@@ -340,7 +334,14 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> Floats:
     -------
     (n, d) array
         Points, SI, each of which satisfies `space` and its constraints.
+
+    Raises
+    ------
+    ConfigurationError
+        If the number is negative or has a fraction, or an argument is of another kind.
     """
+    n = whole(n, "number of points")
+    instance(rng, np.random.Generator, "rng")
     if not instance(space, Space, "space").constrained:
         return sample_uniform(space, n, rng)
     walk = _plan(space)

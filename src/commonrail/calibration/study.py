@@ -220,6 +220,8 @@ class Study(Shown):
             loss_scale=amount(self.loss_scale, "1", "loss_scale", SCALES),
             same_bits=flag(self.same_bits, "same_bits"),
             conditions=instances(self.conditions, Condition, "conditions"),
+            files=self.files,
+            fixed=tuple(self.fixed),
         )
         self._check_names()
         self._check_judgement()

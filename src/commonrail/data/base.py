@@ -374,7 +374,7 @@ def read_labels(data: DataSet) -> None:
             f"The noise of {data.name} has a relative part, which only curves have; state it as the relative part "
             "of the tolerance."
         )
-    settle(data, role=chosen(data.role, Role, "role of the data"), weight=weight)
+    settle(data, role=chosen(data.role, Role, "role of the data"), weight=weight, mass_density=data.mass_density)
     if data.meter is None:
         return
     meter = instance(data.meter, Meter, "meter of the data")

@@ -111,6 +111,8 @@ class Energising(_Pulse):
             amount(duration, "s", "duration of an energising", ENERGISING_TIMES),
         )
 
+    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
+
 
 @dataclass(frozen=True)
 class OperatingPoint:
@@ -214,7 +216,7 @@ class OperatingPoint:
     def pulses(self) -> tuple[Energising, ...]:
         """Energisings in order."""
         if isinstance(self.energisings, float):
-            return (Energising._make((0.0, self.energisings)),)  # which was read when the point was made
+            return (Energising(0.0, self.energisings),)
         return self.energisings
 
     @property
@@ -275,11 +277,16 @@ def _energisings(given: object) -> tuple[Energising, ...] | float:
     if isinstance(given, Energising):
         return (given,)
     if np.ndim(given) if isinstance(given, np.ndarray) else isinstance(given, list | tuple):
-        return tuple(_pulse(item) for item in sequence(given, "energisings", _PULSES))
+        return read_pulses(given)
     return amount(given, "s", "energising time", ENERGISING_TIMES)
 
 
 _PULSES = '[(0.0, "250 us"), ("900 us", "600 us")], pairs of start and duration'
+
+
+def read_pulses(given: object) -> tuple[Energising, ...]:
+    """Energisings of a list of pairs of start and duration; `ConfigurationError` if it is another thing."""
+    return tuple(_pulse(item) for item in sequence(given, "energisings", _PULSES))
 
 
 def _pulse(given: object) -> Energising:

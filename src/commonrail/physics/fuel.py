@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array
+from commonrail.base.arguments import array, settle
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.physics.elementary import cosine, exp, expm1, power
@@ -163,6 +163,9 @@ class Law:
     origin: Origin
     logarithmic: bool = False
 
+    def __post_init__(self) -> None:
+        settle(self, coefficients=self.coefficients)
+
     def at(self, temperature: ArrayLike) -> tuple[Floats, ...]:
         """Return every K at a temperature [K]."""
         return tuple(coefficient(k, temperature) for k in self.coefficients)
@@ -220,6 +223,7 @@ class Fuel:
     heat_capacity_law: Law | None = None
 
     def __post_init__(self) -> None:
+        settle(self, pressure_range=self.pressure_range, temperature_range=self.temperature_range)
         if self.adiabatic and (self.bulk_modulus_law is None or self.isentropic_law is None):
             raise ConfigurationError(
                 f"Fuel {self.name} states no isentropic modulus beside an isothermal one, so that adiabatic "

@@ -96,14 +96,14 @@ class Injector:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        settle(self, variant=Variant(*instance(self.variant, Variant, "variant")))
+        instance(self.variant, Variant, "variant")
         known = self.quantities
         for what in ("name", "title", "synthetic"):
             plain_text(getattr(self, what), f"{what} of an injector")
         values = {path: _read(self.name, path, value, known) for path, value in _named(self.values).items()}
-        settle(self, values=values)
+        sources = mapping(self.sources, "sources", '{"nozzle.holes": Source("M", "drawing")}')
+        settle(self, values=values, sources=sources)
         instance(self.fuel, Fuel, "fuel")
-        mapping(self.sources, "sources", '{"nozzle.holes": Source("M", "drawing")}')
         missing = [path for path in known if path not in self.values]
         if missing:
             raise ConfigurationError(f"{self.name}: no value for {missing[0]}; give one in the injector's file.")

@@ -228,10 +228,11 @@ class Meter:
                 'delay by different times change the volume when they are blended; take "zero-phase", or remove '
                 "late_cutoff."
             )
-        mapping(self.sources, f"sources of the meter {self.name}", '{"delay": Source("M", "data sheet")}')
+        sources = mapping(self.sources, f"sources of the meter {self.name}", '{"delay": Source("M", "data sheet")}')
         settle(
             self,
             values=values,
+            sources=sources,
             law=law,
             order=whole(self.order, f"order of the meter {self.name}", 1, HIGHEST_ORDER),
         )

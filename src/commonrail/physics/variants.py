@@ -87,6 +87,8 @@ class Variant(_Wired):
             nozzle_law,
         )
 
+    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
+
     @property
     def words(self) -> tuple[str, ...]:
         """Arguments that make this variant, as text."""

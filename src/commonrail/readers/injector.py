@@ -346,16 +346,16 @@ def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at
 def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
     """Variant of a file; what it does not state is that of the base."""
     stated = {field: getattr(model, key) for key, field in _VARIANT.items() if key in model.model_fields_set}
-    wanted = (base.variant if base else Variant())._replace(**stated)
-    if base and wanted.actuation is not base.variant.actuation:
+    words = (base.variant if base else Variant())._asdict() | stated
+    if base and words["actuation"] is not base.variant.actuation:
         raise (at / "base").error(
-            f'{base.name} is a {base.variant.actuation.value} injector, and actuation is "{wanted.actuation.value}"; '
+            f'{base.name} is a {base.variant.actuation.value} injector, and actuation is "{model.actuation.value}"; '
             "name a base of that kind"
         )
     with located(at):
-        Variant(*wanted._replace(nozzle_law=""))
+        Variant(**words | {"nozzle_law": ""})
     with located(at / "nozzle_law"):
-        return Variant(*wanted)
+        return Variant(**words)
 
 
 _DISC_OF = {"valve.stop_film": "valve.stop_disc", "valve.seat_film": "valve.seat_disc"}

@@ -64,7 +64,7 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
             if isinstance(value, Mapping)
             else ((f.name, getattr(value, f.name)) for f in fields(value) if f.init)
         )
-        pieces.append(type(value).__name__.encode())
+        pieces.append(b"dict" if isinstance(value, dict) else type(value).__name__.encode())
         _add_pieces(tuple(pairs), pieces)
     elif isinstance(value, tuple | list):
         pieces.append(f"list {len(value)}".encode())

@@ -41,7 +41,7 @@ from commonrail.engine.status import which_failed
 from commonrail.physics.meters import QUANTITIES, Given, Meter, shown_rates
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RateData(DataSet):
     """A measured injection curve (EVI) at one operating point.
 

@@ -128,7 +128,7 @@ class SisterModel(FormModel):
     source: str = "no source stated"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sister:
     """Measured map of another part of the type.
 

@@ -64,7 +64,7 @@ TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per st
 TIME_TOLERANCES = Limits(1e-12, 1.0, (1e-8, 1e-3), ("us",))  # of a dead time [s]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class QuantityData(ToleratedData):
     """Measured quantities per stroke at several operating points (a map).
 

@@ -44,7 +44,7 @@ class ReturnsModel(MapModel):
     stroke_period: Annotated[float, Unit("s")] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReturnData(QuantityData):
     """Measured quantities through the return line per stroke at several operating points.
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from commonrail.base.arguments import file_path
+from commonrail.base.arguments import file_path, settle
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.input import noting_files
@@ -60,7 +60,7 @@ class Shared(NamedTuple):
     spread: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sharing:
     """Map from points of the joint space (D,) to points of the parts' spaces.
 
@@ -269,6 +269,9 @@ class Family:
     seed: int
     files: Mapping[Path, str] = field(default_factory=dict)
     text: str = ""
+
+    def __post_init__(self) -> None:
+        settle(self, parts=self.parts, shared=self.shared, files=self.files)
 
     @property
     def same_bits(self) -> bool:

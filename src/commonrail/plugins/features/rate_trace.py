@@ -23,7 +23,7 @@ NORMAL = 0.6745  # median of |x| of a standard normal distribution
 FEWEST_AT_REST = 20  # samples before the first energising from which noise is estimated
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RateTrace:
     """Rate of injection, sample by sample.
 

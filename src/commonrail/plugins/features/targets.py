@@ -157,7 +157,7 @@ _HEAD = Part(("feature", "unit"), lambda row: (_name(row), field_unit(row["unit"
 # The kind of data.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FeatureData(ToleratedData):
     """Measured features of the injections at one operating point.
 

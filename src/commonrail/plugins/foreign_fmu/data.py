@@ -44,7 +44,7 @@ class Run(NamedTuple):
         return len(self.outputs) * len(self.times)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FmuData:
     """A set of measured data.
 
@@ -79,7 +79,8 @@ class FmuData:
         weight = number(self.weight, "1", f"weight of {self.name}")
         if not weight > 0.0:
             raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
-        settle(self, role=chosen(self.role, Role, "role of the data"), weight=weight)
+        role = chosen(self.role, Role, "role of the data")
+        settle(self, role=role, weight=weight, measured=self.measured, tolerances=self.tolerances)
         if len(self.measured) != sum(run.size for run in self.runs):
             raise ConfigurationError(f"{self.name}: there is not one measured value for each output at each time.")
         if not (self.tolerances > 0.0).all():

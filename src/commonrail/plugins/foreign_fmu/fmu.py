@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.base.arguments import file_path
+from commonrail.base.arguments import file_path, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.input import read_plain, sha256
@@ -73,6 +73,9 @@ class Fmu:
     version: str
     variables: Mapping[str, FmuVariable]
     content: bytes = field(repr=False)
+
+    def __post_init__(self) -> None:
+        settle(self, variables=self.variables)
 
     def variable(self, name: str) -> FmuVariable:
         """Variable of a name; the `InputError` for one that is not there names the nearest."""

@@ -140,6 +140,7 @@ class FmuStudy:
             time_limit=_positive(self.time_limit, "time_limit"),
             loss=chosen(self.loss, Loss, "loss"),
             loss_scale=_positive(self.loss_scale, "loss_scale"),
+            files=self.files,
         )
         if self.loss is Loss.KINDS:
             raise ConfigurationError(f'The loss of a study of an FMU is "squares" or "soft_l1", not "{self.loss}".')

@@ -24,7 +24,7 @@ ENERGISING_TIMES = tuple(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MapAxes:
     """Axes of a map and of its inverse.
 

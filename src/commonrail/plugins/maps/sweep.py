@@ -141,10 +141,7 @@ def _arguments(row: Sequence[float], alone: bool) -> dict[str, Any]:
     }
 
 
-@functools.lru_cache(maxsize=10_000)
-def _energising(start: float, duration: float) -> Energising:
-    """Energising of checked values: the points of a sweep share most of theirs."""
-    return Energising._make((start, duration))
+_energising = functools.lru_cache(maxsize=10_000)(Energising)  # the points of a sweep share most of theirs
 
 
 # Variables of the operating point and their SI units.

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import toeplitz
 
-from commonrail.base.arguments import array, function, instance, mapping, sequence, thread_count
+from commonrail.base.arguments import array, function, instance, mapping, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import held_interrupts, note
 from commonrail.base.text import quantity
-from commonrail.engine.operating_point import RAIL_PRESSURES, Energising
+from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, read_pulses
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import SLOWEST, Memory, Observation, ObservedShot
@@ -38,7 +38,6 @@ from commonrail.plugins.observer.study import (
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
 MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
 SHORTEST = 1e-6  # energising time, the step of the simulations; no injector answers a shorter one [s]
-PULSES = '[("10 ms", "700 us"), (0.05, 7e-4)], pairs of start and duration'
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
 # Largest mean square of a further sensor's innovation: of many samples as of a shot, of one three standard deviations.
 FITTING = {"current": TRUSTED, "return": 9.0}
@@ -100,7 +99,7 @@ def observe(
     check_model(injector, settings.further)
     report = function(progress, "progress") or (lambda _: None)
     clock, shown = array(time, "s", "time", 1), array(pressure, "Pa", "pressure", 1)
-    pulses = [_energising(pair) for pair in sequence(energisings, "energisings", PULSES)]
+    pulses = read_pulses(energisings)
     _check_log(clock, shown, pulses)
     more = {name: array(given[name], FURTHER[name], name, 1) for name in settings.further}
     for name, samples in more.items():
@@ -136,14 +135,6 @@ def _settings(
             "others."
         )
     return known
-
-
-def _energising(pair: object) -> Energising:
-    if not isinstance(pair, tuple | list | np.ndarray) or len(pair) != 2:
-        raise ConfigurationError(
-            f"The energisings must be a list, such as {PULSES}; each of them must have two numbers."
-        )
-    return Energising(*pair)
 
 
 def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> None:

@@ -154,9 +154,12 @@ class Truth:
     def __post_init__(self) -> None:
         for what in ("name", "title", "injector", "text"):
             plain_text(getattr(self, what), f"{what} of a truth")
-        mapping(self.values, "values of a truth", '{"valve.spring_preload": "75 N"}')
-        mapping(self.sources, "sources of a truth", '{"rate_meter.noise": Source("E", "estimate")}')
-        settle(self, boundary=chosen(self.boundary, Boundary, "boundary of a truth"))
+        settle(
+            self,
+            values=mapping(self.values, "values of a truth", '{"valve.spring_preload": "75 N"}'),
+            sources=mapping(self.sources, "sources of a truth", '{"rate_meter.noise": Source("E", "estimate")}'),
+            boundary=chosen(self.boundary, Boundary, "boundary of a truth"),
+        )
         for what, kind in _KINDS.items():
             instance(getattr(self, what), kind, f"{what} of a truth")
 

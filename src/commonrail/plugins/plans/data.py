@@ -53,7 +53,7 @@ class PlanModel(DataModel):
     return_pressure: Annotated[float, Unit("Pa")]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlanData(ToleratedData):
     """Tests with a nominal quantity per stroke and a band each.
 

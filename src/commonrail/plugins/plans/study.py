@@ -11,12 +11,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, Quantity, amount, chosen, file_path, instances, number, plain_text, settle
+from commonrail.base.arguments import (
+    Limits,
+    Quantity,
+    amount,
+    chosen,
+    file_path,
+    frozen,
+    instances,
+    known_names,
+    number,
+    plain_text,
+    settle,
+)
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.units import to_text
-from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, OperatingPoint
+from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, OperatingPoint, read_pulses
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.location import Place, located
@@ -90,7 +102,7 @@ class PlanTest:
         settle(
             self,
             rail_pressure=amount(self.rail_pressure, "Pa", "rail pressure", RAIL_PRESSURES),
-            energisings=tuple(Energising(*pulse) for pulse in self.energisings),
+            energisings=read_pulses(self.energisings),
             measure=chosen(self.measure, Measure, "measure of a test"),
         )
         for key in ("nominal", "lower", "upper", "bench"):
@@ -174,6 +186,8 @@ class TestPlan:
 
     def __post_init__(self) -> None:
         settle(self, tests=instances(self.tests, PlanTest, "tests of the plan"))
+        if not self.tests:
+            raise ConfigurationError(f"The plan {self.name} has no test; give at least one.")
         keys = [(test.name, test.measure) for test in self.tests]
         for i, key in enumerate(keys):
             if key in keys[:i]:
@@ -181,11 +195,7 @@ class TestPlan:
 
     def chosen(self, names: Sequence[str]) -> TestPlan:
         """The plan with some of its tests, by name; `ConfigurationError` if it has none of a name."""
-        known = [test.name for test in self.tests]
-        for name in names:
-            if name not in known:
-                there = f"it has {', '.join(known)}"
-                raise ConfigurationError(f'{self.name} has no test "{name}"{nearest(name, known)}; {there}.')
+        known_names(names, [test.name for test in self.tests], f"tests of {self.name}", self.tests[0].name)
         return replace(self, tests=tuple(test for test in self.tests if test.name in names))
 
     def at_stroke_rate(self, rate: Quantity | None) -> TestPlan:
@@ -210,7 +220,7 @@ class Bands(NamedTuple):
     def of(cls, tests: Sequence[PlanTest]) -> Bands:
         """Bands of tests."""
         rows = [(t.middle, *t.half_bands, None not in (t.lower, t.upper), t.upper is not None) for t in tests]
-        return cls(*np.array(rows, float).T)
+        return cls(*frozen(np.array(rows, float).T))
 
     def distance(self, values: Floats) -> Floats:
         """Distances of quantities (…, n) from the middle in half bands: −1 and 1 at the limits."""
