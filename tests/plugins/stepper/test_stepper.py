@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -89,6 +91,15 @@ def test_a_restored_state_continues_with_the_same_bits(pwm: Injector) -> None:
     other = cr.Stepper(pwm, POINT)
     other.restore(kept)
     assert other.step("400 us", command=False) == first
+
+
+def test_a_stepper_travels_in_its_state(pwm: Injector) -> None:
+    stepper = cr.Stepper(pwm, POINT, "0.5 us")
+    stepper.step("300 us", command=True, cylinder_pressure="6 MPa")
+    others = pickle.loads(pickle.dumps(stepper)), copy.deepcopy(stepper)
+    expected = stepper.step("200 us")
+    for other in others:
+        assert other.step("200 us") == expected
 
 
 def test_a_held_pressure_is_that_of_a_trace_with_a_step(pwm: Injector) -> None:

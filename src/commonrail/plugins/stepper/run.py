@@ -100,6 +100,10 @@ class Stepper:
         if not all(self._memory[getattr(rows, name)] < 0.0 for name in _CLOSED):
             raise SimulationError(f"{self.injector.name}: {Status.NOT_CLOSED_AT_START.sentence}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as what it was made of, and its state: its loop is machine code of this process."""
+        return type(self), (self.injector, self._plan.prepared.points[0], self.time_step), self.save()
+
     @property
     def time(self) -> float:
         """Instant reached [s]."""
@@ -210,6 +214,8 @@ class Stepper:
                 "restore one that save returned, unchanged."
             )
         self._steps, self._memory, self._held = kept.steps, memory.copy(), kept.held.copy()
+
+    __setstate__ = restore
 
     def linearise(
         self, sample: Quantity, inputs: Sequence[str] = ("rail_pressure",), outputs: Sequence[str] = ("mass_rate",)
