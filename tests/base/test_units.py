@@ -139,6 +139,7 @@ def test_parse_reads_other_units_through_pint(text: str, unit: str, expected: fl
         ("160 Mpa", "Pa", ['"Mpa" is not a known unit', 'did you mean "MPa"', '"160 MPa"']),
         ("160 MPa abs", "Pa", ['"MPa abs" is not a known unit']),
         ("1,6 MPa", "Pa", ["comma"]),
+        ("١٦٠ MPa", "Pa", []),
         ("1,600 bar", "Pa", ["comma"]),
         ("fast", "s", ['"fast" does not start with a number', "a time is expected"]),
         ("", "s", ["does not start with a number"]),

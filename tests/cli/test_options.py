@@ -166,3 +166,30 @@ def test_a_film_without_a_disc_in_a_file_is_told_of(tmp_path: Path, recwarn: pyt
         file.write_text(head.format(f'"{film}"', f'"{disc}"'), encoding="utf-8")
         load_injector(file)
         assert len(recwarn) == told
+
+
+POINT = ("--rail-pressure", "160MPa", "--energising-time", "700us")
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        ("sensitivity virtual-lino-2016 --parameter valve.lift --parameter valve.lift=50um:60um", "--parameter"),
+        ("sensitivity virtual-lino-2016 --feature quantity --feature quantity", "--feature"),
+        ("simulate virtual-lino-2016 --rail-pressure ١٦٠MPa", "--rail-pressure"),
+        ("calibrate STUDY --threads 1 --workers 2", "--threads"),
+        ("certainty RUN --local --profile valve.lift", "--local"),
+        ("certainty RUN --most 5000", "--most"),
+        ("certainty RUN --seed 1", "--seed"),
+        ("next RUN --parameter valve.lift", "--parameter"),
+        ("next RUN --first-energising-time 300us", "--first-energising-time"),
+    ],
+)
+def test_an_option_without_effect_or_meaning_is_refused(
+    command: Command, study: Path, tmp_path: Path, words: str, option: str
+) -> None:
+    point = POINT if words.startswith("sensitivity") else POINT[2:] if words.startswith("simulate") else ()
+    done = command(*(word.replace("STUDY", str(study)) for word in words.split()), *point)
+    assert done.status == 2
+    assert option in done.err
+    assert sorted(tmp_path.iterdir()) == [study.parent]

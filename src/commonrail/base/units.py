@@ -134,7 +134,14 @@ SHOWN: dict[str, tuple[str, ...]] = {
 }
 
 
-_NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S)
+def read_decimal(text: str) -> float:
+    """Number of a text; `ValueError` for what Python reads besides: underscores, and digits of other scripts."""
+    if "_" in text or not text.isascii():
+        raise ValueError(text)
+    return float(text)
+
+
+_NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S | re.A)
 # What quantities of a stroke are counted by: "mg/Hub", "mm3/Takt".
 _STROKE = re.compile(r"/(?:inj|injection|str|stk|shot|hub|takt|einspritzung)\.?$", re.I)
 _LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "·": " ", "⋅": " "})

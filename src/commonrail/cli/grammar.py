@@ -84,9 +84,15 @@ class Verb(click.Command):
         super().format_options(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read the command line; an option of one value that is given twice is refused, where click takes the last."""
+        """Read the command line; an option of one value that is given twice is refused, where click takes the last.
+
+        So is one of several values that has the same value twice.
+        """
         seen: set[str | None] = set()
-        for param in self.make_parser(ctx).parse_args(list(args))[2]:
+        values, _, order = self.make_parser(ctx).parse_args(list(args))
+        for param in order:
+            if param.multiple and len(set(values[param.name])) < len(values[param.name]):
+                ctx.fail(f"Option '{param.opts[-1]}' is given twice with the same value.")
             if isinstance(param, click.Option) and not (param.multiple or param.is_flag):
                 if param.name in seen:
                     ctx.fail(f"Option '{param.opts[-1]}' is given twice, and one value is expected.")

@@ -105,7 +105,8 @@ def is_given(name: str) -> bool:
     import click
     from click.core import ParameterSource
 
-    return click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT
+    context = click.get_current_context(silent=True)
+    return context is not None and context.get_parameter_source(name) is not ParameterSource.DEFAULT
 
 
 def refuse_unused(needed: Mapping[str, tuple[bool, str]]) -> None:
@@ -122,7 +123,7 @@ def refuse_unused(needed: Mapping[str, tuple[bool, str]]) -> None:
 # Axes on the command line: lists and ranges of values with their unit.
 
 MOST_VALUES = 200
-NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.A)
 
 
 def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) -> Floats:
@@ -251,6 +252,8 @@ def open_workers(count: int | None, address: str | None) -> AbstractContextManag
     check_workers(count, address)
     if count is None and address is None:
         return nullcontext()
+    if is_given("threads"):
+        raise InputError("--threads: each worker computes on one thread; omit --threads, --workers or --cluster.")
     from commonrail.workers.workers import Workers
 
     return Workers.processes(count) if address is None else Workers.cluster(address, count)

@@ -22,7 +22,7 @@ import numpy as np
 from commonrail.base.csv_output import restored, restored_note
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
-from commonrail.base.units import fits
+from commonrail.base.units import fits, read_decimal
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
 from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines, without_thousands
@@ -116,13 +116,13 @@ class CsvFile:
         if self._decimal == ",":
             text = text.translate(_COMMA)
         try:
-            value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
+            value = read_decimal(text) if len(text) <= LONGEST_NUMBER else math.nan
         except ValueError:
             value = math.nan
-        if abs(value) <= LARGEST and "_" not in text:
+        if abs(value) <= LARGEST:
             return value
         at = cell_place(self.path, line, column.name)
-        if math.isfinite(value) and "_" not in text:
+        if math.isfinite(value):
             raise at.error(f'"{text}" is larger than any measured value')
         if not text:
             raise at.error("the cell is empty, and a number is expected")
@@ -211,7 +211,7 @@ def _units_row(first: tuple[int, list[str]] | None, places: Sequence[int]) -> li
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        read_decimal(text)
     except ValueError:
         return False
     return True

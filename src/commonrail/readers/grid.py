@@ -30,8 +30,8 @@ MOST_COMMENTS = 1000  # that are kept
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _COMMENT = re.compile(r"^[^\S\n]*#([^\n]*)", re.M)
 _LINE = re.compile(r"^[^\S\n]*[^\s#][^\n]*", re.M)  # that holds something, and is no comment
-_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.A)
+_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?", re.A)
 
 
 class TooManyCells(InputError):

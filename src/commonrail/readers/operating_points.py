@@ -100,8 +100,8 @@ def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
 
 # Operating points that the names of columns state, such as "500bar_300us".
 
-_POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])")
-_LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)")
+_POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])", re.A)
+_LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)", re.A)
 
 
 def unit_of_name(name: str) -> str:

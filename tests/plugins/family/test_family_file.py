@@ -134,3 +134,13 @@ def test_a_known_type_gives_starts_and_priors(family_file: Edit, tmp_path: Path)
     assert tmp_path / "known.toml" in family.files  # and so comes into the run folder
     others = [p for p in family.space.parameters if p.name != A]
     assert others == [p for p in alone.space.parameters if p.name != A]
+
+
+def test_bounds_of_a_common_value_that_exclude_one_another_are_refused(family_file: Edit) -> None:
+    """A part would silently have another value than the common one."""
+    path = family_file(('per_part = ["nozzle.discharge_*"]\n', ""))
+    study = path.parent / "b" / "study.toml"
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text.replace("lower = 0.70", "reference = 0.97\nlower = 0.96").replace("0.95", "0.99"))
+    with pytest.raises(cr.CommonrailError):
+        load_family(path)

@@ -40,6 +40,8 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import QUANTITIES, Given, Meter, shown_rates
 
+LARGEST_RATE = 0.1  # [m³/s] a thousand times that of a large truck's injector
+
 
 @dataclass(frozen=True, eq=False)
 class RateData(DataSet):
@@ -107,6 +109,11 @@ class RateData(DataSet):
             )
         if not np.all(np.diff(bounds) > 0.0):
             raise ConfigurationError(f"The bounds of {self.name} must increase from sample to sample.")
+        if (peak := float(np.abs(rate).max())) > LARGEST_RATE:
+            raise ConfigurationError(
+                f"The rate of {self.name} reaches {peak * MM3_PER_MS:.3g} mm3/ms, and no injector has more than "
+                f"{LARGEST_RATE * MM3_PER_MS:.3g}; correct its unit."
+            )
         points = (self.point,)
         settle(self, bounds=bounds, rate=rate, measured=rate, judged=np.ones(len(rate), bool))
         settle(self, points=points, simulated_points=points)

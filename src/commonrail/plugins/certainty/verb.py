@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
+from commonrail.base.errors import InputError
 from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_table, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_folder
+from commonrail.cli.options import Json, Threads, check_folder, refuse_unused
 
 if TYPE_CHECKING:
     from commonrail.plugins.certainty.ascent import Listener
@@ -71,6 +72,9 @@ def certainty(
     from commonrail.runs.folder import CALIBRATED, LIKELY, earlier_certainty, read_fit, read_result
     from commonrail.runs.journal import held_run
 
+    refuse_unused({name: (posterior, "--posterior") for name in ("most", "seed")})
+    if local and profile:
+        raise InputError("--local omits the profiles, and --profile asks for one; omit either.")
     asked = starts != STARTS or profile or local or combination or limit != LIMIT or posterior
     check_folder(run)
     with held_run(run) as lock:  # until the result is written, nobody else changes the fit that it is about

@@ -116,7 +116,12 @@ def joint_space(parts: Mapping[str, Space], shared: Mapping[str, Shared]) -> tup
         for row, parameter in enumerate(space.parameters):
             share, spread = shared.get(parameter.name, Shared(Share.COMMON))
             if share is not Share.PER_PART:
-                found.setdefault(parameter.name, parameter)
+                first = found.setdefault(parameter.name, parameter)
+                if max(first.lower, parameter.lower) > min(first.upper, parameter.upper):
+                    raise ConfigurationError(
+                        f"The bounds of {parameter.name} in part {part} and in one before have no value in common; "
+                        "widen them, or give each part a value of its own."
+                    )
                 own.append((row, parameter.name, 1.0))
             if share is not Share.COMMON:
                 single = _of_part(parameter, part, share)

@@ -14,6 +14,7 @@ import numpy as np
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
+from commonrail.base.units import read_decimal
 from commonrail.readers.columns import PLAIN, Channel, ChannelSheet, FileForm
 from commonrail.readers.location import MOST_VALUES, Place, check_columns, read_lines
 
@@ -149,6 +150,6 @@ def _numbers(path: Path, rows: Rows, places: Sequence[int], decimal: str) -> lis
 def _number(cell: str, decimal: str) -> float:
     """Number of a cell; NaN for anything else."""
     try:
-        return float(cell.replace(decimal, ".")) if "_" not in cell else np.nan
+        return read_decimal(cell.replace(decimal, "."))
     except ValueError:
         return np.nan

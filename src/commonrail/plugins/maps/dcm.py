@@ -20,7 +20,7 @@ import numpy as np
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text
-from commonrail.base.units import fits
+from commonrail.base.units import fits, read_decimal
 from commonrail.plugins.maps.table import Axis, MapTable, is_turned
 from commonrail.readers.location import read_bytes
 
@@ -150,7 +150,7 @@ def read_dcm(path: Path) -> list[MapTable]:
 
 
 def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tuple[int, str]]) -> MapTable:
-    if len(words) != 4 or not all(word.isdecimal() for word in words[2:]):
+    if len(words) != 4 or not all(word.isascii() and word.isdecimal() for word in words[2:]):
         raise InputError(f"{path}, line {start}: expected {words[0]} NAME NX NY.")
     if max(map(len, words[2:])) > len(str(MOST_VALUES)):  # Python reads no number of thousands of digits
         digits = max(map(len, words[2:]))
@@ -183,7 +183,7 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
 
 def _floats(path: Path, number: int, text: str) -> list[float]:
     try:
-        found = [float(word.replace("_", "?")) for word in text.split()]  # Python reads 2_00 as 200
+        found = [read_decimal(word) for word in text.split()]
     except ValueError as error:
         raise InputError(f'{path}, line {number}: "{text.strip()[:40]}" are not numbers.') from error
     if not all(map(math.isfinite, found)):

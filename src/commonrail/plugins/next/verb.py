@@ -11,7 +11,7 @@ from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Threads, check_distinct, check_file, check_report, read_axis
+from commonrail.cli.options import Json, Threads, check_distinct, check_file, check_report, read_axis, refuse_unused
 
 
 @verb
@@ -84,6 +84,8 @@ def next_(
     from commonrail.plugins.next.study import Criterion
     from commonrail.runs.folder import read_fit
 
+    refuse_unused({"parameter": (criterion in ("d", "a"), "--criterion d or a")})
+    refuse_unused({"first_energising_time": (dwell is not None, "--dwell")})
     check_file(out, "--out")
     check_report(report)
     check_distinct(out, report)

@@ -228,6 +228,8 @@ def _parameters(subject: Injector | Study, given: Sequence[str], within: float) 
     names = []
     for text in given:
         name, equals, ends = (part.strip() for part in text.partition("="))
+        if name in names:
+            raise InputError(f"--parameter {name}: it is named twice; keep one range.")
         names.append(name)
         if equals and name in known:
             form = "NAME=LOW:HIGH, such as valve.lift=50um:60um"
