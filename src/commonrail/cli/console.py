@@ -70,7 +70,7 @@ COMPILING = "compiling the simulation for this machine, once"
 # Control characters but tab and line feed, and those that turn the direction of writing.
 _OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
-NARROW_TERMINAL = 100  # columns below which tables lose their last columns rather than fold their words
+NARROW_TERMINAL = 100  # columns below which tables are divided rather than fold their words
 
 
 def say(text: str) -> None:
@@ -132,11 +132,12 @@ def columns_of(stream: TextIO) -> int:
     return shutil.get_terminal_size().columns if stream.isatty() else WIDTH_OF_A_FILE
 
 
-def wrapped(text: str) -> list[str]:
-    """Lines of a sentence: in a terminal broken between words, in a file one."""
+def wrapped(text: str, indent: str = "") -> list[str]:
+    """Lines of a sentence: in a terminal broken between words, those after the first behind `indent`, in a file one."""
     if not sys.stdout.isatty():
         return [text]
-    return textwrap.wrap(text, columns_of(sys.stdout), break_long_words=False, break_on_hyphens=False)
+    width = columns_of(sys.stdout)
+    return textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def print_lines(lines: Iterable[str]) -> None:
@@ -169,12 +170,11 @@ def print_rows(
     """Print rows under their heads.
 
     `title`: line above the heads, if any. `texts`: number of leading columns with text; those after them are numbers.
-    None: all are text. In a terminal of fewer than `NARROW_TERMINAL` columns the last columns are left out if
-    the table does not fit, and named below it.
+    None: all are text. In a terminal of fewer than `NARROW_TERMINAL` columns a table that does not fit goes on below
+    itself, with its first column again.
     """
     shown = [list(map(_shown, row)) for row in (columns, *rows)]
     texts = len(columns) if texts is None else texts
-    shown, left_out = _fitting(shown, title, texts)
     plain = None if sys.stdout.isatty() else plain_rows(shown, title, texts, WIDTH_OF_A_FILE)
     if plain is not None:
         click.echo("\n".join(plain))
@@ -182,26 +182,28 @@ def print_rows(
     from rich import box
     from rich.table import Table as Grid
 
-    grid = Grid(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
-    for index, column in enumerate(shown[0]):
-        grid.add_column(column, justify="right" if index >= texts else "left", overflow="fold")
-    for row in shown[1:]:
-        grid.add_row(*row)
-    _print(grid)
-    if left_out:
-        print_lines([f"Left out, as this terminal is narrow: {', '.join(left_out)}."])
+    for first, end in _parts(shown):
+        kept = (0, *range(first, end))
+        grid = Grid(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
+        for index in kept:
+            grid.add_column(shown[0][index], justify="right" if index >= texts else "left", overflow="fold")
+        for row in shown[1:]:
+            grid.add_row(*(row[index] for index in kept))
+        _print(grid)
+        title = ""
 
 
-def _fitting(rows: list[list[str]], title: str, texts: int) -> tuple[list[list[str]], list[str]]:
-    """Rows with as many columns as a narrow terminal shows without folding, and the heads of those left out.
+def _parts(rows: Sequence[Sequence[str]]) -> list[tuple[int, int]]:
+    """First column, and the one after the last, of each part that fits into a narrow terminal behind column 0."""
+    from rich.cells import cell_len
 
-    All columns where two of them do not fit either.
-    """
     width, whole = columns_of(sys.stdout), len(rows[0])
-    counts = range(whole, 1 if width < NARROW_TERMINAL else whole - 1, -1)
-    fits = (n for n in counts if plain_rows([row[:n] for row in rows], title, texts, width) is not None)
-    count = next(fits, whole)
-    return [row[:count] for row in rows], rows[0][count:]
+    sizes = [max(map(cell_len, column)) + 3 for column in zip(*rows, strict=True)]
+    starts = [1]
+    for end in range(2, whole if width < NARROW_TERMINAL else 0):
+        if sizes[0] + sum(sizes[starts[-1] : end + 1]) + 1 > width:
+            starts.append(end)
+    return list(zip(starts, [*starts[1:], whole], strict=True))
 
 
 def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
@@ -215,6 +217,8 @@ def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
     from rich.table import Table as Grid
 
     grid = Grid.grid(padding=(0, 3))
+    for _ in range(2):
+        grid.add_column(overflow="fold")
     for pair in shown:
         grid.add_row(*pair)
     _print(grid)

@@ -15,7 +15,7 @@ import click
 
 from commonrail.base.errors import StudyError
 from commonrail.base.text import counted, quantity
-from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say
+from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, wrapped
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -160,11 +160,15 @@ def print_card(record: Mapping[str, Any], run: str) -> None:
         click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
     steps = []
     for number, step in enumerate(found.steps[:STEPS], start=1):
-        steps += [f"{number} {_one_line(step.text, 2)}", *(click.style(c, bold=True) for c in _command(step.command))]
-    lines = [f"- {_one_line(reason, 2)}" for reason in found.reasons]
+        steps += [*wrapped(f"{number} {step.text}", "  "), *(click.style(c, bold=True) for c in _command(step.command))]
     room = max(LINES - 1 - len(figures) - len(steps), 2)
-    if len(lines) > room:
-        lines[room - 1 :] = [f"  … {counted(len(lines) - room + 1, 'more reason')} in the report"]
+    lines, shown = list[str](), 0
+    for reason in found.reasons:
+        folded = wrapped(f"- {reason}", "  ")
+        if shown and len(lines) + len(folded) > room:
+            lines.append(f"  … {counted(len(found.reasons) - shown, 'more reason')} in the report")
+            break
+        lines, shown = lines + folded, shown + 1
     click.echo("\n".join([*lines, *steps]))
 
 
