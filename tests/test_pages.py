@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -127,6 +128,18 @@ def test_the_readmes_python_names_what_there_is() -> None:
         assert not looks_like_a_file(text) or (ROOT / text).exists(), text
 
 
-def test_every_link_of_the_readme_leads_to_a_file() -> None:
-    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", README.read_text(encoding="utf-8")):
-        assert "://" in target or (ROOT / target).exists(), target
+@pytest.mark.parametrize("page", [README, *sorted((ROOT / "docs").rglob("*.md"))], ids=lambda page: page.name)
+def test_every_link_of_a_page_leads_to_a_file(page: Path) -> None:
+    """Pages that are made for the site alone are not among them: the links would be dead where the source is read."""
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        assert "://" in target or target.startswith("mailto:") or (page.parent / target).exists(), target
+
+
+def test_the_pairs_of_plug_ins_are_those_that_the_decision_lists() -> None:
+    (decision,) = (ROOT / "docs" / "decisions").glob("0021-*.md")
+    rows = re.findall(r"^\| (\w+) \| ([\w, ]+) \|$", decision.read_text(encoding="utf-8"), re.M)
+    listed = {(plugin, other) for plugin, others in rows for other in others.split(", ") if plugin != "plug"}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    (contract,) = (one for one in project["tool"]["importlinter"]["contracts"] if one["id"] == "plugins")
+    words = (re.findall(r"plugins\.(\w+)", pair) for pair in contract["ignore_imports"])
+    assert listed == {tuple(pair) for pair in words}

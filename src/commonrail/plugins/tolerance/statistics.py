@@ -19,7 +19,7 @@ EDGE = 1e-12  # distance of a share from 0 and 1, where a normal distribution ha
 
 
 class Draws:
-    """Parts in order; the same study gives the same parts, however many are drawn at a time."""
+    """Parts in order; the same study gives the same parts where as many are drawn at a time."""
 
     def __init__(self, tolerances: Tolerances) -> None:
         from scipy.stats import qmc  # slow to import
