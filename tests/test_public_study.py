@@ -42,7 +42,9 @@ def test_it_is_run_judged_and_reported(study: cr.Study, tmp_path: Path) -> None:
 
 def test_an_optimiser_is_asked_and_told(study: cr.Study) -> None:
     optimiser = cr.DifferentialEvolution(study.space, np.random.default_rng(study.seed), study.method.evolution)
-    history = [cr.Generation.of(number, optimiser) for number, _ in enumerate(cr.steps(optimiser, objective(study)))]
+    history = [
+        cr.Generation.of(number, optimiser) for number, _ in enumerate(cr.steps(optimiser, study.objective(threads=1)))
+    ]
     found = cr.calibrate(study)
     assert tuple(history) == found.history
     assert optimiser.best.cost == found.cost
@@ -53,15 +55,10 @@ def test_searches_for_many_seeds_are_those_of_each_alone(study: cr.Study) -> Non
 
     def search(seed: int, after: object) -> float:
         optimiser = cr.DifferentialEvolution(study.space, np.random.default_rng(seed), study.method.evolution)
-        for _ in cr.steps(optimiser, objective(study)):
+        for _ in cr.steps(optimiser, study.objective(threads=1)):
             after()
         return optimiser.best.cost
 
     both = cr.for_seeds(search, [3, 4], generations=3, threads=2, progress=told.append)
     assert both == (search(3, lambda: None), search(4, lambda: None))
     assert told[-1][:4] == (6, 6, 2, 2)
-
-
-def objective(study: cr.Study) -> cr.Objective:
-    """Objective of the study's data."""
-    return cr.Objective(study.injector, study.space.names, study.data, study.time_step, threads=1)

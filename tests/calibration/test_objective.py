@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.calibration.objective import Goal, Loss, Objective
+from commonrail.calibration.objective import NOT_SIMULATED, Goal, Loss, Objective
 from commonrail.calibration.parameter import Condition, Prior, Priors, Wanted
+from commonrail.calibration.study import study
 from commonrail.data import simulator as module
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
@@ -221,3 +222,23 @@ def test_an_outlier_hardly_counts_in_the_weights_of_soft_l1() -> None:
     assert goal.bent(residuals) ** 2 == pytest.approx(
         [0.0, 2.0 * (np.sqrt(1.01) - 1.0), 2.0 * (np.sqrt(10001.0) - 1.0)]
     )
+
+
+def test_data_of_two_roles_are_not_summed(regulated: Injector) -> None:
+    with pytest.raises(ConfigurationError):
+        Objective(regulated, NAMES, [a_map("low", 60e6), a_map("high", 160e6).changed(role=Role.VALIDATION)], STEP, 1)
+
+
+def test_the_objective_of_a_study_is_that_of_its_fitted_data_within_its_space(regulated: Injector) -> None:
+    low, seen = a_map("low", 60e6), a_map("high", 160e6).changed(role=Role.VALIDATION)
+    free = {name: "30 %" for name in NAMES}
+    bound = f"{NAMES[1]} > {regulated.values[NAMES[1]]!r}"
+    made = study(regulated, [low, seen], free=free, constraints=[bound])
+    values = candidates(regulated, 8)
+    scores, inside = made.objective().costs(values), made.space.satisfies(values)
+    expected = Objective(regulated, NAMES, [low], made.time_step, 1).costs(values)
+    assert 0 < np.sum(inside) < len(inside)
+    assert np.array_equal(scores.costs, np.where(inside, expected.costs, np.inf))
+    assert np.array_equal(scores.statuses, np.where(inside, expected.statuses, NOT_SIMULATED))
+    assert scores.simulations == np.sum(inside) * len(low.points)
+    assert made.objective().costs(values[~inside]).costs.min() == np.inf

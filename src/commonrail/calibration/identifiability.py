@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from commonrail.base import hooks, registry
 from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats
+from commonrail.base.choices import Precision
 from commonrail.base.errors import PluginError
 from commonrail.base.hooks import check_stop
 from commonrail.calibration.influence import Influence, around, influence_of
@@ -18,10 +19,9 @@ from commonrail.calibration.objective import FitObjective, Goal, Loss, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import equal_ends, fitted_values
+from commonrail.calibration.search import objective_of
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
-from commonrail.data.base import Role
-from commonrail.data.registry import of_role
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
@@ -90,8 +90,7 @@ class FinishedFit:
 def plain_objective(study: Study, threads: int | None) -> Objective:
     """Objective of a study's fit data in 64 bits, without screening and conditions."""
     goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
-    names, fitted = study.space.names, of_role(study.data, Role.FIT)
-    return Objective(study.injector, names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits)
+    return objective_of(replace(study, precision=Precision.F64), threads, goal)
 
 
 def identify(calibration: Calibration, threads: int | None = None) -> Identified:

@@ -14,6 +14,7 @@ from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.parameter import Condition, Priors, broken, check_condition, distances_past
+from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet, Term, is_metered
 from commonrail.data.registry import in_order, kinds_of
 from commonrail.data.simulator import Candidates, Simulator
@@ -43,7 +44,7 @@ class Goal(NamedTuple):
 
     A candidate that does not meet one of the conditions loses, whatever its loss. `screening_step` is the time step [s]
     of the simulations that screen candidates in f32, None for that of the search; `scale` is s of the loss
-    `Loss.SOFT_L1`, in units of the residuals.
+    `Loss.SOFT_L1`, in units of the residuals. A point that `space` does not allow costs +inf and is not simulated.
     """
 
     loss: Loss = Loss.KINDS
@@ -51,6 +52,7 @@ class Goal(NamedTuple):
     conditions: tuple[Condition, ...] = ()
     screening_step: float | None = None
     scale: float = 1.0
+    space: Space | None = None
 
     def bent(self, residuals: Floats) -> Floats:
         """Residuals (n, m) whose squares sum to the loss; those themselves unless the loss is soft L1.
@@ -90,6 +92,8 @@ def check_parts(injector: Injector, data: Sequence[DataSet], conditions: Sequenc
 
 
 # Misfit between an injector and measured data, for whole populations at once.
+
+NOT_SIMULATED = -1  # in place of a status
 
 
 class Scores(NamedTuple):
@@ -145,7 +149,8 @@ class FitObjective(Protocol):
 class Objective:
     """Objective of a set of data: Σ weight · J over the data sets, and the squared pulls of the priors.
 
-    J is as the kinds of data define it, the sum of the squared residuals, or their soft-L1 sum.
+    J is as the kinds of data define it, the sum of the squared residuals, or their soft-L1 sum. `Study.objective` makes
+    that of a study.
 
     Parameters
     ----------
@@ -154,6 +159,7 @@ class Objective:
     names : sequence of str
         Parameters that vary.
     data : sequence of DataSet
+        All of one role.
     time_step : float
         [s].
     threads : int or None
@@ -194,6 +200,11 @@ class Objective:
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
         given = in_order(instances(data, DataSet, "data"))  # type: ignore[type-abstract]
+        if len({d.role for d in given}) > 1:
+            raise ConfigurationError(
+                "The data of an objective must have one role, and these are for fit and for validation; take "
+                "study.objective(), or the data of one role."
+            )
         check_parts(injector, given, goal.conditions)
         self._points = tuple(condition.point for condition in goal.conditions)
         # without a meter that shows what it is given
@@ -224,6 +235,15 @@ class Objective:
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
+        if self.goal.space is None or (inside := self.goal.space.satisfies(values)).all():
+            return self._costs(values)
+        costs, statuses = np.full(len(values), np.inf), np.full(len(values), NOT_SIMULATED, np.int8)
+        simulations = 0
+        if inside.any():
+            costs[inside], statuses[inside], simulations = self._costs(values[inside])
+        return Scores(costs, statuses, simulations)
+
+    def _costs(self, values: Floats) -> Scores:
         total = np.zeros(len(values))
         statuses = np.zeros(len(values), np.int8)
         for term in self._terms if self.goal.loss is not Loss.SOFT_L1 else ():

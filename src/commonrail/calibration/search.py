@@ -17,7 +17,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
 from commonrail.base.hooks import StopRequest, compiling_seconds
-from commonrail.calibration.objective import FitObjective, Goal, Loss, Objective
+from commonrail.calibration.objective import NOT_SIMULATED, FitObjective, Goal, Loss, Objective
 from commonrail.calibration.optimisers.base import (
     AGREEING,
     ALIKE,
@@ -35,7 +35,7 @@ from commonrail.calibration.optimisers.registry import blamed, registered
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study, longest_for_all
-from commonrail.data.base import Role
+from commonrail.data.base import DataSet, Role
 from commonrail.data.registry import of_role
 from commonrail.engine.time_step import nice_step
 
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
 
 # Steps of a search as they are told, so that they can be kept, and the state from which it goes on.
-
-NOT_SIMULATED = -1  # in place of a status
 
 
 class CheckpointError(StudyError):
@@ -263,13 +261,17 @@ def goal_of(study: Study) -> Goal:
     return Goal(study.loss, priors, study.conditions, screening, study.loss_scale)
 
 
-def objective_of(study: Study, threads: int | None) -> Objective:
-    """Objective of a study's fit data; `StudyError` if the study has none."""
-    fit = of_role(study.data, Role.FIT)
-    if not fit:
-        raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
-    how = study.time_step, threads, study.precision
-    return Objective(study.injector, study.space.names, fit, *how, goal=goal_of(study), same_bits=study.same_bits)
+def objective_of(study: Study, threads: int | None, goal: Goal | None = None) -> Objective:
+    """Objective of a study's fit data, by default with its goal; `StudyError` if it has none."""
+    what = study.injector, study.space.names, fitted_data(study), study.time_step, threads, study.precision
+    return Objective(*what, goal=goal or goal_of(study), same_bits=study.same_bits)
+
+
+def fitted_data(study: Study) -> list[DataSet]:
+    """Data of a study with role fit; `StudyError` if there are none."""
+    if fit := of_role(study.data, Role.FIT):
+        return fit
+    raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ from commonrail.base.arguments import (
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.calibration.objective import Loss, check_parts
+from commonrail.calibration.objective import Loss, Objective, check_parts
 from commonrail.calibration.optimisers.base import Settings
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
@@ -252,6 +252,16 @@ class Study(Shown):
     def meters(self) -> tuple[Meter, ...]:
         """Meters of the data, each once."""
         return meters_of(self.data)
+
+    def objective(self, threads: int | None = None) -> Objective:
+        """Objective that `calibrate` minimises, for a search of your own: data with role fit, priors and conditions.
+
+        A point that breaks a bound or a constraint costs +inf. The result does not depend on `threads`, by default all
+        usable processors. Raises `StudyError` if no data set has role fit.
+        """
+        from commonrail.calibration.search import goal_of, objective_of  # which need this module
+
+        return objective_of(self, threads, goal_of(self)._replace(space=self.space))
 
     @property
     def synthetic(self) -> str:

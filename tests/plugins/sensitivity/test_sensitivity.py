@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
+from commonrail.calibration.study import study
+from commonrail.data.base import Role
+from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.status import OK, Status
@@ -127,6 +130,15 @@ def test_the_result_does_not_depend_on_threads_and_progress_is_told(pwm: Injecto
     first, second = (study.record() | {"clock": None} for study in studies)
     assert first == second
     assert seen[-1].done == seen[-1].total == first["injections"]
+
+
+def test_the_objective_of_a_study_is_that_of_its_fitted_data(pwm: Injector) -> None:
+    fit = QuantityData("fit", Role.FIT, (POINT,), np.array([5e-8]), 1e-9, 0.03, np.zeros(1, bool), 1.0, "test", "all")
+    seen = fit.changed(name="seen", role=Role.VALIDATION, quantity=np.array([2e-8]))
+    settings = SensitivitySettings(samples=8)
+    studies = [study(pwm, data, free={"nozzle.hole_diameter": "2 %"}) for data in ([fit], [fit, seen])]
+    alone, both = (sensitivity(one, settings=settings).outputs[0].tornado for one in studies)
+    assert both == alone
 
 
 def test_a_needle_that_never_opens_is_counted_and_not_a_number(pwm: Injector) -> None:

@@ -8,21 +8,21 @@ law. Weights of the objective play no part: the noise says what a data set is wo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
-from commonrail.base.choices import Drive
-from commonrail.base.errors import ConfigurationError, StudyError, nearest
+from commonrail.base.choices import Drive, Precision
+from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import check_stop
 from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.optimisers.least_squares import answered, differences
 from commonrail.calibration.parameter import Priors
+from commonrail.calibration.search import objective_of
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
-from commonrail.data.base import Role
-from commonrail.data.registry import of_role
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
 from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
 
@@ -97,13 +97,8 @@ class Likelihood:
         StudyError
             If the study has no data to fit.
         """
-        fitted = of_role(study.data, Role.FIT)
-        if not fitted:
-            raise StudyError(f'{study.title}: no data set has the role "fit", so there is no likelihood; add one.')
-        goal = Goal(conditions=study.conditions)
-        objective = Objective(
-            study.injector, study.space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
-        )
+        goal, exact = Goal(conditions=study.conditions), replace(study, precision=Precision.F64)
+        objective = objective_of(exact, threads, goal)
         blocks: list[Block] = []
         for data in objective.data:
             blocks.append(block_of(data, blocks[-1].rows.stop if blocks else 0))
@@ -115,8 +110,8 @@ class Likelihood:
             return np.where(np.abs(found) < rounding, 0.0, found)
 
         def finer(points: Floats) -> Floats:
-            step = study.time_step / FINER
-            return residuals(points, Objective(study.injector, study.space.names, fitted, step, threads, goal=goal))
+            fine = replace(exact, time_step=study.time_step / FINER, same_bits=False)
+            return residuals(points, objective_of(fine, threads, goal))
 
         nuisances = nuisances_of(objective, np.sqrt(weights))
         rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)

@@ -20,7 +20,7 @@ from commonrail.base.units import parse
 from commonrail.calibration.constraints import Products
 from commonrail.calibration.objective import Goal, Loss, Objective, Scores
 from commonrail.calibration.parameter import Parameter, Prior, Priors
-from commonrail.calibration.search import goal_of
+from commonrail.calibration.search import goal_of, objective_of
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.study_file import load_study, method_of
@@ -165,7 +165,8 @@ class FamilyObjective(Objective):
 
     def __init__(self, studies: Sequence[Study], sharing: Sharing, space: Space, threads: int | None = None) -> None:
         self.sharing, self.names = sharing, sharing.names
-        self.parts = [_objective(study, threads) for study in studies]
+        # without priors: those of the joint parameters count once
+        self.parts = [objective_of(study, threads, goal_of(study)._replace(priors=Priors())) for study in studies]
         conditions = tuple(condition for study in studies for condition in study.conditions)
         self.goal = Goal(studies[0].loss, Priors.of(space.parameters), conditions, scale=studies[0].loss_scale)
         self.data = tuple(data for part in self.parts for data in part.data)
@@ -211,14 +212,6 @@ class FamilyObjective(Objective):
             own, which = np.unique(self.sharing.of_part(k, values), axis=0, return_inverse=True)
             found.append((own, which.reshape(-1)))
         return found
-
-
-def _objective(study: Study, threads: int | None) -> Objective:
-    """Objective of a part's fit data without priors: those of the joint parameters count once."""
-    goal = goal_of(study)._replace(priors=Priors())
-    names, fit = study.space.names, of_role(study.data, Role.FIT)
-    how = study.time_step, threads, study.precision
-    return Objective(study.injector, names, fit, *how, goal=goal, same_bits=study.same_bits)
 
 
 MOST_PARTS = 100

@@ -14,6 +14,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.search import fitted_data
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.engine.operating_point import OperatingPoint
@@ -143,11 +144,11 @@ def _check(space: Space, injector: Injector, study: Study | None) -> None:
 
 
 def _objective(study: Study, space: Space, computing: Computing) -> Objective:
-    """J of the data, without the priors: they are no part of what was measured."""
+    """J of the fitted data, without the priors: they are not a part of what was measured."""
     return Objective(
         study.injector,
         space.names,
-        study.data,
+        fitted_data(study),
         computing.time_step,
         computing.threads,
         computing.precision,
