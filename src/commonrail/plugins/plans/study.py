@@ -19,10 +19,11 @@ from commonrail.base.arguments import (
     file_path,
     frozen,
     instances,
-    known_names,
     number,
     plain_text,
+    sequence,
     settle,
+    shown,
 )
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, nearest
@@ -195,7 +196,11 @@ class TestPlan:
 
     def chosen(self, names: Sequence[str]) -> TestPlan:
         """The plan with some of its tests, by name; `ConfigurationError` if it has none of a name."""
-        known_names(names, [test.name for test in self.tests], f"tests of {self.name}", self.tests[0].name)
+        known = [test.name for test in self.tests]
+        for name in sequence(names, "names of tests", '["VL"]'):
+            if name not in known:
+                there = f"it has {', '.join(known)}"
+                raise ConfigurationError(f"{self.name} has no test {shown(name)}{nearest(str(name), known)}; {there}.")
         return replace(self, tests=tuple(test for test in self.tests if test.name in names))
 
     def at_stroke_rate(self, rate: Quantity | None) -> TestPlan:
