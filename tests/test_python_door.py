@@ -222,6 +222,15 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     (lambda value: cr.Objective(INJECTOR, [K1], [], value), "value", "time step", (*NO_NUMBER, 0, -1, 1)),
     (lambda value: cr.sweep(INJECTOR, value), "value", "variables", (None, ["dwell"], "dwell", 1)),
     (lambda value: cr.map(INJECTOR, pressures=["80 MPa"], times=[value]), "value", "times", (300, "3 mm", "x", None)),
+    (
+        lambda value: cr.sample_feasible(cr.Space([mass()]), value, np.random.default_rng(1)),
+        "value",
+        "number of points",
+        (True, "two", None, -1, 1.5, float("nan"), float("inf"), *STRANGE),
+    ),
+    (lambda value: cr.sample_feasible(cr.Space([mass()]), 3, value), "value", "rng", NO_KIND),
+    (lambda value: cr.sample_feasible(value, 3, np.random.default_rng(1)), "value", "space", NO_KIND),
+    (lambda value: cr.TestPlan("plan", value), "value", "test", (*NO_LIST, [], [1])),
     (cr.sample_posterior, "estimate", "estimate", NO_KIND),
     (cr.identify, "calibration", "calibration", NO_KIND),
 ]

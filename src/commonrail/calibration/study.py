@@ -18,6 +18,7 @@ from commonrail.base.arguments import (
     mapping,
     number,
     plain_text,
+    sequence,
     settle,
     whole,
 )
@@ -78,7 +79,11 @@ class Judgement:
     leave_out: tuple[LeaveOut, ...] = ()
 
     def __post_init__(self) -> None:
-        leave_out = tuple(dict.fromkeys(chosen(by, LeaveOut, "leave_out") for by in self.leave_out))
+        leave_out = tuple(
+            dict.fromkeys(
+                chosen(by, LeaveOut, "leave_out") for by in sequence(self.leave_out, "leave_out", '["rail_pressure"]')
+            )
+        )
         settle(self, seeds=whole(self.seeds, "seeds of the judgement"), leave_out=leave_out)
 
     @property
@@ -248,11 +253,6 @@ class Study(Shown):
                     "values of it; remove it, or fit a quantity map with more rows."
                 )
 
-    @property
-    def meters(self) -> tuple[Meter, ...]:
-        """Meters of the data, each once."""
-        return meters_of(self.data)
-
     def objective(self, threads: int | None = None) -> Objective:
         """Objective that `calibrate` minimises, for a search of your own: data with role fit, priors and conditions.
 
@@ -262,6 +262,11 @@ class Study(Shown):
         from commonrail.calibration.search import goal_of, objective_of  # which need this module
 
         return objective_of(self, threads, goal_of(self)._replace(space=self.space))
+
+    @property
+    def meters(self) -> tuple[Meter, ...]:
+        """Meters of the data, each once."""
+        return meters_of(self.data)
 
     @property
     def synthetic(self) -> str:
@@ -314,7 +319,7 @@ def study(
     """
     instance(injector, Injector, "injector")
     found = instances([data] if isinstance(data, DataSet) else data, DataSet, "data")  # type: ignore[type-abstract]
-    space = Space([_free(injector, *item) for item in mapping(free, "free", EXAMPLE).items()], tuple(constraints))
+    space = Space([_free(injector, *item) for item in mapping(free, "free", EXAMPLE).items()], constraints)
     usual = Method(EvolutionSettings(), POLISH, stop_when_converged=True)
     return Study(
         title or injector.name,

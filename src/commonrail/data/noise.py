@@ -113,32 +113,18 @@ class Noise:
             correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
             uncertain={key: _deviation(key, value) for key, value in uncertain.items()},
         )
-        plain = (
-            "sigma",
-            "pressure_length",
-            "freedom",
-            "discrepancy",
-            "length",
-            "relative",
-            "scatter",
-            "scatter_freedom",
-        )
-        for what, value in ((what, getattr(self, what)) for what in plain):
-            if not (value is None and what == "sigma") and not isinstance(value, Real):
-                raise ConfigurationError(f"The {what} of the noise must be a number, not {shown(value)}.")
         stated = "sigma", "pressure_length", "freedom", "scatter_freedom"
-        for what, value in ((what, getattr(self, what)) for what in stated):
-            if value is not None and not value > 0.0:
-                raise ConfigurationError(f"The {what} of the noise must be greater than zero, not {value:g}.")
-        others = (
-            ("discrepancy", self.discrepancy),
-            ("length", self.length),
-            ("relative part", self.relative),
-            ("scatter", self.scatter),
-        )
-        for what, value in others:
-            if not 0.0 <= value < math.inf:
-                raise ConfigurationError(f"The {what} of the noise must be zero or greater, not {value:g}.")
+        for what in (*stated, "discrepancy", "length", "relative", "scatter"):
+            value, positive = getattr(self, what), what in stated
+            if value is None and what == "sigma":
+                continue
+            what = what.replace("relative", "relative part")
+            if not isinstance(value, Real):
+                raise ConfigurationError(f"The {what} of the noise must be a number, not {shown(value)}.")
+            size = float(value)
+            if not (size > 0.0 if positive else 0.0 <= size < math.inf):
+                least = "greater than zero" if positive else "zero or greater"
+                raise ConfigurationError(f"The {what} of the noise must be {least}, not {size:g}.")
         if self.sigma is None and self.freedom < math.inf:
             raise ConfigurationError("The freedom of the noise is that of its sigma, which is missing; add it.")
         if self.relative > 1.0:

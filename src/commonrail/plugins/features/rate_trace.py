@@ -117,6 +117,7 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
     the source by default. Raises `ConfigurationError` if the source has no rate.
     """
     pulses = energisings.pulses if isinstance(energisings, OperatingPoint) else energisings
+    pulses = None if pulses is None else instances(pulses, Energising, "energisings")
     if isinstance(source, RateTrace):
         return source if pulses is None else replace(source, energisings=tuple(pulses))
     if isinstance(source, Solution):

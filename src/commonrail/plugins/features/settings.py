@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from commonrail.base.arguments import Limits, Quantity, amount, flag, fraction, number, settle
+from commonrail.base.arguments import Limits, Quantity, amount, flag, fraction, number, sequence, settle
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.units import parse, to_text
 from commonrail.plugins.features.rate_trace import RateTrace, spread
@@ -87,7 +87,7 @@ class FeatureSettings:
     zero_at_rest: bool = False
 
     def __post_init__(self) -> None:
-        if len(self.ramp) != 2:
+        if len(sequence(self.ramp, "ramp", "(0.2, 0.8)")) != 2:
             raise ConfigurationError("The ramp must be two shares of the largest rate, such as (0.2, 0.8).")
         low, high = (fraction(part, "ramp") for part in self.ramp)
         if not low < high:

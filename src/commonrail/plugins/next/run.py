@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import chosen, instance, number, settle, thread_count, whole
+from commonrail.base.arguments import array, chosen, instance, number, settle, thread_count, whole
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
@@ -186,15 +186,12 @@ class DesignSettings:
         whole(self.draws, "draws", 1)
         whole(self.seed, "seed")
         settle(self, criterion=chosen(self.criterion, Criterion, "criterion"))
-        limits = {
-            "budget": self.budget,
-            "pressure_cost": self.pressure_cost,
-            "distance in rail pressure": self.apart[0],
-            "distance in energising time": self.apart[1],
-        }
-        for what, value in limits.items():
-            if not value >= 0.0:
-                raise ConfigurationError(f"The {what} of a plan must be zero or greater, not {value:g}.")
+        apart = array(self.apart, "1", "apart of a plan", 1)
+        limits = array([self.budget, self.pressure_cost, *apart], "1", "budget and pressure_cost", 1, finite=False)
+        if len(apart) != 2 or not (limits >= 0.0).all():
+            raise ConfigurationError(
+                "The budget, the pressure_cost and both numbers of apart of a plan must be zero or greater."
+            )
 
 
 class Measurement(NamedTuple):

@@ -345,13 +345,15 @@ def parameters_within(
     """
     instance(injector, Injector, "injector")
     given = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
-    injector.check_read([*(names or ()), *given])
     share = number(within, "1", "share of the ranges")
     if not 0.0 < share <= 1.0:
         raise ConfigurationError(f"The share of the ranges must be greater than 0 and at most 1, not {share:g}.")
     if names is None:
         names = () if given else default_names(injector)
-    wanted = known_names(list(dict.fromkeys([*names, *given])), parameter_quantities(), "names", "valve.lift")
+    known = parameter_quantities()
+    wanted = dict.fromkeys(known_names(names, known, "names", "valve.lift"))
+    wanted |= dict.fromkeys(known_names([*given], known, "names of ranges", "valve.lift"))
+    injector.check_read(wanted)
     if not wanted:
         raise ConfigurationError("At least one parameter is needed among the names.")
     return tuple(_ranged(injector, name, given.get(name), share) for name in wanted)

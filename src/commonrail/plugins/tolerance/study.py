@@ -18,6 +18,7 @@ from commonrail.base.arguments import (
     known_names,
     number,
     plain_text,
+    sequence,
     settle,
     whole,
 )
@@ -210,6 +211,7 @@ class Dimension:
         if self.name in COUNTS:
             raise ConfigurationError(f"{self.name} counts pieces, so it has no tolerance; omit it.")
         quantity = known[self.name]
+        instance(self.distribution, Distribution, f"distribution of {self.name}")  # type: ignore[type-abstract]
         ends = self.distribution.at(np.array([RARE, 1.0 - RARE]))
         if not quantity.domain.admits(ends).all():
             raise ConfigurationError(
@@ -286,6 +288,7 @@ class Trim:
     scatter: float = 0.0
 
     def __post_init__(self) -> None:
+        sequence(self.points, "points of a trim", '["VL", "LL"]')
         if len(self.points) not in (1, 2) or len(set(self.points)) != len(self.points):
             raise ConfigurationError(f"A trim needs one or two operating points, not {len(self.points)}.")
         settle(
