@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import signal
 import sys
@@ -16,6 +17,7 @@ import pytest
 from commonrail.base.errors import StudyError
 from commonrail.base.hooks import _ask
 from commonrail.calibration.search import Progress
+from commonrail.cli import fit
 from commonrail.cli.fit import print_card
 from commonrail.plugins import cluster
 from commonrail.report.fit.verdict import verdict
@@ -32,7 +34,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("calibrate")
     study, run = small_study(folder / "small"), folder / "run"
     arguments = ["calibrate", str(study), "--out", str(run), "--seed", "3", "--threads", "1"]
-    result = run_command(*arguments, "--json")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit, "JUDGED_SOON", 0.0)
+        result = run_command(*arguments, "--json")
     assert result.status == 0, result.err
     return {"study": study, "run": run, "out": result.out, "err": result.err}
 
@@ -53,6 +57,12 @@ def test_stdout_is_one_object_with_the_result(finished: dict[str, Any]) -> None:
 
 def test_progress_goes_to_stderr(finished: dict[str, Any]) -> None:
     assert "evolution 3/3: best" in finished["err"]
+
+
+def test_the_judgement_of_a_fit_shows_its_stages(finished: dict[str, Any]) -> None:
+    """A study of hundreds of curves is judged for minutes."""
+    _, _, after = finished["err"].partition("judging")
+    assert re.search(r"^\w+ \d+ \d+/\d+: ", after, re.MULTILINE)
 
 
 def test_the_calibrated_injector_can_be_simulated(command: Command, finished: dict[str, Any]) -> None:

@@ -199,3 +199,16 @@ def wrong_counts(folder: Path, times: int) -> str:
         if not said or (folder / "fleet-run").exists():
             return f"a fleet with workers={value!r}: {said or 'accepted'}; its folder is made"
     return ""
+
+
+@attack(few=0)
+def modules_beside(folder: Path, times: int) -> str:
+    """A module in the current folder is not run by a process that a command starts."""
+    for name in ("json", "threading", "numba", "numpy", "signal"):
+        (folder / f"{name}.py").write_text(f"open({str(folder / 'mark')!r}, 'a').close()\n", encoding="utf-8")
+    program = (
+        f"import os, sys; os.chdir({str(folder)!r}); sys.argv = ['commonrail', 'doctor']; "
+        "from commonrail.cli.start import main; main()"
+    )
+    answer = python("-P", "-c", program, XDG_CACHE_HOME=str(folder / "cache"))
+    return answer.fault or ("a module was run" if (folder / "mark").exists() else "")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import click
 
 from commonrail.base.hooks import check_unheld_stop, compiled_words, telling_of_compiling
+from commonrail.base.stages import Listener
 from commonrail.base.text import duration
 
 if TYPE_CHECKING:
@@ -325,6 +326,20 @@ class Bar(AbstractContextManager["Bar"]):
             left = f", {duration(seconds / steps * (s.total - s.done))} left" if steps > 0 and s.done < s.total else ""
             self._said = part
             say(f"{s.phase} {s.done}/{s.total}: {s.figures}{left}")
+
+
+def shown_by(bar: Bar, after: float = 0.0) -> Listener:
+    """Listener that numbers the stages of each phase and shows them, in a file those that end `after` so long [s]."""
+    counts: dict[str, int] = {}
+    start: list[float] = []
+
+    def show(phase: str, done: int, most: int, figures: str) -> None:
+        start[:] = start or [monotonic()]
+        counts[phase] = counts.get(phase, 0) + (done == 0)
+        if bar.console is not None or monotonic() >= start[0] + after:
+            bar.show(Stage(f"{phase} {counts[phase]}", done, most, figures))
+
+    return show
 
 
 def _rich_bar(console: Any) -> Any:

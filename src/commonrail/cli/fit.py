@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from commonrail.base.errors import StudyError
+from commonrail.base.stages import telling
 from commonrail.base.text import counted, quantity
-from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, wrapped
+from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, shown_by, wrapped
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from commonrail.calibration.study import Study
     from commonrail.runs.fit import Listener
     from commonrail.workers.workers import Workers
+
+JUDGED_SOON = 30.0  # time of a judgement whose stages need not be shown [s]
 
 
 class Outcome(NamedTuple):
@@ -70,7 +73,7 @@ def reported(
 
     shown, judged = stage_of if stage is None else stage, True
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
-        with Bar(title) as bar:
+        with Bar(title) as bar, telling(shown_by(bar, JUDGED_SOON)):
             try:
                 work(Listener(lambda p: bar.show(shown(p)), bar.note))
             except KeyboardInterrupt:

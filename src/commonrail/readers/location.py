@@ -135,12 +135,11 @@ LARGEST_RECTANGLE = 20_000_000  # rows × widest row of a grid, which is filled 
 MOST_VALUES = 20_000_000  # of all channels of a text, of a variable
 
 
-def check_columns(where: str, columns: int) -> None:
+def check_columns(where: str, columns: int, most: int = MOST_COLUMNS) -> None:
     """Refuse too many columns; `where` is the file, with the line if there is one."""
-    if columns > MOST_COLUMNS:
+    if columns > most:
         raise InputError(
-            f"{where}: there are {columns} columns, and at most {MOST_COLUMNS} are read; keep only those that are "
-            "needed."
+            f"{where}: there are {columns} columns, and at most {most} are read; keep only those that are needed."
         )
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from commonrail.base.stages import telling
 from commonrail.data.noise import Correlation, Law, Noise
-from commonrail.plugins.certainty.ascent import telling
 from commonrail.plugins.certainty.profile import ROUNDS, profiles_of
 from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood
 

@@ -2,41 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.stages import tell
 from commonrail.calibration.optimisers.least_squares import Descents, FeasibleSet, Model, Rules, advance, answered
 from commonrail.plugins.certainty.covariance import Covariance, covariance_of
 from commonrail.plugins.certainty.likelihood import Likelihood, forward_slopes, prior_slopes_at, weights_of
 
 FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one
 FEW = 5  # free parameters, up to which steps are straight: bending them saves no step and costs a third of the points
-
-
-# Progress: called with a phase, its steps done, the most that it may take, and figures as text.
-Listener = Callable[[str, int, int, str], None]
-_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
-
-
-@contextmanager
-def telling(listener: Listener | None) -> Iterator[None]:
-    """Have a function called at each step of the ascents inside the block, or none."""
-    before = _listener.set(listener)
-    try:
-        yield
-    finally:
-        _listener.reset(before)
-
-
-def tell(phase: str, done: int, most: int, figures: str) -> None:
-    """Call the listener, if there is one."""
-    if (listener := _listener.get()) is not None:
-        listener(phase, done, most, figures)
 
 
 class Ascent(NamedTuple):

@@ -14,8 +14,9 @@ import numpy as np
 from scipy.optimize import linprog
 
 from commonrail.base.arrays import Bools, Floats, IndexArray
+from commonrail.base.stages import tell, telling
 from commonrail.calibration.optimisers.least_squares import FeasibleSet, constrained_step
-from commonrail.plugins.certainty.ascent import climb, tell, telling
+from commonrail.plugins.certainty.ascent import climb
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from commonrail.base.errors import InputError
-from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_table, say
+from commonrail.base.stages import telling
+from commonrail.cli.console import Bar, print_json, print_lines, print_table, say, shown_by
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_folder, refuse_unused
 
 if TYPE_CHECKING:
-    from commonrail.plugins.certainty.ascent import Listener
     from commonrail.plugins.certainty.file import Certainty
     from commonrail.plugins.certainty.posterior import Posterior
 
@@ -62,7 +62,6 @@ def certainty(
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
     from commonrail.base.output import summed
-    from commonrail.plugins.certainty.ascent import telling
     from commonrail.plugins.certainty.file import write_certainty, write_likely
     from commonrail.plugins.certainty.posterior_file import posterior_record, write_posterior
     from commonrail.plugins.certainty.run import certify
@@ -82,7 +81,7 @@ def certainty(
         if asked or not adopt or earlier_certainty(run) is None:
             with (
                 Bar(f"{run}: time left is that of the present search or profiles, at most") as bar,
-                telling(_shown_by(bar)),
+                telling(shown_by(bar)),
             ):
                 found = certify(
                     study,
@@ -116,17 +115,6 @@ def certainty(
     print_lines(certainty_lines(record))
     click.echo(f"most likely values: {run / (CALIBRATED if adopt else LIKELY)}")
     click.echo(f"report: {report}")
-
-
-def _shown_by(bar: Bar) -> Listener:
-    """Listener that numbers the searches and profiles and shows each as a stage of its own, with the time left."""
-    counts: dict[str, int] = {}
-
-    def show(phase: str, done: int, most: int, figures: str) -> None:
-        counts[phase] = counts.get(phase, 0) + (done == 0)
-        bar.show(Stage(f"{phase} {counts[phase]}", done, most, figures))
-
-    return show
 
 
 def _draw(found: Certainty, seed: int, most: int) -> Posterior:

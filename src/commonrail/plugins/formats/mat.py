@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from commonrail.base.input import read_plain
 from commonrail.base.text import counted
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, find_column, finite
 from commonrail.readers.guarded import read_apart
-from commonrail.readers.location import MOST_COLUMNS
+from commonrail.readers.location import MOST_COLUMNS, check_columns
 from commonrail.readers.quantity_matrix import (
     KINDS,
     FoundMap,
@@ -55,11 +54,9 @@ class MatFile:
         about, arrays = read_apart(f"{__name__}_child", path, data)
         self.arrays: dict[str, NDArray[Any]] = {name: arrays[str(i)] for i, name in enumerate(about["names"])}
         self._texts: dict[str, str] = about["texts"]
-        self._columns = dict(islice(_columns(self.arrays), MOST_NAMES + 1))
-        if len(self._columns) > MOST_NAMES:
-            raise InputError(
-                f"{path}: the variables have more than the {MOST_NAMES} columns that are read; save fewer."
-            )
+        count = sum(array.shape[1] if array.ndim == 2 else 1 for array in self.arrays.values())
+        check_columns(str(path), count, MOST_NAMES)
+        self._columns = dict(_columns(self.arrays))
         self.names = list(self._columns)
         if not self.names:
             raise InputError(f"{path}: the file has no variable with numbers.")

@@ -1,0 +1,27 @@
+"""Stages of long work, for whoever shows its progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+# Called with a phase, its steps done, the most that it may take, and figures as text.
+Listener = Callable[[str, int, int, str], None]
+_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+
+
+@contextmanager
+def telling(listener: Listener | None) -> Iterator[None]:
+    """Have a function called at each stage inside the block, or none."""
+    before = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(before)
+
+
+def tell(phase: str, done: int, most: int, figures: str) -> None:
+    """Call the listener, if there is one."""
+    if (listener := _listener.get()) is not None:
+        listener(phase, done, most, figures)
