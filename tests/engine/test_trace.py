@@ -59,16 +59,19 @@ def test_a_pressure_at_or_above_the_rails_is_refused() -> None:
         OperatingPoint(rail, 1e-3, cylinder)
 
 
-def test_a_trace_stands_at_rest_at_its_mean_before_the_first_energising() -> None:
-    trace = Trace((-2e-3, -1e-3, -0.3e-3, 0.0, 1e-3), (500e6, 90e6, 100e6, 103e6, 80e6))
-    # from -0.5 ms: 0.2 ms below 100 MPa, 2/7 of 10 MPa at its begin, then 0.3 ms from 100 to 103 MPa
-    mean = (0.2 * (100.0 - 10.0 / 7.0) + 0.3 * 101.5) / 0.5
-    assert OperatingPoint(trace, 1e-3).at_start(trace) == pytest.approx(1e6 * mean, rel=1e-12)  # rounding
-    assert OperatingPoint(trace, [(0.1e-3, 1e-3)], start=-2e-3).initial_pressures()[0] == pytest.approx(
-        1e6 * (0.1 * (100.0 - 5.0 / 7.0) + 0.3 * 101.5 + 0.1 * (103.0 - 1.15)) / 0.5, rel=1e-12
-    )
-    late = Trace((0.0, 1e-3), (120e6, 80e6))
-    assert OperatingPoint(late, 1e-3).at_start(late) == 120e6  # nothing lies before
+def test_all_is_at_rest_at_the_pressures_where_the_simulation_begins() -> None:
+    falling = Trace((-20e-3, 0.0, 10e-3), (110e6, 100e6, 95e6))
+    for start, pressure in ((-20e-3, 110e6), (-10e-3, 105e6), (0.0, 100e6)):  # whatever lies before the energising
+        point = OperatingPoint(falling, [(0.0, 1e-3)], Trace((-20e-3, 0.0), (1e6, 3e6)), start=start)
+        assert point.initial_pressures() == pytest.approx((pressure, 3e6 + 1e8 * start, 0.5e6), rel=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("duration", [1e-316, "0.9 ns", -1e-6])
+def test_an_energising_lasts_a_nanosecond_or_is_none(duration: float | str) -> None:
+    for energisings in (duration, [(0.0, duration)]):
+        with pytest.raises(ConfigurationError):
+            OperatingPoint(1e8, energisings)  # type: ignore[arg-type]  # both are accepted
+    assert OperatingPoint(1e8, 0.0).pulses == (Energising(0.0, 0.0),)
 
 
 def test_horizon_by_default_outlasts_the_last_energising() -> None:

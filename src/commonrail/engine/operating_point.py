@@ -21,6 +21,7 @@ OTHER_PRESSURES = Limits(
     10e3, 1e9, (0.05e6, 30e6), ("MPa", "bar")
 )  # cylinder, return line: little below the atmosphere
 ENERGISING_TIMES = Limits(0.0, 0.1, (10e-6, 20e-3), ("us", "ms"))
+SHORTEST = 1e-9  # of an energising that is one [s]; zero stands for none, as where a closed injector leaks
 LONGEST = 1.0  # of a simulation [s]
 
 
@@ -80,8 +81,6 @@ class Trace:
 
 Course = float | Trace
 
-AT_REST = 0.5e-3  # longest stretch before the first energising that a trace's value at rest is the mean of [s]
-
 
 class _Pulse(NamedTuple):
     start: float
@@ -94,7 +93,7 @@ class Energising(_Pulse):
     Parameters
     ----------
     start, duration : float or str
-        Start and energising time [s], or texts such as ``"900 us"``; zero to 100 ms long.
+        Start and energising time [s], or texts such as ``"900 us"``; 1 ns to 100 ms long, or zero for none.
 
     Raises
     ------
@@ -108,7 +107,7 @@ class Energising(_Pulse):
         return super().__new__(
             cls,
             number(start, "s", "start of an energising"),
-            amount(duration, "s", "duration of an energising", ENERGISING_TIMES),
+            _energising_time(duration, "duration of an energising"),
         )
 
     _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
@@ -121,10 +120,9 @@ class OperatingPoint:
     Attributes
     ----------
     rail_pressure : float or Trace
-        [Pa], from 0.1 MPa to 1000 MPa, at any time above the two others. Before the simulation all is at rest at the
-        pressures of `at_start`.
+        [Pa], from 0.1 MPa to 1000 MPa, at any time above the two others.
     energisings : sequence of Energising or (start, duration), or float
-        A number is one energising of that duration [s] from t = 0, at most 100 ms.
+        A number is one energising of that duration [s] from t = 0, from 1 ns to 100 ms, or zero for none.
     cylinder_pressure, return_pressure : float or Trace
         [Pa], from 10 kPa to 1000 MPa.
     drive : Trace, optional
@@ -132,7 +130,7 @@ class OperatingPoint:
     horizon : float, optional
         Time simulated after `start` [s]; by default 2.5 ms beyond the end of the last energising.
     start : float
-        Time at which the simulation begins, all at rest [s].
+        Time at which the simulation begins, all at rest at the pressures of that instant [s].
 
     Raises
     ------
@@ -233,24 +231,13 @@ class OperatingPoint:
         return last - self.start + 2.5e-3
 
     def initial_pressures(self) -> tuple[float, float, float]:
-        """Rail, cylinder and return pressure at rest, see `at_start` [Pa]."""
+        """Rail, cylinder and return pressure at rest: those at `start` [Pa]."""
         rail, cylinder, low = self.rail_pressure, self.cylinder_pressure, self.return_pressure
         return self.at_start(rail), self.at_start(cylinder), self.at_start(low)
 
     def at_start(self, course: Course) -> float:
-        """Value of one of the point's courses before anything moves.
-
-        Of a trace it is the mean over at most `AT_REST` before the first energising, so that the noise of one sample
-        does not set the state at rest, the wave speed and the densities; its value at the start where it has no
-        sample before.
-        """
-        if not isinstance(course, Trace):
-            return float(course)
-        end = min((p.start for p in self.pulses), default=self.start)
-        begin = max(course.time[0], end - AT_REST)
-        if begin >= end:
-            return float(course.at(self.start))
-        return float(course.mean(np.array(begin), np.array(end)))
+        """Value of one of the point's courses where the simulation begins at rest, whatever was before."""
+        return value_at(course, self.start)
 
 
 def _refuse_unless_below(rail: Course, name: str, course: Course) -> None:
@@ -278,7 +265,14 @@ def _energisings(given: object) -> tuple[Energising, ...] | float:
         return (given,)
     if np.ndim(given) if isinstance(given, np.ndarray) else isinstance(given, list | tuple):
         return read_pulses(given)
-    return amount(given, "s", "energising time", ENERGISING_TIMES)
+    return _energising_time(given, "energising time")
+
+
+def _energising_time(value: object, what: str) -> float:
+    duration = amount(value, "s", what, ENERGISING_TIMES)
+    if 0.0 < duration < SHORTEST:
+        raise ConfigurationError(f"The {what} must be 1 ns or longer, or zero for none, not {duration:g} s.")
+    return duration
 
 
 _PULSES = '[(0.0, "250 us"), ("900 us", "600 us")], pairs of start and duration'
