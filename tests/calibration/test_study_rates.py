@@ -112,6 +112,26 @@ def test_measured_courses(study_file: Edit, tmp_path: Path) -> None:
     assert point.cylinder_pressure.at(1.5e-3) == pytest.approx(5.5e6, rel=1e-12)
 
 
+def test_a_measured_pressure_is_low_passed_and_said(study_file: Edit, tmp_path: Path) -> None:
+    time, noise = 20.0 * np.arange(1, 301), np.random.default_rng(1).normal(0.0, 0.2, 300)
+    rows = "".join(f"{t},1,{160.0 + p}\n" for t, p in zip(time, noise, strict=True))
+    (tmp_path / "own.csv").write_text(f"time [us],rate [mm3/ms],rail [MPa]\n{rows}", encoding="utf-8")
+
+    def scatter(key: str) -> float:
+        path = study_file((FILE, OWN), (WINDOW, ""), (RAIL, f'rail_pressure = {{ column = "rail"{key} }}\n'))
+        point = load_study(path).data[0].point  # type: ignore[union-attr]
+        assert isinstance(point.rail_pressure, Trace)
+        return float(np.std(point.rail_pressure.value))
+
+    with pytest.warns(RuntimeWarning):
+        assert scatter("") < 0.03e6
+    with pytest.warns(RuntimeWarning):
+        assert 0.05e6 < scatter(', low_pass = "5 kHz"') < 0.12e6
+    assert scatter(', low_pass = "1 MHz"') == pytest.approx(1e6 * np.std(noise), rel=1e-9)
+    with pytest.raises(InputError):
+        scatter(', low_pass = "0 Hz"')
+
+
 def test_a_courses_time_unit_is_that_of_the_data_set_only_within_its_file(study_file: Edit, tmp_path: Path) -> None:
     rows = "".join(f"{k},{k},160\n" for k in range(1, 11))
     for name in ("own.csv", "other.csv"):

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 from commonrail.base.choices import Drive
 from commonrail.base.errors import nearest
 from commonrail.data.noise import NoiseModel
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import CUT_OFFS, OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
@@ -108,6 +108,12 @@ class TraceModel(FormModel):
     time_unit: str | None = None
 
 
+class PressureModel(TraceModel):
+    """A measured pressure, and the cut-off of its low-pass; without one see `record_filter.low_pass`."""
+
+    low_pass: Annotated[float, Unit("Hz"), Field(ge=CUT_OFFS.low, le=CUT_OFFS.high)] | None = None
+
+
 class DriveModel(TraceModel):
     """A measured drive; `zero_at_rest`: its mean before the first energising is the zero of the sensor."""
 
@@ -116,7 +122,7 @@ class DriveModel(TraceModel):
 
 # A pressure: constant [Pa], or a course.
 Course = Annotated[
-    Annotated[float, Unit("Pa"), Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")],
+    Annotated[float, Unit("Pa"), Tag("<value>")] | Annotated[PressureModel, Tag("<trace>")],
     Discriminator(lambda item: "<trace>" if isinstance(item, (dict, TraceModel)) else "<value>"),
 ]
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from commonrail.base.arguments import Limits, Quantity, amount, array, instance, number, sequence, settle, shown
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
+from commonrail.engine.record_filter import low_pass
 
 # Limits that no injector comes near, and that numbers meant in another unit pass: 160 (MPa) and 1600 (bar) lie below
 # the pressures, 700 (us) and 0.7 (ms) above the durations.
@@ -23,11 +24,14 @@ OTHER_PRESSURES = Limits(
 ENERGISING_TIMES = Limits(0.0, 0.1, (10e-6, 20e-3), ("us", "ms"))
 SHORTEST = 1e-9  # of an energising that is one [s]; zero stands for none, as where a closed injector leaks
 LONGEST = 1.0  # of a simulation [s]
+CUT_OFFS = Limits(1.0, 1e9, (100.0, 20e3), ("Hz", "kHz"))
 
 
 @dataclass(frozen=True)
 class Trace:
     """A measured course in time, linear between its samples, constant before and after them.
+
+    A simulation follows it exactly, noise included: take `low_pass` of what a pressure sensor has shown.
 
     Attributes
     ----------
@@ -59,6 +63,15 @@ class Trace:
     def of(cls, time: ArrayLike, value: ArrayLike) -> Trace:
         """Trace from arrays (samples,) of times [s], or texts with units, and of SI values."""
         return cls(time, value)  # type: ignore[arg-type]  # read by __post_init__
+
+    def low_pass(self, cut_off: Quantity | None = None) -> Trace:
+        """Trace without the noise of its sensor, see `record_filter.low_pass`.
+
+        `cut_off`: [Hz], or text such as ``"2 kHz"``; by default as far above the signal as the noise permits.
+        """
+        limit = None if cut_off is None else amount(cut_off, "Hz", "cut-off", CUT_OFFS)
+        filtered = low_pass(np.array(self.time), np.array(self.value), limit)
+        return Trace.of(filtered.time, filtered.value)
 
     def at(self, time: ArrayLike) -> Floats:
         """Values at times [s]."""

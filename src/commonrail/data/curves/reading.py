@@ -16,8 +16,9 @@ from commonrail.data.curves.samples import RateModel, Samples, samples_of, withi
 from commonrail.data.curves.shots import MOST_CURVES, RATES, FoundCurve, cut_shots, mean_curve
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.repeats import groups_of
-from commonrail.data.study_block import Context, TraceModel, drive_unit, mass_density
+from commonrail.data.study_block import Context, PressureModel, TraceModel, drive_unit, mass_density
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
+from commonrail.engine.record_filter import low_pass
 from commonrail.engine.status import check_point
 from commonrail.readers.columns import MOST_SHOWN, PLAIN, Column, Sheet, Table
 from commonrail.readers.grid import read_grid
@@ -184,6 +185,8 @@ def _tables(sheet: Sheet, time: Column, wanted: Sequence[Column]) -> list[Table]
 # Several injection curves of one file: columns named by their operating points, or with these in rows above them.
 
 
+Record = tuple[Floats, Floats]  # times [s] and values
+NOISE_TOLD = 1e-4  # rms of a noise that is told, over the pressure: ten times that moves pilots by a tenth
 SAME = 1e-6  # relative difference below which two traces are at one operating point
 
 
@@ -223,8 +226,8 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
 def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context) -> list[dict[str, Trace]]:
     """Courses of each curve by their keys; a file is read once for all curves, also where `column` is a pattern.
 
-    What a key does not say of time is that of the data set. Raises `InputError` if not exactly one column fits a curve,
-    or a column cannot be read.
+    What a key does not say of time is that of the data set. Pressures are low-passed, with a note. Raises `InputError`
+    if not exactly one column fits a curve, or a column cannot be read.
     """
     found: list[dict[str, Trace]] = [{} for _ in curves]
     for key in (*_PRESSURES, "drive"):
@@ -252,9 +255,28 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
         time = Column(item.time or model.time, "s", item.time_unit or (model.time_unit if is_own else None), True)
         tables = _tables(sheet, time, [Column(name, unit, item.unit) for name in names])
         zero = model.time_zero if is_own else 0.0
-        for courses, name, table in zip(found, names, tables, strict=True):
-            courses[key] = Trace.of(table.columns[time.name] - zero, table.columns[name])
+        read = {
+            name: (table.columns[time.name] - zero, table.columns[name])
+            for name, table in zip(names, tables, strict=True)
+        }
+        if isinstance(item, PressureModel):
+            read = _low_passed(read, item.low_pass, at)
+        traces = {name: Trace.of(*record) for name, record in read.items()}
+        for courses, name in zip(found, names, strict=True):
+            courses[key] = traces[name]
     return found
+
+
+def _low_passed(records: Mapping[str, Record], cut_off: float | None, at: Place) -> dict[str, Record]:
+    """Records of a pressure without the noise of its sensor; a note tells what the noisiest one loses."""
+    filtered = {name: low_pass(*record, cut_off) for name, record in records.items()}
+    most = max(filtered.values(), key=lambda one: one.removed)
+    if most.removed > NOISE_TOLD * np.abs(most.value).mean():
+        note(
+            f"{at}: low-passed at {to_text(most.cut_off, 'Hz', 3)}, which takes {to_text(most.removed, 'Pa', 2)} rms "
+            "away; low_pass states another cut-off."
+        )
+    return {name: (one.time, one.value) for name, one in filtered.items()}
 
 
 def _of_each(key: str, model: RateModel) -> bool:

@@ -1,0 +1,70 @@
+"""Low-pass for records of pressure sensors: noise in the inlet's pressure makes the feed pipe ring."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.base.arrays import Floats
+
+# Noise is judged from 5 to 10 kHz: waves of rails and lines have nearly died out there, and most sensors still answer.
+TOP, LOWEST = 10e3, 100.0  # upper end of that octave, and lowest cut-off by default, above pump and control [Hz]
+MARGIN = 4.0  # of a cut-off over the signal: what a corner in the course loses falls with 1/f
+STANDS_OUT = 3.0  # power of a signal over that of the noise, in a band of half an octave
+FEWEST = 32  # samples that tell signal from noise
+
+
+class Filtered(NamedTuple):
+    """Record (samples,), evenly spaced if something was removed, cut-off [Hz], and rms of what was removed."""
+
+    time: Floats
+    value: Floats
+    cut_off: float
+    removed: float
+
+
+def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filtered:
+    """Low-pass a record without a shift in time.
+
+    Up to the cut-off f_c its cosine transform stays as it is, above √2 f_c nothing is left, between them the gain falls
+    as a half cosine. The transform is that of the record less its regression line.
+
+    Parameters
+    ----------
+    time, value : (samples,)
+        An uneven record is first interpolated, linearly, at the median of its intervals.
+    cut_off : float, optional
+        [Hz]. By default four times the frequency up to which the record stands out from its noise, from 100 Hz to
+        20 kHz; a record of fewer than 32 samples stays as it is.
+    """
+    from scipy.fft import dct, idct
+
+    if cut_off is None and len(time) < FEWEST:
+        return Filtered(time, value, np.inf, 0.0)
+    span = float(time[-1] - time[0])
+    count = min(round(span / float(np.median(np.diff(time)))), 10 * len(time)) + 1
+    even = np.linspace(time[0], time[-1], count)
+    record = np.interp(even, time, value)
+    line = np.polynomial.Polynomial.fit(even, record, 1)(even)
+    content, frequency = dct(record - line, norm="ortho"), np.arange(count) / (2.0 * span)
+    if cut_off is None:
+        cut_off = max(MARGIN * _highest_signal(content**2, frequency), LOWEST)
+    if cut_off >= frequency[-1]:
+        return Filtered(time, value, cut_off, 0.0)
+    gain = 0.5 + 0.5 * np.cos(np.pi * np.clip((frequency / cut_off - 1.0) / (2.0**0.5 - 1.0), 0.0, 1.0))
+    smooth = line + idct(content * gain, norm="ortho")
+    return Filtered(even, smooth, cut_off, float(np.mean((record - smooth) ** 2) ** 0.5))
+
+
+def _highest_signal(power: Floats, frequency: Floats) -> float:
+    """Upper end [Hz] of the highest half octave that stands out from the noise, 0 if none does."""
+    top = min(TOP, float(frequency[-1]))
+    noise = np.median(power[(frequency > 0.5 * top) & (frequency <= top)]) / 0.4549  # median of χ² over its mean
+    upper = 0.5 * top
+    while upper > LOWEST * 2.0**0.5:
+        band = power[(frequency > upper / 2.0**0.5) & (frequency <= upper)]
+        if len(band) and band.sum() > STANDS_OUT * noise * (len(band) + STANDS_OUT):  # few bins scatter more
+            return upper
+        upper /= 2.0**0.5
+    return 0.0
