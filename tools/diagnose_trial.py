@@ -2,14 +2,17 @@
 
     python -m tools.diagnose_trial                 # a thousand parts of a CRI2-16; half a minute
     python -m tools.diagnose_trial --parts 200 --seed 7
+    python -m tools.diagnose_trial --injector cri2-1 --deliveries
     python -m tools.diagnose_trial --svg docs/images/diagnose.svg
 
 Every other part is sound; the others have one fault of the shipped table, all equally likely, of a size drawn evenly
 from the lower, middle or upper third of its range. All parameters with a tolerance are drawn at once from normal
-distributions, the parts are simulated at half the time step of the diagnosis, and each quantity is measured with 1 %
-of noise. The diagnosis knows the table, the tolerances and the noise, not the parts: its responses are those of other
-parts on a grid of sizes, made once. Tests and constants were chosen on the seeds 1 and 100 to 104, on which there is
-nothing to prove. Exit status 1 if a promise is not kept.
+distributions, the parts are simulated at half the time step of the diagnosis, and each quantity is measured with the
+noise of a workshop's bench (`bench_noise`), or of one that --noise states. The diagnosis knows the table, the
+tolerances and the noise, not the parts: its responses are those of other parts on a grid of sizes, made once. Tests
+and constants were chosen on the seeds 1 and 100 to 104, on which there is nothing to prove. A diagnosis points the
+wrong way if the fault named first moves a test that fails the plan away from its result. Exit status 1 if a promise is
+not kept.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,37 +30,59 @@ import commonrail as cr
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, LINES, Band, Figure, Panel, Series, points
 from commonrail.engine.operating_point import Energising
-from commonrail.plugins.diagnose.evidence import Judged, judge, noise_of, responses
+from commonrail.plugins.diagnose.evidence import BenchNoise, Judged, Response, judge, responses
 from commonrail.plugins.diagnose.faults import Fault, FaultTable, Parts, shipped_faults
-from commonrail.plugins.diagnose.run import DRAWS, NOISE, SOUND, TOLD, PlanBench, sound_parts, visible_faults
+from commonrail.plugins.diagnose.run import (
+    DRAWS,
+    SOUND,
+    TOLD,
+    UNEXPLAINED,
+    PlanBench,
+    bench_noise,
+    sound_parts,
+    visible_faults,
+)
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
+from commonrail.plugins.plans.run import run_plan
+from commonrail.plugins.plans.study import Measure, PlanTest, State, TestPlan
 from commonrail.report.figure import figure_svg
 
 INJECTOR, PRESSURES, RATE = "cri2-16", (0.5e6, 0.1e6), 1000.0 / 60.0
-# Name, rail pressure [MPa], energising time [us], measure: of the kinds of tests that workshops run.
+# Name, rail pressure [MPa], energising time [us], measure, half band: of the kinds of tests that workshops run.
 TESTS = (
-    ("VL", 160, 1000, Measure.DELIVERY),
-    ("EM", 80, 700, Measure.DELIVERY),
-    ("LL", 30, 650, Measure.DELIVERY),
-    ("VE", 80, 300, Measure.DELIVERY),
-    ("EM high", 160, 400, Measure.DELIVERY),
-    ("VL", 160, 1000, Measure.RETURN),
-    ("leak low", 40, 0, Measure.RETURN),
-    ("leak", 160, 0, Measure.RETURN),
+    ("VL", 160, 1000, Measure.DELIVERY, 0.09),
+    ("EM", 80, 700, Measure.DELIVERY, 0.2),
+    ("LL", 30, 650, Measure.DELIVERY, 0.5),
+    ("VE", 80, 300, Measure.DELIVERY, 0.8),
+    ("EM high", 160, 400, Measure.DELIVERY, 0.2),
+    ("VL", 160, 1000, Measure.RETURN, 0.6),
+    ("leak low", 40, 0, Measure.RETURN, 0.6),
+    ("leak", 160, 0, Measure.RETURN, 0.6),
 )
 SIZES = ("small", "middle", "large")  # thirds of the range of a fault
-FIRST_RIGHT, FALSE_ALARMS, EXCEEDS = 0.85, 0.05, 2.0
+# Share of faults that show that are first, on a bench of at most GOOD noise and on a workshop's.
+FIRST_RIGHT, GOOD = (0.85, 0.65), 0.01
+FALSE_ALARMS, EXCEEDS = 0.05, 2.0
 EDGES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0])  # of stated probabilities, for their calibration
 
 
-def plan() -> TestPlan:
-    """The tests, with bands that nothing here asks for."""
+def plan(injector: cr.Injector, deliveries: bool) -> TestPlan:
+    """The tests, with the quantities of the part as drawn as nominal ones."""
     tests = [
         PlanTest(name, p * 1e6, (Energising(0.0, t * 1e-6),), None, None, 1.0, measure, RATE)
-        for name, p, t, measure in TESTS
+        for name, p, t, measure, _ in TESTS
+        if measure is Measure.DELIVERY or not deliveries
     ]
-    return TestPlan("trial", tuple(tests))
+    nominal = run_plan(injector, TestPlan("trial", tuple(tests))).score.values.tolist()
+    bands = {(name, measure): band for name, *_, measure, band in TESTS}
+    return TestPlan(
+        "trial",
+        tuple(
+            replace(test, nominal=q, lower=q * (1.0 - band), upper=q * (1.0 + band))
+            for test, q in zip(tests, nominal, strict=True)
+            for band in (bands[test.name, test.measure],)
+        ),
+    )
 
 
 def drawn(injector: cr.Injector, known: FaultTable, faults: Sequence[Fault], count: int, seed: int) -> list[Any]:
@@ -70,10 +96,10 @@ def drawn(injector: cr.Injector, known: FaultTable, faults: Sequence[Fault], cou
     return made
 
 
-def measured(bench: PlanBench, made: list[Any], seed: int) -> tuple[Floats, Floats]:
+def measured(bench: PlanBench, made: list[Any], noise: BenchNoise, seed: int) -> tuple[Floats, Floats]:
     """Measured quantities (parts, tests) [m³], and how far the fault moved each without noise."""
     random = np.random.default_rng([seed, 78])
-    shape = len(made), len(TESTS)
+    shape = len(made), len(bench.data.tests)
     found, moved = np.full(shape, np.nan), np.zeros(shape)
     for item in {id(f): f for f, *_ in made}.values():
         rows = [i for i, (f, *_) in enumerate(made) if f is item]
@@ -82,7 +108,19 @@ def measured(bench: PlanBench, made: list[Any], seed: int) -> tuple[Floats, Floa
         found[rows] = bench(parts if item is None else parts.with_fault(bench.injector, item, sizes))
         if item is not None:
             moved[rows] = found[rows] - bench(parts)
-    return found * (1.0 + NOISE * random.standard_normal(shape)), moved
+    return found + noise.deviation(found) * random.standard_normal(shape), moved
+
+
+def outside(data: PlanData, row: Floats) -> list[bool]:
+    """Tests (tests,) whose quantities lie outside their bands."""
+    return [test.state(q) is not State.INSIDE for test, q in zip(data.tests, row.tolist(), strict=True)]
+
+
+def contrary(data: PlanData, found: Sequence[Response], row: Floats, j: Judged) -> bool:
+    """Whether the fault that is named first moves a test that fails the plan away from its result."""
+    first, sound = j.order[0], found[0].mean[0]
+    shift = j.weights[first] @ (found[first].mean - sound)
+    return found[first].fault is not None and bool(np.any(outside(data, row) & ((row - sound) * shift < 0.0)))
 
 
 def main() -> None:
@@ -90,25 +128,40 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", type=int, default=1000, help="number of parts, half of them sound")
     parser.add_argument("--seed", type=int, default=2, help="seed of the parts")
+    parser.add_argument("--injector", default=INJECTOR, help="model of the parts, cri2-16 by default")
+    parser.add_argument("--deliveries", action="store_true", help="leave the returns out")
+    parser.add_argument("--noise", type=float, help="noise of the bench as a share of a quantity")
+    parser.add_argument("--stated", type=float, help="noise that the diagnosis is told, by default that of the bench")
     parser.add_argument("--svg", type=Path, help="file for the picture of the calibration")
     args = parser.parse_args()
-    injector, known = cr.load_injector(INJECTOR), shipped_faults()
-    data = PlanData.of(plan(), injector, PRESSURES, "trial")
+    injector, known = cr.load_injector(args.injector), shipped_faults()
+    data = PlanData.of(plan(injector, args.deliveries), injector, PRESSURES, "trial")
     faults = visible_faults(injector, data, known)
     parts, centre = sound_parts(injector, known, DRAWS)
     found = responses(injector, parts, centre, faults, PlanBench(injector, data, 1e-6, 1))
     made = drawn(injector, known, faults, args.parts, args.seed)
-    quantities, moved = measured(PlanBench(injector, data, 0.5e-6, 1), made, args.seed)
+    noise = bench_noise(data.tests, args.noise)
+    quantities, moved = measured(PlanBench(injector, data, 0.5e-6, 1), made, noise, args.seed)
     there = [bool(np.isfinite(row).all()) for row in quantities]
     print(f"{there.count(False)} of {len(made)} parts could not be simulated")
-    judged = [judge(found, row, NOISE, SOUND) if ok else None for row, ok in zip(quantities, there, strict=True)]
+    told = bench_noise(data.tests, args.stated) if args.stated else noise
+    judged = [
+        judge(found, row, told, SOUND, fails=outside(data, row)) if ok else None
+        for row, ok in zip(quantities, there, strict=True)
+    ]
     names = [r.name for r in found]
-    deviation = np.hypot(np.sqrt(np.diag(found[0].scatter[0])), noise_of(found[0].mean[0], NOISE))
+    deviation = np.hypot(np.sqrt(np.diag(found[0].scatter[0])), noise.deviation(found[0].mean[0]))
     effect = np.abs(moved / deviation).max(axis=1)
-    sys.exit(not report(made, judged, names, effect, args.svg))
+    wrong = sum(contrary(data, found, row, j) for row, j in zip(quantities, judged, strict=True) if j is not None)
+    print(f"the fault named first moves a test that fails the plan the other way: {wrong}")
+    strange = sum(j.fit[j.order[0]] < UNEXPLAINED for j in judged if j is not None)
+    print(f"unexplained: {strange}")
+    sys.exit(not report(made, judged, names, effect, args.svg, FIRST_RIGHT[(args.noise or 1.0) > GOOD]) or wrong > 0)
 
 
-def report(made: list[Any], judged: list[Judged | None], names: list[str], effect: Floats, svg: Path | None) -> bool:
+def report(
+    made: list[Any], judged: list[Judged | None], names: list[str], effect: Floats, svg: Path | None, least: float
+) -> bool:
     """Print the counts; True if all promises are kept."""
     rows = [
         ("sound" if f is None else f.name, int(min(size, 0.999) * len(SIZES)), j, e)
@@ -137,7 +190,7 @@ def report(made: list[Any], judged: list[Judged | None], names: list[str], effec
     share = kept / max(total, 1)
     print(f"right fault first where its effect exceeds sound scatter twice: {kept} of {total} ({share:.1%})")
     calibrated = calibration(rows, names, svg)
-    return kept >= FIRST_RIGHT * total and len(alarms) <= FALSE_ALARMS * len(sound) and calibrated
+    return kept >= least * total and len(alarms) <= FALSE_ALARMS * len(sound) and calibrated
 
 
 def calibration(rows: list[Any], names: list[str], svg: Path | None) -> bool:

@@ -21,8 +21,8 @@ import commonrail as cr
 from commonrail.base.arrays import Floats
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.diagnose.faults import Parts, shipped_faults
-from commonrail.plugins.diagnose.run import NOISE, PlanBench
-from commonrail.plugins.diagnose.trim import STEP, regression
+from commonrail.plugins.diagnose.run import PlanBench
+from commonrail.plugins.diagnose.trim import NOISE, STEP, regression
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.study import PlanTest, TestPlan
 

@@ -7,6 +7,8 @@ are measured with independent noise R. The evidence of a fault is
 
 with Student's multivariate t: a covariance from few parts is not sure (Gelman et al., Bayesian Data Analysis, 3.6),
 and Bayes' theorem gives the probabilities from those before the measurement (Jaynes, Probability Theory, chapter 4).
+Sizes at which the fault moves a quantity away from a result that departs from sound parts count for nothing: far from
+every mean the widest distribution is the densest, whatever its direction.
 """
 
 from __future__ import annotations
@@ -29,9 +31,21 @@ RESOLUTION = 0.01e-9  # of a bench [m³], also where nothing is injected: an est
 # Degrees of freedom of that distribution: some 40 are left of 64 parts by 14 parameters and 8 tests, and less for what
 # is not normal; chosen by the logarithmic score on other parts than those of the trial.
 FREEDOM = 30.0
+DEPARTS = 2.0  # standard deviations of measured sound parts beyond which a result departs from them; chosen
 SPARE_DRAWS = 8  # parts that must be there beyond the dimensions of the fit that yields a covariance
 
 Simulate = Callable[[Parts], Floats]  # quantities (parts, tests) [m³], NaN where a simulation failed
+
+
+class BenchNoise(NamedTuple):
+    """Noise of a bench: shares of the quantities and standard deviations at zero [m³], each (tests,) or one for all."""
+
+    shares: Floats | float
+    floors: Floats | float = RESOLUTION
+
+    def deviation(self, mean: Floats) -> Floats:
+        """Standard deviations of quantities (…, tests) [m³]."""
+        return np.hypot(self.shares * mean, self.floors)
 
 
 class Response(NamedTuple):
@@ -120,30 +134,30 @@ def regressed(covariance: Floats, n: int) -> tuple[Floats, Floats]:
     return gain, np.diag(covariance)[n:] - np.einsum("ij,ji->i", gain, covariance[:n, n:])
 
 
-def noise_of(mean: Floats, noise: float) -> Floats:
-    """Standard deviations of measured quantities [m³]: a share of their means, and the bench's resolution."""
-    return np.hypot(noise * mean, RESOLUTION)
-
-
 def judge(
     found: Sequence[Response],
     measured: Floats,
-    deviation: Floats | float,
+    noise: BenchNoise,
     sound: float,
     *,
+    fails: Sequence[bool] | bool = False,
     freedom: float = FREEDOM,
 ) -> Judged:
     """Probabilities after a measurement.
 
-    `measured` (tests,) [m³]; `deviation`: standard deviation of the noise as a share of the quantities, or (tests,)
-    [m³]; `sound`: probability before it that the part is sound, all faults being equally likely; `freedom`: degrees of
-    freedom of the covariances, above 2.
+    `found`: sound parts first; `measured` (tests,) [m³]; `sound`: probability before it that the part is sound, all
+    faults being equally likely; `fails` (tests,): results outside their bands; `freedom`: degrees of freedom of the
+    covariances, above 2. A fault has the probability zero if at each size it moves a result that fails, or departs
+    from sound parts, the other way.
     """
     prior = np.log(np.where([r.fault is None for r in found], sound, (1.0 - sound) / max(len(found) - 1, 1)))
+    middle, scatter = found[0].mean[0], found[0].scatter[0]
+    departure = (measured - middle) / np.hypot(np.sqrt(np.diag(scatter)), noise.deviation(middle))
+    departs = np.where(np.asarray(fails) | (np.abs(departure) > DEPARTS), np.sign(departure), 0.0)
     logs, weights, fits = [], [], []
     for r in found:
         off = measured - r.mean
-        spread = noise_of(r.mean, deviation) if isinstance(deviation, float) else np.broadcast_to(deviation, off.shape)
+        spread = noise.deviation(r.mean)
         covariance = r.scatter + spread[:, :, None] * np.eye(off.shape[1]) * spread[:, None, :]
         scale = np.sqrt(np.einsum("sii->si", covariance))
         matrix = covariance / (scale[:, :, None] * scale[:, None, :])
@@ -151,8 +165,11 @@ def judge(
         distance = np.einsum("sti,sti->s", x, np.linalg.solve(matrix, x))
         tails = (freedom + len(measured)) * np.log1p(distance / (freedom - 2.0))
         log = -0.5 * (tails + np.linalg.slogdet(matrix)[1]) - np.log(scale).sum(axis=1)
-        logs.append(logsumexp(log) - np.log(len(log)))
-        weights.append(np.exp(log - logsumexp(log)))
-        fits.append(chdtrc(off.shape[1], distance[np.argmax(log)]))
+        contrary = np.any((r.mean - middle) * departs < 0.0, axis=1)
+        allowed = np.where(contrary, -np.inf, log)
+        logs.append(logsumexp(allowed) - np.log(len(log)))
+        shown = log if contrary.all() else allowed
+        weights.append(np.exp(shown - logsumexp(shown)))
+        fits.append(chdtrc(off.shape[1], distance[np.argmax(shown)]))
     joint = prior + np.array(logs)
     return Judged(np.exp(joint - logsumexp(joint)), tuple(weights), np.array(fits))

@@ -9,6 +9,9 @@ from commonrail.base.csv_output import comment_line
 from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
 from commonrail.base.text import fixed, listed, megapascal, percent, signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
+from commonrail.plugins.diagnose.run import BAND_NOISE, FAILS, NOISE
+from commonrail.plugins.plans.page import test_name
+from commonrail.plugins.plans.study import State
 from commonrail.report.figure import drawings
 from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
@@ -24,12 +27,13 @@ WIDEST = 15.0  # standard deviations beyond which a marker stays at the edge; ch
 
 def diagnosis_lines(record: Record) -> list[str]:
     """Sentences: verdict, probabilities, and the next test."""
-    lines = [f"{record['plan']}: {_verdict(record)}"]
+    lines = [f"{record['plan']}: {_verdict(record)}{_outside(record)}"]
+    if record["verdict"] == "unexplained":
+        return lines + ([record["synthetic"]] if record["synthetic"] else [])
     named = [d for d in record["diagnoses"] if d["probability"] >= LEAST]
     rest = sum(d["probability"] for d in record["diagnoses"] if d not in named)
     words = ", ".join(f"{d['name']} {_share(d['probability'])}" for d in named)
-    trust = ", not to be believed since nothing fits" if record["verdict"] == "unexplained" else ""
-    lines.append(f"Probabilities{trust}: {words}; all others together {_share(rest)}.")
+    lines.append(f"Probabilities: {words}; all others together {_share(rest)}.")
     if record["next"]:
         lines.append(_next_sentence(record["next"][0], record["nominal"]))
     return lines + ([record["synthetic"]] if record["synthetic"] else [])
@@ -44,14 +48,19 @@ def _verdict(record: Record) -> str:
     if verdict == "cannot be told":
         return f"cannot be told: {' or '.join(record['leading'])}."
     if verdict == "unexplained":
-        return (
-            f"nothing in the table of faults explains these quantities; {best['name']} is nearest. Check plan, "
-            f"pressures and noise,{'' if record['nominal'] else ' take nominal quantities of the plan (--nominal),'} "
-            "or look for two faults at once."
-        )
-    if verdict == "sound":
-        return "sound."
+        nearest = "" if best["name"] == "sound" else f"; {best['name']} is nearest"
+        cure = "" if record["nominal"] else " take nominal quantities of the plan (--nominal),"
+        checks = f"Check plan, pressures and noise,{cure} or look for two faults at once."
+        return f"nothing in the table of faults explains these quantities{nearest}. {checks}"
+    if verdict in ("sound", FAILS):
+        return f"{verdict}{', inside makers’ scatter' * (verdict == FAILS)}."
     return f"{best['name']}: {best['parameter']} {best['size'][0]}; 90 %: {best['size'][1]} to {best['size'][2]}."
+
+
+def _outside(record: Record) -> str:
+    """Sentence, with a space before it, on the results outside their bands; empty without one."""
+    names = [f"{test_name(row)} {row['state']}" for row in record["tests"] if row["state"] != State.INSIDE.value]
+    return f" Outside the band: {listed(names)}." if names else ""
 
 
 def _next_sentence(item: Record, nominal: bool) -> str:
@@ -73,10 +82,6 @@ def _distance(row: Record, key: str) -> float:
     return float((row[key] - row["sound"]) / row["deviation"])
 
 
-def _name(row: Record) -> str:
-    return f"{row['test']} (return)" if row["measure"] == "return" else str(row["test"])
-
-
 def _test_table(record: Record, rows: Sequence[Record], note: str = "") -> Table:
     best = record["diagnoses"][0]["name"]
 
@@ -85,7 +90,7 @@ def _test_table(record: Record, rows: Sequence[Record], note: str = "") -> Table
         return fixed(row["measured"], 2, MM3), Cell(signed(far, 1), SMALL if abs(far) <= BAND else LARGE)
 
     parts = [
-        Part(("test",), lambda row: (_name(row),)),
+        Part(("test",), lambda row: (test_name(row),)),
         Part(
             ("rail, MPa", "energising, µs"),
             lambda row: (megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)),
@@ -137,6 +142,7 @@ def probability_figure(record: Record) -> Figure:
     others = len(record["diagnoses"]) - len(rows)
     before = f"Before the measurement sound had {_share(record['sound'])}, the faults the rest in equal parts."
     left = f" {others} more have less than {_share(LEAST)} each." if others else ""
+    left += " Nothing fits: they are not to be believed." if record["verdict"] == "unexplained" else ""
     return Figure("Probabilities", before + left, "probability, %", (panel,))
 
 
@@ -153,7 +159,7 @@ def quantity_figure(record: Record) -> Figure:
     series = (at("leading"), at("measured")) if best != "sound" else (at("measured"),)
     band = Bars("95 % of sound parts", "level", points(-BAND for _ in rows), points(BAND for _ in rows))
     caption = f"Distances from the mean of sound parts, with noise; a marker beyond {WIDEST:.0f} is at the edge."
-    panel = Panel("", series, bars=(band,), rows=tuple(map(_name, rows)))
+    panel = Panel("", series, bars=(band,), rows=tuple(map(test_name, rows)))
     return Figure("Measured beside sound parts", caption, "standard deviations", (panel,))
 
 
@@ -164,16 +170,16 @@ def diagnosis_figures(record: Record) -> list[Figure]:
 
 def _tiles(record: Record) -> list[Tile]:
     best, verdict = record["diagnoses"][0], record["verdict"]
-    level = CARE if verdict in ("cannot be told", "unexplained") else GOOD if verdict == "sound" else BAD
-    doubt = ", not to be believed" if verdict == "unexplained" else ""
+    level = CARE if verdict in ("cannot be told", "unexplained", FAILS) else GOOD if verdict == "sound" else BAD
     tiles = [
         Tile("diagnosis", verdict, listed(record["leading"]) if verdict == "cannot be told" else "", level),
-        Tile("probability", _share(best["probability"]), f"of {best['name']}{doubt}"),
     ]
+    if verdict != "unexplained":
+        tiles.append(Tile("probability", _share(best["probability"]), f"of {best['name']}"))
     if best["size"]:
         tiles.append(Tile("size", best["size"][0], best["parameter"]))
     far = max(record["tests"], key=lambda row: abs(_distance(row, "measured")))
-    tiles.append(Tile("farthest test", signed(_distance(far, "measured"), 1), f"standard deviations: {_name(far)}"))
+    tiles.append(Tile("farthest test", signed(_distance(far, "measured"), 1), f"standard deviations: {test_name(far)}"))
     return tiles
 
 
@@ -195,11 +201,18 @@ def diagnosis_html(record: Record, command: str) -> str:
         commands=[("Diagnose again", command)],
         facts=[
             ("Model of a sound part", f"{injector['title'] or injector['name']} ({injector['variant']})"),
-            ("Noise of bench and model", f"{percent(record['noise'], 1)} % of a quantity"),
+            ("Noise of bench and model", _noise(record["noise"])),
             ("Sound before the measurement", _share(record["sound"])),
             *((d["name"], f"range and source: {d['source']}") for d in record["diagnoses"] if d["source"]),
         ],
     )
+
+
+def _noise(share: float | None) -> str:
+    if share is not None:
+        return f"{percent(share, 1)} % of a quantity"
+    one, other, band = (percent(value, 0) for value in (*NOISE.values(), BAND_NOISE))
+    return f"{one} % of a delivery and {band} % of its half band, {other} % of a return (estimates)"
 
 
 DIAGNOSIS = Presenter.of_record(diagnosis_lines, diagnosis_tables, diagnosis_figures)

@@ -25,21 +25,28 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import RETURN, unread_inputs
 from commonrail.plugins.diagnose.evidence import (
     RESOLUTION,
+    BenchNoise,
     Judged,
     Response,
     judge,
     moments,
-    noise_of,
     regressed,
     responses,
 )
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.page import without_rate
-from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, TestPlan, load_plan
+from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, State, TestPlan, load_plan
 
 DRAWS = 64  # sound parts that are simulated with each size of each fault
-NOISE, SOUND = 0.01, 0.5  # of a bench, as a share of a quantity; probability of a sound part before the measurement
+# Standard deviations of workshop benches and of the model's relative changes, as shares of the quantity. A return is
+# mostly what guides leak, which follows the viscosity: 2 to 3 % for each kelvin. Estimates [E].
+NOISE = {Measure.DELIVERY: 0.03, Measure.RETURN: 0.10}
+# Of a delivery besides, as a share of its half band: an expanded uncertainty (twice that) of 30 % of the tolerance [E].
+# Small deliveries have wide bands since they are hard to make and to measure.
+BAND_NOISE = 0.15
+SOUND = 0.5  # probability of a sound part before the measurement
+FAILS = "fails the plan"
 TOLD = 0.9  # probability from which a diagnosis is stated as told; chosen
 UNEXPLAINED = 1e-3  # share of parts as far away below which nothing in the table explains the quantities; chosen
 TELLS = 2.0  # standard deviations from which a next test tells two diagnoses apart; chosen
@@ -122,7 +129,7 @@ class Diagnosis(Shown):
     next : tuple of NextTest
         Tests that tell the two leading diagnoses apart best, the best first; empty where one is told already.
     noise, sound : float
-        As they were given.
+        As they were given; the noise may be None.
     time_step : float
         [s].
     factors : (tests,)
@@ -136,7 +143,7 @@ class Diagnosis(Shown):
     responses: tuple[Response, ...]
     judged: Judged
     next: tuple[NextTest, ...]
-    noise: float
+    noise: float | None
     sound: float
     time_step: float
     factors: Floats | float = 1.0
@@ -154,10 +161,16 @@ class Diagnosis(Shown):
 
     @property
     def verdict(self) -> str:
-        """ "sound", the name of a fault, "cannot be told", or "unexplained" where even the best one hardly fits."""
+        """ "sound", the name of a fault, "cannot be told", or "unexplained" where even the best one hardly fits.
+
+        `FAILS` in place of "sound" where a result lies outside its band.
+        """
         if self.judged.fit[self.judged.order[0]] < UNEXPLAINED:
             return "unexplained"
-        return self.leading[0] if len(self.leading) == 1 else "cannot be told"
+        if len(self.leading) > 1:
+            return "cannot be told"
+        fails = any(state is not State.INSIDE for state in _states(self.data))
+        return FAILS if fails and self.leading == ("sound",) else self.leading[0]
 
     def size(self, name: str) -> tuple[float, float, float]:
         """Median and 90 % interval of a fault's size, between 0, its least, and 1, its most."""
@@ -179,8 +192,9 @@ class Diagnosis(Shown):
                 "sound": float(sound.mean[0, j]),
                 "deviation": float(self._deviation[j]),
                 "leading": float(leading.mean[at, j]),
+                "state": state.value,
             }
-            for j, test in enumerate(self.data.tests)
+            for j, (test, state) in enumerate(zip(self.data.tests, _states(self.data), strict=True))
         ]
         texts = {key: getattr(self.injector, key) for key in ("name", "title", "synthetic")}
         return {
@@ -202,7 +216,8 @@ class Diagnosis(Shown):
     def _deviation(self) -> Floats:
         """Standard deviation of each quantity of measured sound parts (tests,) [m³]."""
         sound = self.responses[0]
-        return np.hypot(np.sqrt(np.diag(sound.scatter[0])), noise_of(sound.mean[0], self.noise))
+        noise = bench_noise(self.data.tests, self.noise)
+        return np.hypot(np.sqrt(np.diag(sound.scatter[0])), noise.deviation(sound.mean[0]))
 
     def _row(self, i: int) -> dict[str, Any]:
         found = self.responses[i]
@@ -225,7 +240,7 @@ def diagnose(
     results: TestPlan | str | PathLike[str],
     *,
     faults: FaultTable | str | PathLike[str] | None = None,
-    noise: float | str = NOISE,
+    noise: float | str | None = None,
     sound: float | str = SOUND,
     nominal: bool = False,
     stroke_rate: Quantity | None = None,
@@ -245,8 +260,9 @@ def diagnose(
         Test plan with a column bench; tests without a result are left out.
     faults : FaultTable or path, optional
         Table of faults and of the scatter of sound parts; by default the one that ships.
-    noise : float or str
-        Standard deviation of the bench and of the model's own error, as a share of each quantity.
+    noise : float or str, optional
+        Standard deviation of the bench and of the model's own error, as a share of each quantity; by default that of
+        `bench_noise`.
     sound : float or str
         Probability before the measurement that the part is sound; all faults are equally likely.
     nominal : bool
@@ -268,7 +284,7 @@ def diagnose(
     """
     instance(injector, Injector, "injector")
     known = read_table(faults)
-    deviation, prior = fraction(noise, "noise"), fraction(sound, "sound")
+    share, prior = None if noise is None else fraction(noise, "noise"), fraction(sound, "sound")
     step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
@@ -284,11 +300,29 @@ def diagnose(
     factors = nominal_factors(data, found[0].mean[0]) if nominal else np.ones(len(data.tests))
     found = tuple(r.scaled(factors) for r in found)
     measured = np.array([test.bench for test in data.tests], float)
-    judged = judge(found, measured, deviation, prior)
-    result = Diagnosis(injector, data, found, judged, (), deviation, prior, step, factors)
+    fails = [state is not State.INSIDE for state in _states(data)]
+    judged = judge(found, measured, bench_noise(data.tests, share), prior, fails=fails)
+    result = Diagnosis(injector, data, found, judged, (), share, prior, step, factors)
     if len(result.leading) == 1:
         return result
     return replace(result, next=next_tests(result, bench, parts, centre))
+
+
+def _states(data: PlanData) -> list[State]:
+    return [test.state(test.bench or 0.0) for test in data.tests]
+
+
+def bench_noise(tests: Sequence[PlanTest], share: float | None = None) -> BenchNoise:
+    """Noise of a bench at tests [m³]: a share of each quantity, or that of a workshop.
+
+    That is the shares `NOISE`, and `BAND_NOISE` half bands of a delivery with two limits; of others the least of these.
+    """
+    if share is not None:
+        return BenchNoise(share)
+    closed = [test.measure is Measure.DELIVERY and None not in (test.lower, test.upper) for test in tests]
+    bands = [BAND_NOISE * min(test.half_bands) if full else math.inf for test, full in zip(tests, closed, strict=True)]
+    least = min(bands) if any(closed) else RESOLUTION
+    return BenchNoise(np.array([NOISE[test.measure] for test in tests]), np.where(closed, bands, least))
 
 
 def _note_edges(data: PlanData, sound: Response) -> None:
@@ -413,6 +447,7 @@ def _expected(
     """Mean and standard deviation of the tests behind the first n, given the results of these (tests,) [m³]."""
     response, weights = found.responses[i], found.judged.weights[i]
     measured = np.array([test.bench for test in found.data.tests], float) / found.factors
+    noise = bench_noise((*found.data.tests, *bench.data.tests[n:]), found.noise)
     means, variances = [], []
     sizes = [0.0] if response.fault is None else [_quantile(response, weights, q) for q in QUANTILES]
     for size in sizes:
@@ -421,7 +456,7 @@ def _expected(
         if pair is None:
             continue
         mean, scatter = pair
-        covariance = scatter + np.diag(noise_of(mean, found.noise) ** 2)
+        covariance = scatter + np.diag(noise.deviation(mean) ** 2)
         gain, left = regressed(covariance, n)
         means.append(mean[n:] + gain @ (measured - mean[:n]))
         variances.append(left)

@@ -23,10 +23,9 @@ from commonrail.base.text import listed, signed
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
-from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, noise_of, regressed
+from commonrail.plugins.diagnose.evidence import RESOLUTION, BenchNoise, moments, regressed
 from commonrail.plugins.diagnose.faults import FaultTable, Parts
 from commonrail.plugins.diagnose.run import (
-    NOISE,
     PlanBench,
     measured_tests,
     nominal_factors,
@@ -41,6 +40,7 @@ STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
 ASIDE = 20e-6  # of the energising time to either side for the nominal slope [s], above ripples; chosen
 LEAST_SLOPE = 1e-6  # of the quantity over the energising time [m³/s] where a part is trimmed: 1 mm³/ms; chosen
 FAR = 3.0  # standard deviations of measured sound parts beyond which a result is warned of; chosen
+NOISE = 0.01  # of a maker's bench, as a share of a quantity: an estimate
 DRAWS = 256  # sound parts behind the regression
 GRID = 5  # rail pressures, and energising times, of the map where none are stated
 
@@ -246,13 +246,13 @@ def regression(
     if made is None:
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {bench.data.name}.")
     mean, scatter = made
-    slopes = slopes[use]
+    slopes, bench_deviation = slopes[use], BenchNoise(noise).deviation(mean[:n])
     needed = scatter / np.outer(slopes, slopes)
-    needed[:n, :n] += np.diag((noise_of(mean[:n], noise) / slopes[:n]) ** 2 + step**2 / 12.0)
+    needed[:n, :n] += np.diag((bench_deviation / slopes[:n]) ** 2 + step**2 / 12.0)
     gain, left = regressed(needed, n)
     spread = np.asarray(np.sqrt(np.diag(scatter)), float)
     after = np.asarray(np.sqrt(np.maximum(left, 0.0)) * slopes[n:])
-    measured = np.asarray(np.hypot(spread[:n], noise_of(mean[:n], noise)))
+    measured = np.asarray(np.hypot(spread[:n], bench_deviation))
     return kept, middle[:n], Trimming(gain, slopes, spread[n:], after, measured)
 
 

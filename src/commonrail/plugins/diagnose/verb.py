@@ -29,7 +29,12 @@ def diagnose(
     model: Model,
     file: Results,
     *,
-    noise: Noise = "1%",
+    noise: Annotated[
+        str | None,
+        Option(
+            help="Standard deviation of bench and model, as a share of a quantity. [default: a workshop's, by bands]"
+        ),
+    ] = None,
     sound: Annotated[str, Option(help="Probability before the measurement that the part is sound.")] = "50%",
     nominal: Nominal = False,
     faults: Faults = None,
@@ -66,7 +71,7 @@ def diagnose(
         injector,
         tests,
         faults=faults,
-        noise=parse(noise, "1", "--noise"),
+        noise=None if noise is None else parse(noise, "1", "--noise"),
         sound=parse(sound, "1", "--sound"),
         nominal=nominal,
         stroke_rate=None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate"),

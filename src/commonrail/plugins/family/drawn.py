@@ -23,7 +23,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_quantities
-from commonrail.plugins.diagnose.evidence import Response, judge, responses
+from commonrail.plugins.diagnose.evidence import BenchNoise, Response, judge, responses
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, shipped_faults
 from commonrail.plugins.family.injector_type import InjectorType
 
@@ -227,7 +227,8 @@ def one_change(
         return ""
     measured, tolerance = points.quantity[points.judged], points.discrepancy(points.quantity)[points.judged]
     # a covariance of m degrees of freedom and q quantities leaves Student's t m - q + 1 (Gelman et al., 3.6)
-    judged = judge(found, measured, tolerance, 0.5, freedom=max(PARTS - len(measured), LEAST_FREEDOM))
+    noise = BenchNoise(0.0, tolerance)
+    judged = judge(found, measured, noise, 0.5, freedom=max(PARTS - len(measured), LEAST_FREEDOM))
     first, *_ = order = judged.order
     if found[first].fault is None or judged.fit[first] < RARE:
         return ""

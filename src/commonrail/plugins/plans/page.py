@@ -58,7 +58,7 @@ class PlanView(View):
     compared_figures = figures
 
 
-def _name(row: Record) -> str:
+def test_name(row: Record) -> str:
     """Name of a test, with its measure where that is the return."""
     return f"{row['test']} (return)" if row["measure"] == Measure.RETURN.value else str(row["test"])
 
@@ -85,7 +85,7 @@ def plan_table(data: Record, texts: Texts) -> Table:
     `data`: record of a plan; `texts`: heads by label.
     """
     parts = [
-        Part(("test",), lambda row: (_name(row),)),
+        Part(("test",), lambda row: (test_name(row),)),
         Part(("rail, MPa", "energising, µs"), lambda row: (megapascal(row["rail_pressure"]), _times(row))),
         Part(("band",), lambda row: (row["band"],)),
         Part(
@@ -116,7 +116,7 @@ def plan_figure(data: Record, models: Models) -> Figure:
         f"Tolerance fields of {data['name']}",
         f"Bars are what passes, zero is the nominal quantity; a marker beyond {WIDEST:.0f} half bands is at the edge.",
         "distance, half bands",  # short, for a telephone
-        (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=tuple(map(_name, rows))),),
+        (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=tuple(map(test_name, rows))),),
     )
 
 
@@ -141,8 +141,8 @@ def plan_lines(record: Record) -> list[str]:
     if any(row["bench"] for row in rows):
         lines.append(part_verdict(rows)[1])
     lines += [record["hint"]] if record["hint"] else []
-    lines += [f"{_name(row)} has no number: {row['reason']}" for row in rows if row["reason"]]
-    without = [_name(row) for row in rows if row["measure"] == Measure.RETURN.value and not row["stroke_rate"]]
+    lines += [f"{test_name(row)} has no number: {row['reason']}" for row in rows if row["reason"]]
+    without = [test_name(row) for row in rows if row["measure"] == Measure.RETURN.value and not row["stroke_rate"]]
     if without:
         lines.append(without_rate(without))
     return lines + ([record["synthetic"]] if record["synthetic"] else [])
@@ -167,7 +167,7 @@ def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
 def _outside(found: Sequence[tuple[Record, Record]]) -> str:
     """Behind a sentence: the tests outside, with their distances."""
     texts = [
-        f"{_name(row)} {f['state']} ({signed(f['distance'], 1)})" for row, f in found if f["state"] != State.INSIDE
+        f"{test_name(row)} {f['state']} ({signed(f['distance'], 1)})" for row, f in found if f["state"] != State.INSIDE
     ]
     return f" Outside: {', '.join(texts)}." if texts else ""
 
@@ -190,7 +190,7 @@ def _tiles(data: Record) -> list[Tile]:
 
 def _farthest(whose: str, found: Sequence[tuple[Record, Record]]) -> Tile:
     row, far = max(found, key=lambda pair: abs(pair[1]["distance"] or 0.0))
-    return Tile(f"{whose}, farthest", signed(far["distance"], 2), f"half bands: {_name(row)}")
+    return Tile(f"{whose}, farthest", signed(far["distance"], 2), f"half bands: {test_name(row)}")
 
 
 def plan_figures(record: Record) -> list[Figure]:
