@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -55,16 +54,10 @@ OWN = {
     "peak_us": ("drive.peak_duration", 1e-6),
     "hold_A": ("drive.hold_current", 1.0),
 }
-STUDY = Path(__file__).resolve().parents[1] / "cases/cri2-16/study.toml"
-SISTER = "as of a part of the type CRI2-16: fitted to map 164, github.com/suertang/AI_ETMAP, commit b3a8019"
 ESTIMATE = "estimate"
-# What a family's prior has besides the catalogue's injector of its kind: for CRI the prior of `STUDY`, which another
-# part's map gave, without its drive and nozzle, which the plans state or a flow replaces; guides by the same estimates.
-GUIDES = {"plunger_needle.gap_widening": "0.0218 um/MPa", **dict.fromkeys(("plunger_needle.plunger_gap",
-          "plunger_needle.needle_gap"), "3 um")}  # fmt: skip
+# What a family's prior has besides the catalogue's injector of its kind.
+GUIDES = dict.fromkeys(("plunger_needle.plunger_gap", "plunger_needle.needle_gap"), "3 um")
 SPECIAL = {
-    # pilots of 160 to 240 us ask for a stiffer control chamber and less lag than the type CRI2-16
-    **{name: {"control_chamber.volume": "20 mm3", "solenoid.eddy_lag": "40 us"} for name in ("CRI10", "CRI21")},
     # returns of some 40 mm3 at 180 MPa
     "CRIN3": dict.fromkeys(("plunger_needle.plunger_gap", "plunger_needle.needle_gap"), "2.2 um"),
     # pilots of 160 us ask for a valve as fast as that of CRI2-16 and a stiff control chamber
@@ -132,18 +125,8 @@ class Part(NamedTuple):
 
 def prior_of(family: str) -> tuple[cr.Injector, dict[str, str]]:
     """Injector about which a family is sought, and sources of what it has besides the catalogue's."""
-    if family.startswith("CRIN"):
-        values, sources = dict(GUIDES), dict.fromkeys(GUIDES, ESTIMATE)
-    else:
-        study = tomllib.loads(STUDY.read_text(encoding="utf-8"))
-        values = {p["name"]: p["prior"]["value"] for p in study["parameter"] if "prior" in p}
-        values |= {p["name"]: p["value"] for p in study["fixed"]}
-        stated = [name for name, _ in OWN.values()]
-        values = {k: v for k, v in values.items() if k not in stated and not k.startswith("nozzle.shape")}
-        sources = dict.fromkeys(values, SISTER) | dict.fromkeys(GUIDES, ESTIMATE)
-    values |= SPECIAL.get(family, {})
-    sources |= dict.fromkeys(SPECIAL.get(family, {}), ESTIMATE)
-    return cr.load_injector(base_of(family)).with_values(values), sources
+    values = GUIDES | SPECIAL.get(family, {})
+    return cr.load_injector(base_of(family)).with_values(values), dict.fromkeys(values, ESTIMATE)
 
 
 def base_of(family: str) -> str:

@@ -361,3 +361,17 @@ def test_a_flexible_direct_acting_injector_is_refused(tmp_path: Path) -> None:
     dumped.write_text(text.replace('variant = "rigid"', 'variant = "flexible"'), encoding="utf-8")
     with pytest.raises(InputError, match="a direct-acting injector has a rigid body"):
         load_injector(dumped)
+
+
+@pytest.mark.parametrize("name", ["cri2-16", "crin", "cri1-0", "cri2-0", "cri2-1", "cri2-2", "crin1", "crin2", "crin3"])
+def test_servo_injectors_plunger_and_needle_are_rods_of_steel(name: str) -> None:
+    values = load_injector(name).values
+    rods = [(4.3e-3, 14e-3)] * 5 + [(4.0e-3, 20e-3), (2.7e-3, 20e-3)]  # diameters and lengths that the entries state
+    for i, (diameter, length) in enumerate(rods, start=1):
+        section = math.pi / 4.0 * diameter**2
+        # 1e-3: values are stated with four digits
+        assert values[f"plunger_needle.m{i}"] == pytest.approx(7850.0 * section * length, rel=1e-3)
+        assert values[f"plunger_needle.k{i}"] == pytest.approx(210e9 * section / length, rel=1e-3)
+    assert math.degrees(values["needle_seat.cone_angle"]) == pytest.approx(60.0)
+    assert values["plunger_needle.gap_widening"] > 0.0
+    assert values["valve.stop_disc"] > 0.0

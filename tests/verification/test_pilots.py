@@ -195,3 +195,16 @@ def test_the_sac_does_not_swing_about_the_accumulation_pressure(pwm: Injector) -
     print("largest swing, MPa:", size.max(initial=0.0) / 4e6)
     # it settles from 0.4 MPa within some steps; it was 110 to 170 MPa, and went on
     assert size.max(initial=0.0) / 4.0 < 1e6
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_pilots_of_the_catalogue_grow_with_energising_time(factor: float) -> None:
+    """Between 210 and 220 us at 160 MPa they fell from 1.44 mm³ to nothing, with the valve's contact damping alone."""
+    injector = load_injector("cri2-16")
+    injector = injector.with_values({"valve.contact_damping": factor * injector.values["valve.contact_damping"]})
+    times = np.arange(150.0, 305.0, 5.0)
+    points = [OperatingPoint(p, t * 1e-6, 0.5e6, 0.1e6) for p in (40e6, 80e6, 120e6, 160e6) for t in times]
+    quantity = volumes(injector, points, 1e-6).reshape(4, -1)
+    falls = np.max(-np.diff(quantity), axis=1)
+    print("largest falls [mm³]:", falls)
+    assert np.all(falls < 0.05)  # here 0.01; of the entry without films 0.07 to 1.4
