@@ -80,7 +80,7 @@ FIELDS: dict[type, str] = {
     direct_needle.ArmatureCoefficients: "1/kg, m, m, N, N/m, N s/m, N/m, s/m",
     direct_needle.Coefficients: "1/kg, N, N/m, N s/m",
     direct_needle.Loads: "N, N",
-    direct_needle.State: "m, m/s",
+    direct_needle.State: "m, m/s, N",
     direct_needle.Contacts: "of its own, of its own, of its own, of its own",
     drive.State: "1",
     drive.Schedule: "1, 1",

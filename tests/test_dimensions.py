@@ -150,7 +150,9 @@ def known() -> dict[type, Any]:
     )
     d = direct_model()
     masses, load = direct_acting.moving_masses(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
-    made[direct_needle.State] = direct_needle.State(*(uniform(direct_needle.Pair, unit, 1.0) for unit in ("m", "m/s")))
+    made[direct_needle.State] = direct_needle.State(
+        *(uniform(direct_needle.Pair, unit, 1.0) for unit in ("m", "m/s", "N"))
+    )
     made[direct_needle.Contacts] = direct_needle.Contacts(*4 * (with_units(contact.Contact, (40.0, 5.0)),))
     made |= {type(each): each for each in (load, masses, *nested(d.p), *nested(d.c))}
     return made | {

@@ -4,21 +4,22 @@ No control chamber, no A- and Z-hole, no control valve and no return: the armatu
 both injectors have bear the same names in both, so that the laws between them (`connections`, and those of `step` that
 are "of either actuation") serve both.
 
-As in `step`, positions, pressures and flux stand at t_n, velocities at t_n − dt/2. Armature and needle move first under
-the forces of t_n; then the flux follows with the gap of mid-step; then the SAC, the stiffest volume, is filled, and
-what flows through the seat is drawn from the accumulation volume, which the feed pipe replenishes.
+As in `step`, positions, pressures and flux are those of t_n, velocities a little older. Armature and needle move first;
+then the flux follows with the gap of mid-step; then the SAC, the stiffest volume, is filled, and what flows through the
+seat is drawn from the accumulation volume, which the feed pipe replenishes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 from commonrail.physics import fuel_kernel as fuel
 from commonrail.physics.components import direct_needle, drive, feed_pipe, needle_seat, nozzle, solenoid
 from commonrail.physics.components.plunger_needle import Motion
-from commonrail.physics.connections import Volumes, middle, remembered_lift
-from commonrail.physics.flow import Contents, Flow, contents, filled
+from commonrail.physics.connections import Volumes, middle, nozzle_cda2, remembered_lift, seat_cda2
+from commonrail.physics.flow import Contents, Flow, contents, filled, jet, orifice
 from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import physics
 from commonrail.physics.model import (
@@ -36,7 +37,7 @@ from commonrail.physics.model import (
     lag_fraction,
     seat_contact,
 )
-from commonrail.physics.step import AirGap, StepGeometry, fill_accumulation, fill_sac, magnetise
+from commonrail.physics.step import AirGap, SacFlows, StepGeometry, fill_accumulation, limit_sac, magnetise
 
 
 class Parameters(NamedTuple):
@@ -184,6 +185,45 @@ def loads(c: Coefficients, s: State) -> direct_needle.Loads:
 def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
     """Volumes that the needle leaves to the fuel; there is no control chamber."""
     return Volumes(0.0, accumulation_volume(c, lifts.tip), needle_seat.sac_volume(c.sac, c.needle_seat.area, lifts.tip))
+
+
+@physics
+def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, discharge: float, at: StepGeometry) -> SacFlows:
+    """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, by Eq. (4), the nozzle's late flow not linearised.
+
+    A needle that leaves its seat empties the SAC, and fuel fills the cavity within a few steps: linearised there, the
+    nozzle's flow alternates between far too little and far too much. The end of the step has the pressure at which the
+    flow is q, q |q| + 2 q_h q = 2 ρ (c_d A)² (p − p_cylinder), so that the balance is a quadratic in q.
+
+    `upstream`: pressure in the accumulation volume [Pa]; `discharge`: discharge coefficient of the nozzle [1].
+    """
+    here, before, tip = s.sac, s.accumulation.fuel.density, middle(at.old.tip, at.new.tip)
+    seat = orifice(seat_cda2(c, upstream, here.pressure, tip), before, c.needle_seat.offset)
+    through = nozzle_cda2(c, here.pressure, u.cylinder, discharge)
+    spray = jet(through.cda2_dp, here.density, c.nozzle.offset)
+    # dp/dρ times the step; a cavity fills as fuel in tension would, from a pressure that much lower
+    tension = c.fuel.p1 * c.fuel.inverse_reference_density
+    cavity = here.stiffness == 0.0
+    gain = at.dt * (tension if cavity else here.stiffness)
+    volume, growing = middle(at.before.sac, at.after.sac), 2.0 * here.density * through.cda2
+    lacking = volume * (tension * here.density - c.fuel.p1 - here.pressure) if cavity else 0.0
+    # weight of the step's end in its mean: the more, the stiffer the SAC
+    soft, stiff = volume * spray.root, gain * (seat.slope * spray.root + 0.5 * growing)
+    weight = (3.0 * soft + stiff) / (6.0 * soft + stiff)
+    late_gap = seat_cda2(c, upstream, here.pressure, at.old.tip + weight * (at.new.tip - at.old.tip))
+    late = orifice(late_gap, before, c.needle_seat.offset)
+    room = volume + gain * weight * late.slope
+    supply = late.mass_flow - here.density * (at.after.sac - at.before.sac) / at.dt
+    early = (1.0 - weight) * spray.mass_flow
+    balance = 2.0 * here.density * room * through.cda2_dp + growing * (lacking + gain * (supply - early))
+    half = room * c.nozzle.offset + 0.5 * gain * weight * growing
+    size = abs(balance) / (half + math.sqrt(half * half + room * abs(balance)))
+    outflow = early + weight * (size if balance >= 0.0 else max(-size, spray.mass_flow if cavity else -size))
+    rise = (lacking + gain * (supply - outflow)) / room
+    rise = max(rise, 0.0) if cavity else rise
+    mass = here.mass + at.dt * (late.mass_flow - weight * late.slope * rise - outflow)
+    inflow = seat.mass_flow - 0.5 * seat.slope * rise  # of mid-step, whatever the weight
+    return limit_sac(c, s, u, upstream, SacFlows(inflow, inflow, mass), at)
 
 
 class DirectLaws(NamedTuple):

@@ -200,7 +200,7 @@ def magnetise(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: f
 
 @physics
 def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geometry: StepGeometry) -> SacFlows:
-    """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, both by Eq. (4); of either actuation.
+    """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, both by Eq. (4).
 
     `upstream`: pressure in the accumulation volume [Pa]; `discharge`: discharge coefficient of the nozzle [1].
     """
@@ -214,11 +214,19 @@ def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geome
     departure = mean_departure_of(here, balance, geometry.before.sac, geometry.after.sac, dt)
     inflow = seat.mass_flow - seat.slope * departure
     outflow = spray.mass_flow + spray.slope * departure
-    # limits of the linearisation: what is cut off is taken from the flow that was too large
-    filled = here.mass + dt * (inflow - outflow)
-    limited = _not_past_accumulation(here, upstream, before, filled, geometry.after.sac)
-    per_step = 1.0 / dt  # the same for all lanes: divided once
-    inflow = inflow - (filled - limited) * per_step
+    return limit_sac(c, s, u, upstream, SacFlows(inflow, outflow, here.mass + dt * (inflow - outflow)), geometry)
+
+
+@physics
+def limit_sac(c: Any, s: Any, u: Inputs, upstream: float, flows: SacFlows, geometry: StepGeometry) -> SacFlows:
+    """SAC within the limits of the linearisation: what is cut off is taken from the flow that was too large.
+
+    `upstream`: pressure in the accumulation volume [Pa]; `flows`: not yet limited; the nozzle's is what remains.
+    """
+    here, before = s.sac, s.accumulation.fuel.density
+    limited = _not_past_accumulation(here, upstream, before, flows.mass, geometry.after.sac)
+    per_step = 1.0 / geometry.dt  # the same for all lanes: divided once
+    inflow = flows.seat - (flows.mass - limited) * per_step
     mass = _not_past_cylinder(c, here, u.cylinder, limited, geometry)
     return SacFlows(inflow, inflow - (mass - here.mass) * per_step, mass)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.components.contact import Contact, mean_overlap
+from commonrail.physics.components.contact import Contact, contact, mean_overlap
 from commonrail.physics.components.plunger_needle import Motion, SeatContact
 from commonrail.physics.law import Domain, Q, physics
 
@@ -103,13 +103,6 @@ class Pair(NamedTuple):
     needle: float
 
 
-class State(NamedTuple):
-    """Positions at t_n [m] and velocities at t_n − dt/2 [m/s]."""
-
-    z: Pair
-    v: Pair
-
-
 class Masses(NamedTuple):
     """Coefficients of the two masses."""
 
@@ -122,6 +115,14 @@ class Loads(NamedTuple):
 
     magnetic: float
     pressure: float
+
+
+class State(NamedTuple):
+    """Positions at t_n [m], velocities an eighth of a step before [m/s], and the loads one step before [N]."""
+
+    z: Pair
+    v: Pair
+    load: Pair
 
 
 class Contacts(NamedTuple):
@@ -153,26 +154,15 @@ def lifts(z: Pair) -> Motion:
 
 
 @physics
-def contact_along_path(depth: float, move: float, stiffness: float, factor: float) -> Contact:
-    """Contact force and damping with the overlap averaged along the path of a leapfrog step.
-
-    `depth`: overlap δ in the middle of the path [m], negative where the bodies are apart; `move`: half the path [m];
-    zero for the contact at an instant; `stiffness`: k [N/m]; `factor`: Hunt–Crossley factor β [s/m].
-    """
-    elastic = stiffness * mean_overlap(depth, move)
-    return Contact(elastic, elastic * factor)
-
-
-@physics
 def contacts(m: Masses, seat: SeatContact, z: Pair, path: Pair) -> Contacts:
     """All four contacts; `z`: positions [m]; `path`: half the paths of the step [m], zero at an instant."""
     a = m.armature
     k, factor = a.contact_stiffness, a.contact_damping
     return Contacts(
-        contact_along_path(-z.armature, path.armature, k, factor),
-        contact_along_path(z.armature - a.travel, path.armature, k, factor),
-        contact_along_path(z.armature - a.idle_stroke - z.needle, path.armature - path.needle, k, factor),
-        contact_along_path(-z.needle, path.needle, seat.stiffness, seat.damping),
+        contact(mean_overlap(-z.armature, path.armature), k, factor),
+        contact(mean_overlap(z.armature - a.travel, path.armature), k, factor),
+        contact(mean_overlap(z.armature - a.idle_stroke - z.needle, path.armature - path.needle), k, factor),
+        contact(mean_overlap(-z.needle, path.needle), seat.stiffness, seat.damping),
     )
 
 
@@ -188,9 +178,19 @@ def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
 
 @physics
 def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step."""
+    """State after four leapfrog steps, which resolve the contacts; the loads go on as they did over the step before."""
+    now, quarter = Pair(load.magnetic, load.pressure), 0.25 * dt
+    rise = Pair(0.25 * (now.armature - s.load.armature), 0.25 * (now.needle - s.load.needle))
+    half = leap(m, seat, leap(m, seat, State(s.z, s.v, now), rise, quarter), rise, quarter)
+    last = leap(m, seat, leap(m, seat, half, rise, quarter), rise, quarter)
+    return State(last.z, last.v, now)
+
+
+@physics
+def leap(m: Masses, seat: SeatContact, s: State, rise: Pair, dt: float) -> State:
+    """State after one leapfrog step, all dampers implicit at mid-step; `rise`: growth of the loads over it [N]."""
     at = contacts(m, seat, s.z, Pair(dt * s.v.armature, dt * s.v.needle))
-    force = forces(m, s.z, load, at)
+    force = forces(m, s.z, Loads(s.load.armature, s.load.needle), at)
     a, n = dt * m.armature.per_mass, dt * m.needle.per_mass
     own_a = 0.5 * a * (m.armature.damping + at.rest.damping + at.stop.damping + at.push.damping)
     own_n = 0.5 * n * (m.needle.damping + at.seat.damping + at.push.damping)
@@ -202,7 +202,8 @@ def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> S
         ((1.0 + own_n) * gain_a + by_needle * gain_n) * per_determinant,
         ((1.0 + own_a) * gain_n + by_armature * gain_a) * per_determinant,
     )
-    return State(Pair(s.z.armature + dt * v.armature, s.z.needle + dt * v.needle), v)
+    load = Pair(s.load.armature + rise.armature, s.load.needle + rise.needle)
+    return State(Pair(s.z.armature + dt * v.armature, s.z.needle + dt * v.needle), v, load)
 
 
 @physics
@@ -228,4 +229,4 @@ def at_rest(m: Masses, seat: SeatContact, load: Loads) -> State:
     a, n = m.armature, m.needle
     held_a = a.spring_preload / (a.contact_stiffness + a.spring_stiffness)
     held_n = (n.spring_preload - load.pressure) / (seat.stiffness + n.spring_stiffness)
-    return State(Pair(-held_a, -held_n), Pair(0.0, 0.0))
+    return State(Pair(-held_a, -held_n), Pair(0.0, 0.0), Pair(load.magnetic, load.pressure))
