@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-import struct
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -20,8 +19,7 @@ from commonrail.runs.folder import read_fit
 from commonrail.runs.journal import JOURNAL, LOCK, Journal, held_run, read_about
 from tests.cli.conftest import run_command
 from tests.runs.conftest import Whole
-
-SECTOR, END = 512, bytes.fromhex("d9d505f920a163d7")
+from tools.attack.samples import add_rollback
 
 
 @pytest.fixture
@@ -30,22 +28,13 @@ def run(whole: Whole, tmp_path: Path) -> Path:
     return Path(shutil.copytree(whole.run, tmp_path / "run"))
 
 
-def _add_rollback(database: Path, victim: Path) -> None:
-    """Put a rollback journal beside a database that makes SQLite delete another file."""
-    content, name = database.read_bytes(), str(victim).encode()
-    (page,) = struct.unpack(">H", content[16:18])
-    head = END + struct.pack(">IIIII", 0, 1, len(content) // page, SECTOR, page)
-    last = struct.pack(">I", 0x40000000 // page + 1) + name + struct.pack(">II", len(name), sum(name)) + END
-    database.with_name(f"{database.name}-journal").write_bytes(head.ljust(SECTOR, b"\0") + last)
-
-
 @pytest.mark.parametrize("name", [JOURNAL, LOCK])
 def test_a_rollback_journal_deletes_no_file(run: Path, tmp_path: Path, name: str) -> None:
     victim = tmp_path / "victim"
     victim.write_text("precious")
     if name == LOCK:
         shutil.copy(run / JOURNAL, run / LOCK)
-    _add_rollback(run / name, victim)
+    add_rollback(run / name, victim)
     with pytest.raises(StudyError):
         resume(run)
     assert victim.is_file()

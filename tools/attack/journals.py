@@ -23,8 +23,9 @@ from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import injector_text
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.folder import read_run
-from commonrail.runs.journal import JOURNAL, Journal, read_about
+from commonrail.runs.journal import JOURNAL, LOCK, Journal, read_about
 from tools.attack.base import attack, command, flipped
+from tools.attack.samples import add_rollback, refusal
 
 SMALL = {"members = 24": "members = 8", "generations = 30": "generations = 8"}
 STOPPED = 6  # steps that were done when the run was killed
@@ -233,6 +234,22 @@ def lost_log(folder: Path, times: int) -> str:
                     return str(error)
             else:
                 return f"{read.__name__} goes on without a word"
+    return ""
+
+
+@attack(few=0)
+def foreign_rollback(folder: Path, times: int) -> str:
+    """A rollback journal beside a journal or a lock deletes no file."""
+    for name in (JOURNAL, LOCK):
+        run = Path(shutil.copytree(ground().merged, folder / name))
+        if name == LOCK:
+            shutil.copy(run / JOURNAL, run / LOCK)
+        victim = folder / f"victim of {name}"
+        victim.write_text("precious", encoding="utf-8")
+        add_rollback(run / name, victim)
+        said = refusal(lambda run=run: resume(run, threads=1))  # type: ignore[misc]
+        if not (said and victim.is_file()):
+            return f"{name}: {said or 'it is taken'}{'' if victim.is_file() else ', and a file is deleted'}"
     return ""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from tools.make_fleet import make_fleet
 
 LINK = '=HYPERLINK("http://127.0.0.1/","open")'
 
+_SECTOR, _END = 512, bytes.fromhex("d9d505f920a163d7")  # of a rollback journal of SQLite
 _SHORT = {"members = 24": "members = 8", "generations = 30": "generations = 3", "polish = 3": "polish = 0"}
 
 
@@ -78,3 +80,12 @@ def after_steps(count: int, deed: Callable[[], object]) -> Listener:
             done.append(deed())
 
     return Listener(progress)
+
+
+def add_rollback(database: Path, victim: Path) -> None:
+    """Put a rollback journal beside a database that makes SQLite delete another file."""
+    content, name = database.read_bytes(), str(victim).encode()
+    (page,) = struct.unpack(">H", content[16:18])
+    head = _END + struct.pack(">IIIII", 0, 1, len(content) // page, _SECTOR, page)
+    last = struct.pack(">I", 0x40000000 // page + 1) + name + struct.pack(">II", len(name), sum(name)) + _END
+    database.with_name(f"{database.name}-journal").write_bytes(head.ljust(_SECTOR, b"\0") + last)

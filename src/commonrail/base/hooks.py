@@ -173,10 +173,7 @@ def check_stop() -> None:
 
 
 def check_unheld_stop() -> None:
-    """Raise KeyboardInterrupt if a stop was asked for, unless a block of `held_interrupts` looks after that.
-
-    Called between batches of simulations, before results are written and at the end of a command.
-    """
+    """Raise KeyboardInterrupt if a stop was asked for, unless a block of `held_interrupts` looks after that."""
     if not _STOP.holders:
         _STOP.check()
 

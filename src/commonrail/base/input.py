@@ -171,10 +171,7 @@ _LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+?)\r?")
 
 
 def check_sum(path: Path) -> None:
-    """Refuse a file that is not the one that was written, as far as there is a checksum beside it.
-
-    Raises `InputError` if the checksums list the file with another digest, or cannot be read.
-    """
+    """Refuse a file as `check_sums` does, as far as there is a checksum beside it."""
     check_sums(path.parent, path.name)
 
 

@@ -9,7 +9,6 @@ import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -20,17 +19,8 @@ from commonrail.base.input import SUMS, digest, listed
 _CONTROL = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")  # but tabs
 PART = ".part"  # end of the name of a file that is being written
 
-
-@dataclass
-class _FileSet:
-    """Files of a folder that are being written as one: where each is by its place, and those to be removed."""
-
-    folder: Path
-    parts: dict[Path, Path]
-    stale: set[str]
-
-
-_set: ContextVar[_FileSet | None] = ContextVar("_set", default=None)
+# Folder of the set that is being written, and by its place where each file is until then; None if it is to be removed.
+_set: ContextVar[tuple[Path, dict[Path, Path | None]] | None] = ContextVar("_set", default=None)
 
 
 @contextmanager
@@ -72,10 +62,11 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
-            if (joint := _set.get()) is not None and path.is_relative_to(joint.folder):
-                if (before := joint.parts.pop(path, None)) is not None:
+            joint, parts = _set.get() or (None, {})
+            if joint is not None and path.is_relative_to(joint):
+                if (before := parts.get(path)) is not None:
                     before.unlink()
-                joint.parts[path] = part
+                parts[path] = part
                 return
             os.replace(part, path)
         except BaseException:
@@ -138,36 +129,39 @@ def summed(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterato
     `stale`: files of the former set that are not of the new one, and are removed; `inputs`: digests by name of files
     that are there already. Raises `OutputError` if a file cannot be written.
     """
-    outer = _set.get()
-    if outer is not None:
-        yield
-        outer.stale.update(stale)
-        return
     check_target(folder / SUMS)
-    written = _FileSet(folder, {}, set(stale))
+    removed = dict.fromkeys((folder / name for name in stale), None)
+    if (outer := _set.get()) is not None:
+        yield
+        outer[1].update({**removed, **outer[1]})
+        return
+    parts: dict[Path, Path | None] = {}
     try:
-        token = _set.set(written)
+        token = _set.set((folder, parts))
         try:
             yield
         finally:
             _set.reset(token)
-        new = {place.relative_to(folder).as_posix(): digest(part) for place, part in written.parts.items()}
-        stale_names = written.stale - set(new)
+        parts = {**removed, **parts}
         sums: dict[str, str] = {}
         with suppress(InputError):  # damaged ones are replaced
             sums = listed(folder / SUMS) if (folder / SUMS).is_file() else {}
-        sums = {name: text for name, text in {**sums, **inputs, **new}.items() if name not in stale_names}
+        sums |= inputs
+        for place, part in parts.items():
+            sums[place.relative_to(folder).as_posix()] = "" if part is None else digest(part)
         with replacing(folder / SUMS, "wb") as stream:
             # a line holds no name with two lines
-            stream.writelines(os.fsencode(f"{text}  {name}\n") for name, text in sums.items() if "\n" not in name)
+            lines = (f"{text}  {name}\n" for name, text in sums.items() if text and "\n" not in name)
+            stream.writelines(map(os.fsencode, lines))
     except BaseException:
         with suppress(OSError):
-            for part in written.parts.values():
+            for part in filter(None, parts.values()):
                 part.unlink()
         raise
     with writing(folder):
-        for place, part in written.parts.items():
-            os.replace(part, place)
-        for name in stale_names:
-            (folder / name).unlink(missing_ok=True)
+        for place, part in parts.items():
+            if part is None:
+                place.unlink(missing_ok=True)
+            else:
+                os.replace(part, place)
     _sync_folder(folder)

@@ -7,7 +7,6 @@ import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -122,8 +121,7 @@ def make_live(outcome: Outcome) -> None:
     from commonrail.report.result_kind import kind_of
 
     if outcome.report.is_file() and kind_of(outcome.folder).still:
-        with suppress(KeyboardInterrupt):
-            write_report(outcome.folder)
+        write_report(outcome.folder)
 
 
 def _print_tables(record: Mapping[str, Any]) -> None:

@@ -29,6 +29,7 @@ from commonrail.readers.location import LONGEST_NAME, check_columns, read_lines,
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
 LONGEST_NUMBER = 100  # [characters]
+LARGEST_PLAIN = 1_000_000_000  # file that the program has written, such as the curves of a large study [bytes]
 MOST_COMMENTS = 1000  # that are kept
 
 NumberedRows = Iterator[tuple[int, list[str]]]  # line of the file on which a row begins, and its cells
@@ -41,27 +42,18 @@ _QUOTED = re.compile(r'"[^"]*"')
 class CsvFile:
     """CSV file, a `Sheet`; its `rows` can be gone through once, and its `comments` are complete then.
 
-    The cells of the text are separated by commas, semicolons or tabs; at most `most` rows and `largest` bytes are
-    read. A `plain` file is one that the program has written: commas, comments only above the header, names and texts
-    as they stand.
+    The cells of the text are separated by commas, semicolons or tabs; at most `most` rows are read. A `plain` file
+    is one that the program has written: commas, comments only above the header, names and texts as they stand.
     Raises `InputError` if the file cannot be read, has no row or too many columns. A row that cannot be read, has
     more or fewer cells than the header or is one too many is found when its turn comes.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        form: FileForm = PLAIN,
-        *,
-        most: int = MOST_ROWS,
-        largest: int = LARGEST_FILE,
-        plain: bool = False,
-    ) -> None:
+    def __init__(self, path: Path, form: FileForm = PLAIN, *, most: int = MOST_ROWS, plain: bool = False) -> None:
         self.path = path
         self.apart = False
         self._decimal = form.decimal
         self.comments: list[str] = []
-        lines = _lines(read_lines(path, largest, form.encoding), self.comments, plain)
+        lines = _lines(path, self.comments, plain, form.encoding)
         first = next(lines, None)
         if first is None:
             raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
@@ -180,10 +172,10 @@ def _cells(path: Path, lines: Iterator[tuple[int, str]], delimiter: str, plain: 
         yield taken[0], row
 
 
-def _lines(lines: Iterator[str], comments: list[str], plain: bool) -> Iterator[tuple[int, str]]:
+def _lines(path: Path, comments: list[str], plain: bool, encoding: str) -> Iterator[tuple[int, str]]:
     """Lines that count with their numbers; the others join the comments."""
     header = False
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(read_lines(path, LARGEST_PLAIN if plain else LARGEST_FILE, encoding), 1):
         if line.lstrip().startswith("#") and not (plain and header):
             if len(comments) < MOST_COMMENTS:
                 comment = line.lstrip()[1:].strip()

@@ -43,13 +43,11 @@ from commonrail.report.fit.verdict import (
 )
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind, kind_of
-from commonrail.runs.folder import RESULT, TRACES, final_text
+from commonrail.runs.folder import POSTERIOR, RESULT, TRACES, final_text
 from commonrail.runs.journal import JOURNAL, best_course, held_run
 from commonrail.runs.traces import read_traces
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
-# Draws of a posterior: arrays "points" (chains, steps, parameters) [SI], "names" and "refused".
-POSTERIOR = "posterior.npz"
 MAIN_HEIGHT = 420  # of the chart on the first screen [px]
 FOREST = 9  # parameters on the first screen
 OPEN, LONG = 2, 12  # tables of errors that are not folded, and their rows at most

@@ -239,10 +239,7 @@ def _run(journal: Journal, study: _Study, checkpoint: Checkpoint | None, work: W
 
 
 def _check_free(folder: Path, copies: Sequence[str]) -> None:
-    """Refuse a folder in use, but not what a run of the same study left that was killed before it was ready to start.
-
-    `copies`: names of the files that such a run has copied.
-    """
+    """Refuse a folder in use, but not what a run with the same copies left that was killed before it could start."""
     if not folder.is_dir():
         refuse_used(folder)
         return

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, NoReturn, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -197,18 +197,16 @@ def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log:
     (fault,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
     if fault != "ok":
         raise ValueError(fault)
+    log = ""
     for table in schema.tables:
         for row in read_rows(connection, table):
-            if (table, *row) == ("about", "log", NEEDED) and not with_log:
-                _refuse_without_log(path)
+            log = str(row[1]) if (table, row[0]) == ("about", "log") else log
+    if log == NEEDED and not with_log:
+        raise StudyError(
+            f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
+            "journal, or take a copy of both."
+        )
     return True
-
-
-def _refuse_without_log(path: Path) -> NoReturn:
-    raise StudyError(
-        f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
-        "journal, or take a copy of both."
-    )
 
 
 def _has_log(path: Path) -> bool:
@@ -288,7 +286,7 @@ class Journal(JournalFile):
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
         with suppress(OSError):  # what a process left of files that it was writing when it was killed
-            for path in folder.glob(f".*{PART}"):
+            for path in folder.rglob(f".*{PART}"):
                 path.unlink()
 
     @property

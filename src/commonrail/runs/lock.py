@@ -63,10 +63,7 @@ def _sentence(path: Path, error: sqlite3.Error) -> CommonrailError:
 
 
 def refuse_rollback(path: Path) -> None:
-    """Refuse (`StudyError`) a rollback journal beside a file of SQLite, which this program never leaves.
-
-    SQLite would apply it to the file, and would delete any file that it names.
-    """
+    """Refuse (`StudyError`) a rollback journal, which no run leaves: SQLite deletes the file that it names."""
     rollback = path.with_name(f"{path.name}-journal")
     with suppress(FileNotFoundError):
         if not rollback.lstat().st_size:  # the lock of earlier versions

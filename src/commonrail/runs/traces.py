@@ -24,7 +24,6 @@ Traces = dict[str, Trace]
 TIME = "time_s"
 MOST_COLUMNS = 20  # eight models, the data and what names them
 MOST_SETS = 1000  # curves
-LARGEST = 1_000_000_000  # of as many samples as a study may have, with all its columns [bytes]
 
 _KEYS = ("data", "time [us]")
 _UNIT = " [mm3/ms]"
@@ -81,7 +80,7 @@ def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[t
     No number may be missing in the column `measured`. `InputError` as of `read_traces`.
     """
     check_sum(path)
-    sheet = CsvFile(path, most=MOST_SAMPLES, largest=LARGEST, plain=True)
+    sheet = CsvFile(path, most=MOST_SAMPLES, plain=True)
     head, rest = (*before, *_KEYS), sheet.names[len(before) + len(_KEYS) :]
     labels = [cell.removesuffix(_UNIT) for cell in rest]
     whole = all(cell.endswith(_UNIT) for cell in rest) and len({*labels}) == len(labels)
