@@ -100,7 +100,7 @@ def test_draws_that_are_refused_give_way_to_fits_near_the_best(
     (sentence,) = told
     assert "R-hat is 1.2" in sentence
     (run / POSTERIOR).write_bytes(b"PK nothing")
-    with pytest.raises(InputError, match="no file of draws"):
+    with pytest.raises(InputError, match=r"posterior\.npz"):
         near_fits(run, study, best, 1)
 
 
