@@ -389,7 +389,7 @@ def test_energisings_are_read_from_a_command_or_from_a_file(tmp_path: Path, log:
 
 @pytest.mark.parametrize("head", ["I [A]", "I"])
 def test_a_current_whose_hold_lies_below_half_of_its_peak_gives_the_energisings(tmp_path: Path, head: str) -> None:
-    """Rises of 60 us to 20 A, a hold of 7 A and falls of 30 us: times, and those of rise and fall."""
+    """Rises of 60 us to 20 A, a hold of 7 A and falls of 30 us."""
     time = np.arange(0.0, 60e-3, 1e-5)
     pulses = np.array([[10e-3, 500e-6], [30e-3, 800e-6], [50e-3, 300e-6]])
     current = 0.1 * np.random.default_rng(7).standard_normal(len(time))
@@ -400,8 +400,23 @@ def test_a_current_whose_hold_lies_below_half_of_its_peak_gives_the_energisings(
     table = np.array([time, np.full_like(time, 1e8), current]).T
     np.savetxt(file, table, delimiter=",", header=f"time [s],p [Pa],{head}", comments="")
     read = read_log(file, LogColumns(pressure="p", command="I"))
-    assert np.array(read.energisings) == pytest.approx(pulses, abs=20e-6)
-    assert read.edges == pytest.approx((24e-6, 30e-6), abs=15e-6)  # from a tenth to half of 60 us
+    assert np.array(read.energisings) == pytest.approx(pulses, abs=5e-6)
+    assert max(read.errors) <= 12e-6
+
+
+def test_a_shot_without_an_end_is_refused_and_a_doubtful_time_makes_less_sure(
+    observed: Observation, log: Logged, rigid_volume: Injector
+) -> None:
+    errors = [20e-6] * (len(log.energisings) - 1) + [np.inf]
+    with pytest.warns(RuntimeWarning, match="refused"):
+        doubtful = observe(rigid_volume, log.time, log.pressure, log.energisings, errors=errors, threads=1)
+    assert len(doubtful.shots) == len(observed.shots) - 1
+    for shot, sure in zip(doubtful.shots, observed.shots, strict=False):
+        assert shot.deviations is not None
+        assert sure.deviations is not None
+        assert shot.deviations[0, 0] > sure.deviations[0, 0]
+    with pytest.raises(ConfigurationError, match="steep"):
+        observe(rigid_volume, log.time, log.pressure, log.energisings, errors=[np.inf] * len(errors), threads=1)
 
 
 @pytest.mark.parametrize("current", [False, True])

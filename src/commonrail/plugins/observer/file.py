@@ -9,12 +9,12 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import binary_closing
 
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError
 from commonrail.base.text import numbers
+from commonrail.data.currents import flow_of, read_energisings
 from commonrail.data.records import record_head
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
@@ -28,11 +28,8 @@ from commonrail.readers.tables import open_sheet, take_columns
 SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 FIGURES = ("quantity", "opening", "closing")
 COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
-# A current shows an energising by its rise and fall, with a hold far below its peak. All are chosen [E].
-RISEN, SIGNIFICANT = 0.1, 5.0  # share of the range, and standard deviations of its noise, beyond which it flows
 HOLD, HOLDING = 0.75, 0.25  # share of the range below which a switch does not stay, and share of time of a current
 CUT = 2e-6  # beyond the edge of a log to where an energising that it cuts reaches at least [s]
-PAUSE = 50e-6  # shorter pauses of a current are its noise [s]
 
 
 class ObservedShot(NamedTuple):
@@ -148,7 +145,7 @@ class Observation(Shown):
         Single simulations that it took.
     seconds : float
     origin : mapping
-        Of a log from a file: its name, the command line, source of the rail volume, rise and fall of a current [s].
+        Of a log from a file: its name, the command line, source of the rail volume, errors of a current's times [s].
     compensation : sequence of Compensated
         Trains that `compensate` gave for the report, if any.
     """
@@ -248,16 +245,16 @@ class LogColumns(NamedTuple):
 
 
 class Log(NamedTuple):
-    """Times (samples,) [s], pressure (samples,) [Pa], (start, duration) of the energisings [s]; edges of a current.
+    """Times (samples,) [s], pressure (samples,) [Pa], (start, duration) of the energisings [s]; errors of a current's.
 
-    These are the times in which it rose to half of its range, and fell [s]. Then samples (samples,) of further sensors
-    by their names; a return flow is a volume flow where `volume` says so.
+    These are the largest ones of their durations, infinite where no end was found [s]. Then samples (samples,) of
+    further sensors by their names; a return flow is a volume flow where `volume` says so.
     """
 
     time: Floats
     pressure: Floats
     energisings: list[tuple[float, float]]
-    edges: tuple[float, float] | None = None
+    errors: Sequence[float] = ()
     further: Mapping[str, Floats] = MappingProxyType({})
     volume: bool = False
 
@@ -300,7 +297,7 @@ def read_log(path: Path, columns: LogColumns) -> Log:
             )
         further[name] = np.interp(clock, own, table.columns[heading])
     if columns.energisings is None:
-        return Log(clock, pressure, *_edges(tables[1], columns.time, columns.command), further, volume)
+        return Log(clock, pressure, *_read_command(tables[1], columns.time, columns.command), further, volume)
     pairs = take_columns(
         open_sheet(columns.energisings, columns.form),
         [
@@ -310,12 +307,12 @@ def read_log(path: Path, columns: LogColumns) -> Log:
         1,
     )
     pulses = list(zip(*(pairs.columns[name].tolist() for name in ("start", "duration")), strict=True))
-    return Log(clock, pressure, pulses, None, further, volume)
+    return Log(clock, pressure, pulses, (), further, volume)
 
 
-def _edges(table: Table, time: str, command: str) -> tuple[list[tuple[float, float]], tuple[float, float] | None]:
-    """Energisings of a command, and rise and fall of one that is a current, or stays between as one."""
-    clock, value, flows = table.columns[time], table.columns[command], table.units[command] == "A"
+def _read_command(table: Table, time: str, command: str) -> tuple[list[tuple[float, float]], list[float]]:
+    """Energisings of a command, and largest errors of those of one that is a current, or stays between as one [s]."""
+    clock, value = table.columns[time], table.columns[command]
     least, most = float(value.min()), float(value.max())
     on = value > 0.5 * (least + most)
     if on.all() or not on.any():
@@ -323,30 +320,13 @@ def _edges(table: Table, time: str, command: str) -> tuple[list[tuple[float, flo
             f'{table.path}, column "{command}": it is constant, so that nothing is energised; give the column of '
             "the command by --command, or a file of its times by --energisings."
         )
-    rest = float(np.median(value[~on]))
-    noise = 1.4826 * float(np.median(np.abs(value[~on] - rest)))  # of a normal distribution
-    high = value > rest + max(RISEN * (most - rest), SIGNIFICANT * noise)
-    inner = value[1:-1][high[:-2] & high[1:-1] & high[2:]]
-    flows = flows or (len(inner) > 0 and float(np.mean(inner < rest + HOLD * (most - rest))) > HOLDING)
-    if flows:  # without pauses of noise
-        wide = max(int(PAUSE / float(np.median(np.diff(clock)))), 1)
-        on = binary_closing(np.pad(high, wide), np.ones(wide))[wide:-wide]
+    current, flows = flow_of(clock, value)
+    inner = current[1:-1][flows[:-2] & flows[1:-1] & flows[2:]]
+    if table.units[command] == "A" or (len(inner) and float(np.mean(inner < HOLD * current.max())) > HOLDING):
+        read = read_energisings(clock, value)
+        return [(one.start, one.duration) for one in read], [one.error for one in read]
     turns = np.flatnonzero(np.diff(on.astype(np.int8)))
     at = 0.5 * (clock[turns] + clock[turns + 1])  # between two samples
     # one that the log cuts reaches over its edge, so that its shot is not whole, and is counted as such
     at = np.concatenate([[clock[0] - CUT] * bool(on[0]), at, [clock[-1] + CUT] * bool(on[-1])])
-    pulses = [(float(a), float(b - a)) for a, b in zip(at[::2], at[1::2], strict=True)]
-    if not flows:
-        return pulses, None
-    times = []
-    for i, (start, duration) in enumerate(pulses):  # from zero along a straight line, to where the hold ends
-        if start < clock[0] or start + duration > clock[-1]:
-            continue
-        first, last = np.searchsorted(clock, [start, start + duration])
-        course, now = value[first:last] - rest, clock[first:last]
-        held = np.flatnonzero(course >= HOLD * np.median(course[len(course) // 2 :]))
-        rise, end = float(now[np.argmax(course > 0.5 * (most - rest))]) - start, float(now[held[-1]])
-        times.append((rise, start + duration - end))
-        begin = start - rise * RISEN / (0.5 - RISEN)
-        pulses[i] = begin, end - begin
-    return pulses, tuple(np.median(times, axis=0).tolist()) if times else None
+    return [(float(a), float(b - a)) for a, b in zip(at[::2], at[1::2], strict=True)], []

@@ -163,13 +163,10 @@ def _left_out_lines(record: Record) -> list[str]:
 
 
 def _edge_lines(record: Record) -> list[str]:
-    if not record["log"].get("edges"):
-        return []
-    rise, fall = (fixed(edge, 0, MICROSECOND) for edge in record["log"]["edges"])
-    return [
-        "Energising times are read from a current, which does not tell the command's end exactly. It rises to half of "
-        f"its range in {rise} µs and falls in {fall} µs: starts and ends may be off by a part of both; give "
-        "the command's times by --energisings where they are known."
+    errors = [error for error in record["log"].get("errors") or () if error is not None]
+    return errors and [
+        f"Energising times are read from a current, to {fixed(max(errors), 0, MICROSECOND)} µs by its sampling; "
+        "give the command's times by --energisings where they are known."
     ]
 
 

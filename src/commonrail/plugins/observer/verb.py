@@ -208,7 +208,8 @@ def observe(
     read = read_log(log, columns)
     if energisings is None:  # edges of a command are known to a sample, those of a current less well
         spacing = float(read.time[1] - read.time[0])
-        settings = replace(settings, current_timing=spacing if read.edges else max(spacing / 12**0.5, 1e-6))
+        known = [error for error in read.errors if error < float("inf")]
+        settings = replace(settings, current_timing=0.5 * max(known) if known else max(spacing / 12**0.5, 1e-6))
         if "current" in further and not any(text.startswith(CURRENT_DELAY) for text in uncertain):
             settings = replace(settings, deviations={CURRENT_DELAY: settings.current_timing})  # the same in all shots
     if read.volume:  # at the return line's pressure and the fuel's temperature, as a map of return quantities
@@ -219,7 +220,7 @@ def observe(
         "log": log.name,
         "command": _command_line(),
         "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
-        "edges": read.edges,
+        "errors": [error if error < float("inf") else None for error in read.errors],
     }
     refused: list[str] = []
 
@@ -367,6 +368,7 @@ def _run(injector: Injector, read: Log, settings: ObserverSettings, threads: int
             injector,
             *read[:3],
             settings,
+            errors=read.errors,
             further=read.further,
             threads=threads,
             progress=lambda p: bar.show(Stage("observing", p.done, p.total, injector.name)),
