@@ -85,10 +85,8 @@ def check_parts(injector: Injector, data: Sequence[DataSet], conditions: Sequenc
         check_condition(injector, condition)
     for one in data:
         if one.has_return and RETURN in unread_inputs(injector.variant):
-            raise ConfigurationError(
-                f"{injector.name} has no return, whose quantity is among the data {one.name}; take a model with "
-                f"{reader_of(RETURN)}, or remove them."
-            )
+            cure = f"take a model with {reader_of(RETURN)}, or remove them"
+            raise ConfigurationError(f"{injector.name} has no return, and the data {one.name} are of it; {cure}.")
 
 
 # Misfit between an injector and measured data, for whole populations at once.

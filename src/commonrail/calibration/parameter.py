@@ -49,15 +49,10 @@ class Wanted(StrEnum):
     """It succeeds and the valve does not touch its stop."""
 
 
-# Part of the injector that is about to reach a stop, by the parameter that says where the stop is.
-_STOPS = {
-    Wanted.NEEDLE_AT_STOP: "plunger_needle.stop_lift",
-    Wanted.NEEDLE_OFF_STOP: "plunger_needle.stop_lift",
-    Wanted.VALVE_AT_STOP: "valve.lift",
-    Wanted.VALVE_OFF_STOP: "valve.lift",
-}
+_NEEDLE, _VALVE = "plunger_needle.stop_lift", "valve.lift"  # parameters that say where a stop is
+_STOPS = dict.fromkeys((Wanted.NEEDLE_AT_STOP, Wanted.NEEDLE_OFF_STOP), _NEEDLE)
+_STOPS |= dict.fromkeys((Wanted.VALVE_AT_STOP, Wanted.VALVE_OFF_STOP), _VALVE)
 _AT = {Wanted.NEEDLE_AT_STOP, Wanted.VALVE_AT_STOP}
-_NEEDLE = {Wanted.NEEDLE_AT_STOP, Wanted.NEEDLE_OFF_STOP}
 
 
 @dataclass(frozen=True)
@@ -85,16 +80,13 @@ class Condition:
 
 def check_condition(injector: Injector, condition: Condition) -> None:
     """Refuse (`ConfigurationError`) a condition on a part that the injector lacks, or at a point beyond its fuel."""
+    lacking = ""
     if condition.wanted in _STOPS and _STOPS[condition.wanted] not in injector.values:
-        raise ConfigurationError(
-            f'"{condition.wanted}" is wanted, and {injector.name} is a {injector.variant.actuation.value} injector '
-            "without this stop; remove the condition."
-        )
+        lacking = f"is a {injector.variant.actuation.value} injector without this stop"
     if injector.variant.drive.is_trace and condition.point.drive is None:
-        raise ConfigurationError(
-            f'"{condition.wanted}" is wanted, and {injector.name} is driven by a measured trace, which a condition '
-            "lacks; remove the condition, or set drive_kind to regulated or pwm."
-        )
+        lacking = "is driven by a measured trace, which a condition lacks"
+    if lacking:
+        raise ConfigurationError(f'"{condition.wanted}" is wanted, and {injector.name} {lacking}; remove it.')
     check_point(injector, condition.point)
 
 
@@ -131,7 +123,7 @@ def distances_past(conditions: Sequence[Condition], simulator: Simulator, values
     for i, condition in enumerate(conditions):
         if condition.wanted in _STOPS:
             past = past_stops(simulator, condition.point, values)
-            found[:, i] = past.needle if condition.wanted in _NEEDLE else past.valve
+            found[:, i] = past.needle if _STOPS[condition.wanted] == _NEEDLE else past.valve
     return found
 
 

@@ -7,6 +7,7 @@ import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Mapping
+from itertools import accumulate, chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -98,7 +99,7 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
         if full:
             _print_tables(record)
         if record["synthetic"]:
-            click.echo(f"SYNTHETIC: {record['synthetic']}" if full else _one_line(f"SYNTHETIC: {record['synthetic']}"))
+            print_lines([f"SYNTHETIC: {record['synthetic']}"])
         print_card(record, str(outcome.folder))
         top = f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
         click.echo(f"report: {outcome.report}{top}")
@@ -163,13 +164,11 @@ def print_card(record: Mapping[str, Any], run: str) -> None:
     for number, step in enumerate(found.steps[:STEPS], start=1):
         steps += [*wrapped(f"{number} {step.text}", "  "), *(click.style(c, bold=True) for c in _command(step.command))]
     room = max(LINES - 1 - len(figures) - len(steps), 2)
-    lines, shown = list[str](), 0
-    for reason in found.reasons:
-        folded = wrapped(f"- {reason}", "  ")
-        if shown and len(lines) + len(folded) > room:
-            lines.append(f"  … {counted(len(found.reasons) - shown, 'more reason')} in the report")
-            break
-        lines, shown = lines + folded, shown + 1
+    reasons = [wrapped(f"- {reason}", "  ") for reason in found.reasons]
+    shown = max(sum(size <= room for size in accumulate(map(len, reasons))), 1)
+    lines = list(chain.from_iterable(reasons[:shown]))
+    if len(reasons) > shown:
+        lines.append(f"  … {counted(len(reasons) - shown, 'more reason')} in the report")
     click.echo("\n".join([*lines, *steps]))
 
 
@@ -182,12 +181,10 @@ def _command(command: str) -> list[str]:
     return [f"{line} \\" for line in found[:-1]] + found[-1:]
 
 
-def _one_line(text: str, before: int = 0) -> str:
+def _one_line(text: str, before: int) -> str:
     """Text cut between words to the line of a terminal of which so many columns are taken; in a file the whole text."""
     if not sys.stdout.isatty():
         return text
-    if text.endswith(")") and len(text) > columns_of(sys.stdout) - before:
-        text = text.partition(" (")[0]  # what stands in brackets goes first
     return textwrap.shorten(text, max(columns_of(sys.stdout) - before, 20), placeholder=" …")
 
 

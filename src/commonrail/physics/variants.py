@@ -345,17 +345,12 @@ def reader_of(name: str) -> str:
 
 # Words that change a variant, as in "cri2-16@rigid,pwm".
 
-_FIELDS: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
-_WORDS: dict[str, tuple[str, Enum]] = {
-    str(member.value).replace(" ", "-"): (field, member) for field, kind in _FIELDS.items() for member in kind
-}
+_CHANGED: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
+_WORDS = {str(word.value).replace(" ", "-"): (field, word) for field, kind in _CHANGED.items() for word in kind}
 
 
 def varied(variant: Variant, words: str) -> Variant:
-    """Variant changed by words that commas separate.
-
-    Raises `InputError` if one is unknown or contradicts another or the actuation.
-    """
+    """Variant changed by words that commas separate; `InputError` if one is unknown or contradicts the rest."""
     changes: dict[str, Enum] = {}
     for word in (part.strip().replace(" ", "-") for part in words.split(",")):
         if word not in _WORDS:

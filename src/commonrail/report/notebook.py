@@ -211,9 +211,7 @@ def html_of(result: Any) -> str:
 
 
 def plot_of(result: Any, point: OperatingPoint | None = None) -> Picture:
-    """Figures of a result, that of a simulation beside a section of the injector.
-
-    `point`: in place of that of a simulation.
+    """Figures of a result; of a simulation, at its own point unless another is given, beside a section of the injector.
 
     ConfigurationError if there are none, or another result has a point.
     """

@@ -61,9 +61,8 @@ def _posterior_figures(found: Posterior) -> list[Figure]:
     likelihood, points = found.estimate.likelihood, found.points()
     upper = likelihood.space.from_unit(np.ones(points.shape[1]))
     columns = zip(found.names, likelihood.units, upper.tolist(), found.estimate.point.tolist(), strict=True)
-    parameters = [{"name": name, "unit": unit, "upper": high, "best": best} for name, unit, high, best in columns]
-    draws = {name: points[:, i] for i, name in enumerate(found.names)}
-    return pair_figures({"parameters": parameters}, draws, "most likely")
+    parameters = [dict(zip(("name", "unit", "upper", "best"), column, strict=True)) for column in columns]
+    return pair_figures({"parameters": parameters}, dict(zip(found.names, points.T, strict=True)), "most likely")
 
 
 def _arrays(found: Certainty) -> Arrays:
