@@ -19,11 +19,11 @@ from commonrail.runs.folder import read_fit
 from tests.cli.conftest import run_command
 from tests.map_study import map_study
 
-AXES = MapAxes(np.array([80e6, 120e6]), np.array([0.0, 2e-9, 20e-9, 900e-9]), np.array([300e-6, 500e-6]))
+AXES = MapAxes(np.array([80e6, 120e6]), np.array([0.0, 2e-9, 6e-9, 900e-9]), np.array([300e-6, 500e-6]))
 CONDITIONS = Conditions(0.5e6, 0.1e6, threads=1)
 PLACES = [(p, t) for p in (60.0, 100.0, 140.0) for t in (400.0, 600.0, 900.0)]  # [MPa], [us]
 SMALL = (
-    *("--rail-pressure", "80,120MPa", "--quantity", "0,2,20,900mm3", "--energising-time", "300,500us"),
+    *("--rail-pressure", "80,120MPa", "--quantity", "0,2,6,900mm3", "--energising-time", "300,500us"),
     *("--cylinder-pressure", "0.5MPa", "--return-pressure", "0.1MPa", "--threads", "1"),
 )
 
