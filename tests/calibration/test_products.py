@@ -65,6 +65,8 @@ def test_a_value_that_does_not_vary_is_known() -> None:
         ("0 * valve.spring_preload > 3", "not greater than zero"),
         ("valve.spring_preload / 0 > 3", "not greater than zero"),
         ("valve.spring_preload * 10^999 > 3", "too large"),
+        ("valve.spring_preload * 10^10^10 > 3", "a number, a parameter or a power"),
+        ("valve.spring_preload > \u0663", "a number, a parameter or a power"),
     ],
 )
 def test_what_cannot_be_read_is_refused(text: str, words: str) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -168,9 +167,12 @@ def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: Ar
 
 # Constraints as a person writes them, such as ``"k7 < k2 < k3"``, read into rows.
 
-_NUMBER = r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_NUMBER = r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
 _NAME = r"(?P<name>[A-Za-z_]\w*(?:\.\w+)*)"
-_TOKEN = re.compile(rf"\s*(?:{_NUMBER}|{_NAME}|(?P<relation>[<>]=?)|(?P<sign>[+-])|(?P<times>\*))")
+_RELATION = re.compile(r"([<>]=?)")
+# A term with its sign: the sign of an exponent begins no other one.
+_PIECE = re.compile(r"[+-]?(?:[A-Za-z_][\w.]*|[0-9.]+(?:[eE][+-]?[0-9]+)?|[^+-])+|[+-]")
+_TERM = re.compile(rf"(?P<sign>[+-]?)\s*(?=\S)(?:{_NUMBER}\s*(?:\*\s*(?=[A-Za-z_])|$))?{_NAME}?\s*")
 
 
 def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConstraints:
@@ -183,88 +185,49 @@ def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConst
     `lines`: the constraints, one text each; `names`: the free parameters, in the order of the columns. Raises
     `InputError` if a text cannot be read or names an unknown parameter; the nearest name is offered.
     """
-    rows: list[Floats] = []
-    lower: list[float] = []
+    rows = [np.zeros((0, len(names) + 1))]
     strict: list[bool] = []
     labels: list[str] = []
-    chains: list[tuple[int, ...]] = []
+    chains: list[list[int]] = []
     for line in lines:
-        sides, relations = _read_line(line, names)
-        for (low, high), relation in zip(pairwise(sides), relations, strict=True):
-            small, large = (low, high) if relation.startswith("<") else (high, low)
-            rows.append(large[:-1] - small[:-1])
-            lower.append(float(small[-1] - large[-1]))
-            strict.append("=" not in relation)
-            labels.append(line.strip())
-        chains.extend(_chain(sides, relations))
-    matrix = np.array(rows).reshape(len(rows), len(names))
-    return LinearConstraints(matrix, np.array(lower), np.array(strict, bool), labels, chains)
+        sides, relations = _split(line)
+        sums = np.array([_read_sum(line, side, names) for side in sides])
+        if not relations:
+            raise _unreadable(line, 'has no "<", "<=", ">" or ">="')
+        ascending = ["<" in relation for relation in relations]
+        rows.append(np.where(ascending, 1.0, -1.0)[:, None] * np.diff(sums, axis=0) + 0.0)  # without negative zeros
+        strict += ["=" not in relation for relation in relations]
+        labels += [line.strip()] * len(relations)
+        bare = ((sums != 0.0).sum(axis=1) == 1) & (sums[:, :-1] == 1.0).any(axis=1)
+        if bare.all() and len(set(ascending)) == 1:
+            chains.append(sums.argmax(axis=1)[:: 1 if ascending[0] else -1].tolist())
+    matrix = np.vstack(rows)
+    return LinearConstraints(matrix[:, :-1], 0.0 - matrix[:, -1], np.array(strict, bool), labels, chains)
 
 
-def _chain(sides: list[Floats], relations: list[str]) -> Iterator[tuple[int, ...]]:
-    """The line as an ascending ordering of bare parameters, if it is one."""
-    columns = [np.flatnonzero(side).tolist() for side in sides]
-    bare = all(
-        len(own) == 1 and own[0] < len(s) - 1 and s[own[0]] == 1.0 for own, s in zip(columns, sides, strict=True)
-    )
-    if bare and len({relation[0] for relation in relations}) == 1:
-        yield tuple(used[0] for used in (columns if relations[0].startswith("<") else columns[::-1]))
+def _split(line: str) -> tuple[list[str], list[str]]:
+    """Sides of a line and the relations between them."""
+    pieces = _RELATION.split(" ".join(line.split()))
+    return [side.strip() for side in pieces[::2]], pieces[1::2]
 
 
-def _read_line(line: str, names: Sequence[str]) -> tuple[list[Floats], list[str]]:
-    """Sums, each as coefficients of the parameters and a constant (d + 1,), and the relations between them."""
-    tokens = list(_tokens(line))
-    relations = [text for kind, text in tokens if kind == "relation"]
-    if not relations:
-        raise _unreadable(line, 'has no "<", "<=", ">" or ">="')
-    sides = [np.zeros(len(names) + 1)]
-    sign, term, is_first = 1.0, list[tuple[str, str]](), True
-    for kind, text in [*tokens, ("end", "")]:
-        if kind in ("number", "name", "times"):
-            term.append((kind, text))
-        else:  # a term ends, but not before the sign of a first one
-            if not (kind == "sign" and is_first):
-                column, value = _read_term(line, term, names)
-                sides[-1][column] += sign * value
-            sign, term = (-1.0 if text == "-" else 1.0), []
-            if kind == "relation":
-                sides.append(np.zeros(len(names) + 1))
-        is_first = kind == "relation"
-    return sides, relations
-
-
-def _tokens(line: str) -> Iterator[tuple[str, str]]:
-    """Kinds and texts of the pieces of a constraint."""
-    text = line.rstrip()
-    position = 0
-    while position < len(text):
-        match = _TOKEN.match(text, position)
+def _read_sum(line: str, side: str, names: Sequence[str]) -> Floats:
+    """Coefficients of the parameters and a constant (d + 1,)."""
+    total = np.zeros(len(names) + 1)
+    for piece in _PIECE.findall(side) or [""]:
+        match = _TERM.fullmatch(piece)
         if match is None:
-            rest = text[position:].lstrip()
-            raise _unreadable(line, f'cannot be read from "{rest[:12]}" on')
-        position = match.end()
-        yield str(match.lastgroup), str(match[str(match.lastgroup)])
+            raise _unreadable(line, f"has {_quoted(piece.lstrip('+-'))} where a term is expected")
+        value = float(match["number"] or 1.0)
+        if not np.isfinite(value):
+            raise _unreadable(line, f"has the number {match['number']}, which is too large")
+        column = _column(line, match["name"], names) if match["name"] else len(names)
+        total[column] += -value if match["sign"] == "-" else value
+    return total
 
 
-def _read_term(line: str, factors: list[tuple[str, str]], names: Sequence[str]) -> tuple[int, float]:
-    """Column (the last for a constant) and value of one term."""
-    texts = [text for _, text in factors]
-    match [kind for kind, _ in factors]:
-        case ["number"]:
-            return len(names), _number(line, texts[0])
-        case ["name"]:
-            return _column(line, texts[0], names), 1.0
-        case ["number", "times", "name"]:
-            return _column(line, texts[2], names), _number(line, texts[0])
-    found = f'"{" ".join(texts)}"' if texts else "nothing"
-    raise _unreadable(line, f"has {found} where a term is expected")
-
-
-def _number(line: str, text: str) -> float:
-    value = float(text)
-    if not np.isfinite(value):
-        raise _unreadable(line, f"has the number {text}, which is too large")
-    return value
+def _quoted(text: str) -> str:
+    return f'"{text.strip()}"' if text.strip() else "nothing"
 
 
 def _column(line: str, name: str, names: Sequence[str]) -> int:
@@ -287,8 +250,7 @@ def _unreadable(line: str, what: str, write: str = _SUMS) -> InputError:
 
 # Constraints between products of parameters, such as a preload that holds a valve shut against the pressure.
 
-_RELATION = re.compile(r"[<>]=?")
-_FACTOR = re.compile(rf"\s*(?:{_NUMBER}|{_NAME})\s*(?:\^\s*(?P<power>-?\d+(?:\.\d+)?))?\s*$")
+_FACTOR = re.compile(rf"\s*(?:{_NUMBER}|{_NAME})\s*(?:\^\s*(?P<power>-?[0-9]+(?:\.[0-9]+)?))?\s*")
 _PRODUCTS = (
     "one relation between products, such as "
     '"valve.spring_preload >= 1.2 * pi / 4 * valve.seat_diameter^2 * rail_pressure_max"'
@@ -346,18 +308,17 @@ def parse_products(lines: Sequence[str], names: Sequence[str], known: Mapping[st
 
 
 def _read(line: str, names: Sequence[str], known: Mapping[str, float]) -> ProductConstraint:
-    sides, relations = _RELATION.split(line), _RELATION.findall(line)
+    sides, relations = _split(line)
     if len(relations) != 1:
         raise _unreadable(line, 'needs exactly one of "<", "<=", ">" and ">="', _PRODUCTS)
-    (left, right), relation = sides, relations[0]
-    small, large = (left, right) if relation.startswith("<") else (right, left)
+    small, large = sides if "<" in relations[0] else sides[::-1]
     factors, exponents = zip(*(_product(line, side, names, known) for side in (large, small)), strict=True)
     total = exponents[0] - exponents[1]
     if not total.any():
         raise _unreadable(line, "depends on no free parameter", _PRODUCTS)
     if not (0.0 < factors[0] < math.inf and 0.0 < factors[1] < math.inf):
         raise _unreadable(line, "has a factor that is not greater than zero, or too large", _PRODUCTS)
-    return ProductConstraint(line, factors[0] / factors[1], total, "=" not in relation)
+    return ProductConstraint(line, factors[0] / factors[1], total, "=" not in relations[0])
 
 
 def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, float]) -> tuple[float, Floats]:
@@ -365,10 +326,10 @@ def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, flo
     factor, exponents = 1.0, np.zeros(len(names))
     pieces = ["*", *re.split(r"([*/])", side)]
     for sign, text in zip(pieces[::2], pieces[1::2], strict=True):
-        match = _FACTOR.match(text)
+        match = _FACTOR.fullmatch(text)
         if match is None:
-            found = f'"{text.strip()}"' if text.strip() else "nothing"
-            raise _unreadable(line, f"has {found} where a number, a parameter or a power of one is expected", _PRODUCTS)
+            expected = "a number, a parameter or a power of one"
+            raise _unreadable(line, f"has {_quoted(text)} where {expected} is expected", _PRODUCTS)
         power = float(match["power"] or 1.0) * (1.0 if sign == "*" else -1.0)
         if match["number"]:
             factor *= _power(float(match["number"]), power)
