@@ -47,8 +47,8 @@ def tell_of_compiling(listener: Listener) -> None:
 
 
 @contextmanager
-def _within(variable: ContextVar[Any], value: object) -> Iterator[None]:
-    """Set a variable inside the block."""
+def within(variable: ContextVar[Any], value: object) -> Iterator[None]:
+    """Set a variable of the context inside the block."""
     before = variable.set(value)
     try:
         yield
@@ -58,7 +58,7 @@ def _within(variable: ContextVar[Any], value: object) -> Iterator[None]:
 
 def telling_of_compiling(listener: Listener) -> AbstractContextManager[None]:
     """Have another context than that of the process entered while a kernel is compiled inside the block."""
-    return _within(_listener, listener)
+    return within(_listener, listener)
 
 
 @contextmanager
@@ -90,7 +90,7 @@ def compiling_seconds() -> float:
 
 def naming(words: str) -> AbstractContextManager[None]:
     """State what is simulated inside the block, for whoever says that it is compiled; blocks inside add their words."""
-    return _within(_named, (*_named.get(), words))
+    return within(_named, (*_named.get(), words))
 
 
 def compiled_words() -> str:
@@ -105,7 +105,7 @@ def lasting(words: str) -> Iterator[None]:
 
     `words` are such as `ALL_ENTRIES`.
     """
-    with _within(_duration, words):
+    with within(_duration, words):
         yield
 
 
@@ -122,7 +122,7 @@ def tell_notes(listener: Callable[[str], None]) -> None:
 
 def quiet() -> AbstractContextManager[None]:
     """Leave out notes inside the block, which have been said before."""
-    return _within(_quiet, True)
+    return within(_quiet, True)
 
 
 def note(text: str, *, once: bool = False) -> None:

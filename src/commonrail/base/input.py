@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from zipfile import BadZipFile
 
 from commonrail.base.errors import InputError, nearest
+from commonrail.base.hooks import within
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,11 +38,8 @@ _noted: ContextVar[dict[Path, str] | None] = ContextVar("_noted", default=None)
 def noting_files() -> Iterator[dict[Path, str]]:
     """Absolute path and SHA-256 of every file that is read inside the block, in the order of reading."""
     noted: dict[Path, str] = {}
-    token = _noted.set(noted)
-    try:
+    with within(_noted, noted):
         yield noted
-    finally:
-        _noted.reset(token)
 
 
 def sha256(content: bytes) -> str:

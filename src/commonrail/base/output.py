@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from commonrail.base.errors import InputError, OutputError
-from commonrail.base.hooks import check_unheld_stop
+from commonrail.base.hooks import check_unheld_stop, within
 from commonrail.base.input import SUMS, digest, listed
 
 _CONTROL = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")  # but tabs
@@ -137,11 +137,8 @@ def summed(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterato
         return
     parts: dict[Path, Path | None] = {}
     try:
-        token = _set.set((folder, parts))
-        try:
+        with within(_set, (folder, parts)):
             yield
-        finally:
-            _set.reset(token)
         parts = {**removed, **parts}
         sums: dict[str, str] = {}
         with suppress(InputError):  # damaged ones are replaced
