@@ -416,7 +416,8 @@ def _inside(value: dict[str, Any] | list[Any], place: Place) -> Iterator[tuple[A
         return
     for key, inner in value.items():
         if len(key) > LONGEST_KEY or _CONTROL.search(key) or not key.isprintable():
-            raise place.error(f'the key "{_shown(key)}" is too long or has a character that is not printed')
+            start = "".join(sign if sign.isprintable() else "?" for sign in key[:40])
+            raise place.error(f'the key "{start}" is too long or has a character that is not printed')
         yield inner, place / key
 
 
@@ -430,10 +431,6 @@ def _check_value(value: Any, place: Place) -> None:
         raise place.error("the integer is larger than 64 bits hold")
     elif isinstance(value, float) and not math.isfinite(value):
         raise place.error("the number is not finite")
-
-
-def _shown(key: str) -> str:
-    return "".join(sign if sign.isprintable() else "?" for sign in key[:40])
 
 
 # TOML file that names other files: read, checked, and with the folder that those may lie in.

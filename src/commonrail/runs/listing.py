@@ -83,6 +83,7 @@ def _run(folder: Path) -> Run:
         if not held and about.get("state") == State.RUNNING:
             about = read_about(folder)  # it may have ended between the two looks
         state = about.get("state", STOPPED)
+        changed = about["changed"]
         return Run(
             folder,
             state if held == (state == State.RUNNING) else (State.RUNNING if held else STOPPED),
@@ -92,15 +93,11 @@ def _run(folder: Path) -> Run:
             1 + int(about.get("generations", -1)),
             about["refinements"],
             about["best"],
-            _age(about["changed"]),
+            (datetime.now(UTC) - datetime.fromisoformat(changed)).total_seconds() if changed else float("nan"),
             about["seconds"],
         )
     except (CommonrailError, sqlite3.Error, ValueError, TypeError) as error:
         return Run(folder, DAMAGED, reason=str(error))
-
-
-def _age(changed: str | None) -> float:
-    return (datetime.now(UTC) - datetime.fromisoformat(changed)).total_seconds() if changed else float("nan")
 
 
 def _is_held(lock: Path) -> bool:

@@ -146,14 +146,10 @@ def _points(source: _Source, record: Samples, starts: Floats, bounds: Floats) ->
     found = []
     for rows in groups:
         cut = [record._replace(bounds=record.bounds - starts[i]).on(bounds) for i in rows]
-        mean = [None if values is None else _rounded(float(values[rows].mean())) for values in (rail, time)]
+        # six digits: a mean of equal numbers is that number
+        mean = [None if values is None else float(f"{values[rows].mean():.6g}") for values in (rail, time)]
         found.append(mean_curve(cut, *mean))
     return found
-
-
-def _rounded(value: float) -> float:
-    """Value of six digits: a mean of equal numbers is that number."""
-    return float(f"{value:.6g}")
 
 
 def _set_points(source: _Source, starts: Floats) -> tuple[Floats | None, Floats | None]:

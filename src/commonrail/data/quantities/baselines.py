@@ -270,7 +270,7 @@ def baseline_record(model: Any, baseline: Any, *, text: str, **more: Any) -> dic
     own, other = model.figures, baseline.figures
     limit = significant(own["limit_quantity"], 3, MM3)
     keys = [item for item in _DECISIVE if number(other[item[0]]) is not None]
-    worse = [item for item in keys if not _is_less(own[item[0]], other[item[0]])]
+    worse = [item for item in keys if number(own[item[0]]) is None or not own[item[0]] < other[item[0]]]
     pairs = listed(
         [
             f"{fixed(own[key], decimals, scale)} against {fixed(other[key], decimals, scale)} {unit} rms "
@@ -318,7 +318,3 @@ def _closeness(data: Map, values: Floats) -> float:
     """Sum of squared errors in tolerances, to nine digits: of rules that differ by rounding the first wins."""
     error = (values - data.quantity) / (data.absolute + data.relative * data.quantity)
     return float(f"{max(np.sum(error[data.judged] ** 2), ROUNDING):.9g}")
-
-
-def _is_less(own: Any, other: Any) -> bool:
-    return number(own) is not None and own < other

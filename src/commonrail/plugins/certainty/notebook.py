@@ -27,11 +27,6 @@ def _lines(found: Certainty) -> list[str]:
     return [f"{size}: {', '.join(named)}", *certainty_lines(_kept(found))]
 
 
-def _tables(found: Certainty) -> list[Table]:
-    """Tables of the report."""
-    return certainty_tables(_kept(found))
-
-
 def _kept(found: Certainty) -> Record:
     """Record as result.json keeps it, with the units of the parameters."""
     likelihood = found.estimate.likelihood
@@ -88,5 +83,5 @@ def _posterior_arrays(found: Posterior) -> Arrays:
     return Arrays({"draw": Array(("draw",), np.arange(len(points)))}, values, "Draws from the posterior")
 
 
-CERTAINTY = Presenter(_lines, _tables, arrays=_arrays)
+CERTAINTY = Presenter(_lines, lambda found: certainty_tables(_kept(found)), arrays=_arrays)
 POSTERIOR = Presenter(_posterior_lines, _posterior_tables, _posterior_figures, _posterior_arrays)

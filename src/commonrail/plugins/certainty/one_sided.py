@@ -291,7 +291,8 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
         rows = np.ix_(seen, seen)
         moment, local = over.moment[rows], noise[rows]
         noise = noise.copy()
-        noise[rows] = moment if over.believed else max(1.0, _excess(moment, local)) * local
+        excess = float(np.max(np.diag(moment) / np.maximum(np.diag(local), 1e-300)))  # of the variances
+        noise[rows] = moment if over.believed else max(1.0, excess) * local
     return known._replace(
         inverse=known.inverse[:d, :d],
         noise=noise,
@@ -302,8 +303,3 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
         alone=known.alone[:d],
         beyond=known.beyond[:d],
     )
-
-
-def _excess(moment: Floats, noise: Floats) -> float:
-    """Largest ratio of the variances of two covariances."""
-    return float(np.max(np.diag(moment) / np.maximum(np.diag(noise), 1e-300)))

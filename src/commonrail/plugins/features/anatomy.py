@@ -67,16 +67,13 @@ def end_of_motion(solution: Solution, pulses: tuple[Energising, ...] = ()) -> fl
     """Time at which an injection, its valve and its current have come to rest, with some time behind it [s]."""
     ends = [pulse.start + pulse.duration for pulse in pulses]
     courses = [(solution.sample_time, solution.rate)]
-    courses += [(solution.time, solution.channels[k]) for k in _moving(solution) | {"coil_current"}]
+    moving = {"valve_lift", "armature_lift", "needle_lift"} & set(solution.channels)
+    courses += [(solution.time, solution.channels[k]) for k in moving | {"coil_current"}]
     for time, values in courses:
         above = np.flatnonzero(values > STILL * np.nanmax(values, initial=0.0))
         ends.append(float(time[above[-1]]) if len(above) else float(time[0]))
     begin = float(solution.time[0])
     return min(max(ends) + max(LEAST, AFTER * (max(ends) - begin)), float(solution.time[-1]))
-
-
-def _moving(solution: Solution) -> set[str]:
-    return {"valve_lift", "armature_lift", "needle_lift"} & set(solution.channels)
 
 
 def _features(solution: Solution, point: OperatingPoint | None) -> Features:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -461,14 +461,12 @@ def _parameter(model: _ParameterModel, fmu: Fmu, at: Place) -> Parameter:
         return replace(free_parameter(variable, lower, upper, start), scale=model.scale)
 
 
-def _number(item: str | float, variable: FmuVariable) -> float:
-    """Number in the unit of a variable: as it stands, or of a text with its unit."""
-    return parse(item, variable.known_unit) if isinstance(item, str) else float(item)
+def _number(item: str | float, variable: FmuVariable, read: Callable[[str, str], float] = parse) -> float:
+    """Number in the unit of a variable: as it stands, or of a text with its unit.
 
-
-def _difference(item: str | float, variable: FmuVariable) -> float:
-    """As `_number`, of a difference: a tolerance of 2 °C is one of 2 K."""
-    return parse_difference(item, variable.known_unit) if isinstance(item, str) else float(item)
+    `read` is `parse_difference` for a tolerance: one of 2 °C is one of 2 K.
+    """
+    return read(item, variable.known_unit) if isinstance(item, str) else float(item)
 
 
 def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, Setting]:
@@ -550,7 +548,7 @@ def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Pla
     for i, one in enumerate(model.output):
         if one.tolerance is not None:
             with located((at / "output")[i] / "tolerance"):
-                found[one.variable] = _difference(one.tolerance, variables[one.variable])
+                found[one.variable] = _number(one.tolerance, variables[one.variable], parse_difference)
                 if not found[one.variable] > 0.0:
                     raise InputError("a tolerance must be greater than zero.")
     return found

@@ -54,7 +54,7 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
     lines = text.split("\n")
     for i, line in enumerate(lines):
         words = line.split()
-        if not done and _is_map(words) and words[1] == label:
+        if not done and words[1:2] == [label] and re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]):
             inside = done = True
             lines[i] = re.sub(r"(KENNFELD\s+)\S+", rf"\g<1>{table.label}", line, count=1)
         elif inside and words[:1] == ["WERT"]:
@@ -75,10 +75,6 @@ def _decoded(data: bytes) -> tuple[str, str]:
         return data.decode("utf-8"), "utf-8"
     except UnicodeDecodeError:
         return data.decode("latin-1"), "latin-1"
-
-
-def _is_map(words: Sequence[str]) -> bool:
-    return len(words) > 1 and re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]) is not None
 
 
 def _lines(tables: Sequence[MapTable]) -> Iterator[str]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
+from commonrail.base.text import number
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Option, verb
 from commonrail.cli.options import Json
@@ -40,7 +40,7 @@ def verify(
     checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside(), catalogue=further)
     failed = [check.name for check in checks if not check.passed]
     if json:
-        records = [_record(check) for check in checks]
+        records = [c._asdict() | {"value": number(c.value), "margin": number(c.margin)} for c in checks]
         print_json({"kind": "verification", "passed": not failed, "checks": records})
     else:
         print_rows(("", "check", "value", "limit", "unit", "margin", "what it compares"), _rows(checks))
@@ -48,11 +48,6 @@ def verify(
         say(f"commonrail: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
         raise SystemExit(FAILED)
     say(f"all {len(checks)} checks passed")
-
-
-def _record(check: Check) -> dict[str, Any]:
-    figures = {"value": check.value, "margin": check.margin}
-    return check._asdict() | {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
 
 
 def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
