@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.calibration.search import Generation
-from commonrail.plugins.paper.figures import box, edges, j_by_phase, ninety_percent, spread
+from commonrail.plugins.paper.figures import box, edges, j_by_phase, j_by_window, ninety_percent, oscillation, spread
 
 BOUNDS = 1e-6 * np.arange(0.0, 1201.0, 3.0)
 MIDDLE = 0.5 * (BOUNDS[1:] + BOUNDS[:-1])
@@ -49,6 +49,20 @@ def test_an_error_in_the_descent_counts_there() -> None:
     parts = j_by_phase(rate, measured, BOUNDS, 200e-6)
     assert parts[:3] == pytest.approx(0.0)
     assert parts[3] == pytest.approx(2.0 * np.sum(MIDDLE > 1.05e-3))
+
+
+def test_windows_leave_out_what_comes_later_than_1200_us_from_opening_and_from_energising() -> None:
+    bounds = 1e-6 * np.arange(0.0, 1561.0, 3.0)
+    parts = j_by_window(np.full(520, 2e-6), np.zeros(520), bounds, 150e-6)
+    assert parts.tolist() == [[pytest.approx(900.0), 450.0], [pytest.approx(800.0), 400.0]]
+
+
+def test_one_rise_and_one_fall_do_not_oscillate() -> None:
+    rate = 30e-6 * trapezoid(100e-6, 300e-6, 800e-6, 30e-6)
+    assert oscillation(rate) == pytest.approx(0.0, abs=1e-9)
+    ripple = np.where((MIDDLE > 500e-6) & (MIDDLE < 530e-6), 2e-6, 0.0)
+    assert oscillation(rate - ripple) == pytest.approx(4.0)  # a dip of 2 mm³/ms falls and rises
+    assert oscillation(np.linspace(1e-6, 3e-6, 9)) == pytest.approx(0.0, abs=1e-9)  # ends above zero
 
 
 def test_the_quartiles_leave_out_what_is_not_finite() -> None:

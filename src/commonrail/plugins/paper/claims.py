@@ -6,6 +6,7 @@ Their sentences are in claims.toml.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
@@ -16,7 +17,8 @@ from numpy.typing import ArrayLike
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.text import percent, signed
 from commonrail.plugins.paper import study
-from commonrail.plugins.paper.figures import PHASES, Figures, spread
+from commonrail.plugins.paper.bench import SAMPLES
+from commonrail.plugins.paper.figures import PHASES, WINDOWS, Figures, spread
 
 # A claim of the paper, and the verdict over the seeds.
 
@@ -211,6 +213,20 @@ def _stiffness(f: Figures, group: _Group) -> Claim:
     )
 
 
+SMALL_CLEARANCE = (0, 3, 5)  # cylinders of k1, k4 and k6, where the default truth has most friction
+
+
+def _clearance(f: Figures) -> Claim:
+    ratio, random_ratio = (
+        np.min(np.abs(change[:, SMALL_CLEARANCE]), axis=1)
+        / np.max(np.abs(np.delete(change, SMALL_CLEARANCE, axis=1)), axis=1)
+        for change in (f.change, f.random_change)
+    )
+    s = spread(ratio)
+    figure = f"least of the three over greatest of the four {s.median:.1f} (quartiles {s.q1:.1f} to {s.q3:.1f})"
+    return judged("clearance", figure, ratio > 1.0, chance=float(np.mean(random_ratio > 1.0)))
+
+
 def _k6_at_maximum(f: Figures) -> Claim:
     figure = f"{_share(spread(f.k6_high).median)} of the members (median)"
     return judged("k6-at-maximum", figure, f.k6_high > 0.5, words={"at_random": _share(f.k6_high_at_random)})
@@ -219,18 +235,18 @@ def _k6_at_maximum(f: Figures) -> Claim:
 # Claims on the models beside the experiment.
 
 
-class _Rigid(NamedTuple):
-    """A rigid body that the claims are judged on: its label, how to call it, what to know of it."""
+class _Model(NamedTuple):
+    """A model that the claims are judged on: its label, how to call it, what to know of it."""
 
     label: str
-    text: str
-    setting: str
+    text: str = ""
+    setting: str = ""
     suffix: str = ""
 
 
 RIGID = (
-    _Rigid("rigid", "the rigid body", "The rigid body keeps the drawing's stop and control volume."),
-    _Rigid(
+    _Model("rigid", "the rigid body", "The rigid body keeps the drawing's stop and control volume."),
+    _Model(
         "rigid_fitted",
         "a rigid body with fitted stop and control volume",
         "Stop and control volume are fitted to the curve at 160 MPa, as k1…k7 are.",
@@ -241,6 +257,7 @@ RIGID = (
 
 def claims(f: Figures) -> list[Claim]:
     """Every claim, in the order of the paper's Sec. 5."""
+    low = f.phases["80 MPa"]
     return [
         *(_ordering(f, name, rigid) for rigid in RIGID for name in study.RAIL_PRESSURES),
         _rapid(f),
@@ -248,16 +265,21 @@ def claims(f: Figures) -> list[Claim]:
         _cheap_configuration(f),
         _stiffer(f),
         *(_stiffness(f, group) for group in _groups()),
+        _clearance(f),
         _k6_at_maximum(f),
+        *(_smooth(f, rigid) for rigid in RIGID),
         *(_edge(f, rigid, "rigid-late", "opening", 1.0) for rigid in RIGID),
         *(_edge(f, rigid, "rigid-early", "closing", -1.0) for rigid in RIGID),
-        _theoretical_phases(f),
+        _by_phase("theoretical-phases", f.phases[study.FIT]["theoretical"], "0.4–0.8 ms"),
+        _edge(f, _Model("theoretical"), "theoretical-late", "opening", 1.0, ("120 MPa",)),
+        _by_phase("gains-by-phase", low["theoretical"] - low["optimised"], "0.8 ms to the end"),
         _optimised_everywhere(f),
         _no_overfitting(f),
+        *(_after_window(f, i) for i in range(len(WINDOWS))),
     ]
 
 
-def _ordering(f: Figures, name: str, rigid: _Rigid) -> Claim:
+def _ordering(f: Figures, name: str, rigid: _Model) -> Claim:
     j = {label: f.j[name][label] for label in (rigid.label, "theoretical", "optimised")}
     medians = " / ".join(f"{spread(values).median:.0f}" for values in j.values())
     ordered = j["theoretical"] < j[rigid.label]
@@ -273,26 +295,43 @@ def _ordering(f: Figures, name: str, rigid: _Rigid) -> Claim:
     )
 
 
-def _edge(f: Figures, rigid: _Rigid, claim: str, which: str, sign: float) -> Claim:
-    """Opening late, or closing early, by a model's edges less the experiment's (seeds, 3) [us]."""
-    each = np.array([f.edge_errors(name, rigid.label, which) for name in study.RAIL_PRESSURES]).T * 1e6
-    medians = (f"{signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, study.RAIL_PRESSURES, strict=True))
+def _smooth(f: Figures, rigid: _Model) -> Claim:
+    """Less oscillation than both flexible models, at every pressure."""
+    labels = (rigid.label, "theoretical", "optimised")
+    each = np.array([[f.oscillation[name][label] for label in labels] for name in study.RAIL_PRESSURES])
+    medians = (" / ".join(f"{spread(values).median:.1f}" for values in models) for models in each)
+    figure = ", ".join(f"{text} at {name}" for text, name in zip(medians, study.RAIL_PRESSURES, strict=True))
+    return judged(
+        "rigid-smooth",
+        f"rigid / theoretical / optimised, mm³/ms: {figure} (medians)",
+        np.all(each[:, :1] < each[:, 1:], axis=(0, 1)),
+        suffix=rigid.suffix,
+        words={"Rigid": rigid.text.capitalize(), "setting": rigid.setting},
+        valid=np.isfinite(each).all(axis=(0, 1)),
+    )
+
+
+def _edge(
+    f: Figures, model: _Model, claim: str, which: str, sign: float, names: Sequence[str] = tuple(study.RAIL_PRESSURES)
+) -> Claim:
+    """Opening late, or closing early, by a model's edges less the experiment's (seeds, data) [us]."""
+    each = np.array([f.edge_errors(name, model.label, which) for name in names]).T * 1e6
+    medians = (f"{signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, names, strict=True))
     return judged(
         claim,
         ", ".join(medians),
         np.all(sign * each > 0.0, axis=1),
-        suffix=rigid.suffix,
-        words={"Rigid": rigid.text.capitalize(), "setting": rigid.setting},
+        suffix=model.suffix,
+        words={"Rigid": model.text.capitalize(), "setting": model.setting},
         valid=np.isfinite(each).all(axis=1),
     )
 
 
-def _theoretical_phases(f: Figures) -> Claim:
-    parts = f.phases[study.FIT]["theoretical"]
-    rise, middle, descent = (parts[:, PHASES.index(name)] for name in PHASES[1:])
-    figure = " / ".join(f"{spread(part).median:.0f}" for part in (rise, middle, descent))
-    true = (rise > middle) & (descent > middle)
-    return judged("theoretical-phases", f"rise / middle / descent: {figure} (medians)", true)
+def _by_phase(claim: str, j: Floats, lowest: str) -> Claim:
+    """Parts of J (seeds, phases), or of a gain in it, in rise, middle and descent: one is the lowest."""
+    figure = " / ".join(f"{spread(part).median:.0f}".replace("-", "−") for part in j[:, 1:].T)
+    true = np.argmin(j[:, 1:], axis=1) == PHASES.index(lowest) - 1
+    return judged(claim, f"rise / middle / descent: {figure} (medians)", true)
 
 
 def _optimised_everywhere(f: Figures) -> Claim:
@@ -306,6 +345,15 @@ def _optimised_everywhere(f: Figures) -> Claim:
         f"{_share(float(shares[at]))} of the seeds"
     )
     return judged("optimised-everywhere", figure, np.all(each, axis=1))
+
+
+def _after_window(f: Figures, i: int) -> Claim:
+    j = f.j[study.FIT]["optimised"]
+    inside, samples = f.windows[study.FIT]["optimised"][:, i].T
+    figure = f"J {spread(j).median:.1f} of {SAMPLES} samples, {spread(inside).median:.1f} of {np.median(samples):.0f}"
+    true, valid = inside * SAMPLES < j * samples, np.isfinite(j) & (samples > 0) & (samples < SAMPLES)
+    words: dict[str, object] = {"window": WINDOWS[i]}
+    return judged("window", f"{figure} (medians)", true, suffix=("", "-energising")[i], words=words, valid=valid)
 
 
 def _no_overfitting(f: Figures) -> Claim:

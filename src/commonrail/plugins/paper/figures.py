@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,6 +105,8 @@ def _boxes(rows: Sequence[Mapping[str, Any]], which: str) -> tuple[tuple[float, 
 EDGE_SHARE = 0.1  # of the experiment's greatest rate: an injection has begun, or not yet ended, above it
 PHASE_LENGTH = 0.4e-3  # Sec. 5 speaks of 0–0.4 ms, the middle, and the descent up to 1.2 ms
 PHASES = ("before opening", "0–0.4 ms", "0.4–0.8 ms", "0.8 ms to the end")
+WINDOW = 1.2e-3  # Sec. 5 leaves out what comes later; it does not say whether t counts from opening or from energising
+WINDOWS = ("1.2 ms from opening", "1.2 ms from energising")
 
 
 class Spread(NamedTuple):
@@ -186,6 +189,20 @@ def j_by_phase(rate: Floats, measured: Floats, bounds: Floats, opening: float) -
     return np.array([float(np.sum(error[phase == i])) for i in range(len(PHASES))])
 
 
+def j_by_window(rate: Floats, measured: Floats, bounds: Floats, opening: float) -> Floats:
+    """J [mm³/ms] and number of samples (2, 2) within each of `WINDOWS`; arguments as for `j_by_phase`."""
+    middle = 0.5 * (bounds[1:] + bounds[:-1])
+    error = np.abs(rate - measured) * MM3_PER_MS
+    inside = [middle < begin + WINDOW for begin in (opening, 0.0)]
+    return np.array([(np.sum(error[mask]), np.sum(mask)) for mask in inside])
+
+
+def oscillation(rate: Floats) -> float:
+    """Rise and fall [mm³/ms] of a curve (n,) [m³/s] besides one rise to its greatest rate and one fall from there."""
+    once = 2.0 * np.max(rate) - rate[0] - rate[-1]
+    return float(np.sum(np.abs(np.diff(rate))) - once) * MM3_PER_MS
+
+
 def ninety_percent(history: Sequence[cr.Generation]) -> float:
     """First generation at which 90 % of what the search gains over its initial population is reached."""
     best = np.array([g.best for g in history])
@@ -203,11 +220,13 @@ class Figures:
     """Figures over n seeds; every array begins with the seeds.
 
     `j` are J (n,) [mm³/ms] and `phases` its parts (n, phases) by data and label; phases count from the experiment's
-    opening. `theoretical` is the theoretical stiffness (7,) [N/m], `change` (n, 7) the optimised one over it, less one,
-    `random_change` (`RANDOM_POINTS`, 7) that of random feasible ones: what no search has chosen. `table3` are J (n, 3)
-    at 160, 120 and 80 MPa by configuration, `mean_j` (n,) their means and `validation_j` (n,) those of the unseen
-    pressures. `ninety` (n,) are generations at which 90 % of the gain is reached, `k6_high` (n,) shares of all members
-    of the search whose k6 lies in the upper fifth of its range, and `k6_high_at_random` is that of random points.
+    opening. `windows` (n, windows, 2) are J and number of samples within `WINDOWS`, and `oscillation` (n,) [mm³/ms] is
+    that of the simulated rate. `theoretical` is the theoretical stiffness (7,) [N/m], `change` (n, 7) the optimised one
+    over it, less one, `random_change` (`RANDOM_POINTS`, 7) that of random feasible ones: what no search has chosen.
+    `table3` are J (n, 3) at 160, 120 and 80 MPa by configuration, `mean_j` (n,) their means and `validation_j` (n,)
+    those of the unseen pressures. `ninety` (n,) are generations at which 90 % of the gain is reached, `k6_high` (n,)
+    shares of all members of the search whose k6 lies in the upper fifth of its range, and `k6_high_at_random` is that
+    of random points.
     """
 
     def __init__(self, repetitions: tuple[Repetition, ...]) -> None:
@@ -219,7 +238,9 @@ class Figures:
         random = cr.sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0))
         self.random_change = random / self.theoretical - 1.0
         self.j = self._by_data_and_label(lambda r, i, label: float(r.data[i].misfit(r.rates[label][i])))
-        self.phases = self._by_data_and_label(_phases)
+        self.phases = self._by_data_and_label(partial(_measure, j_by_phase))
+        self.windows = self._by_data_and_label(partial(_measure, j_by_window))
+        self.oscillation = self._by_data_and_label(lambda r, i, label: oscillation(r.rates[label][i]))
         self.table3 = {c: np.array([r.table3[c][1] for r in repetitions]) for c in study.CONFIGURATIONS}
         self.mean_j = {c: np.mean(js, axis=1) for c, js in self.table3.items()}
         self.validation_j = {c: np.mean(js[:, 1:], axis=1) for c, js in self.table3.items()}
@@ -282,7 +303,8 @@ class Figures:
         return sum(inside), len(inside)
 
 
-def _phases(r: Repetition, i: int, label: str) -> Floats:
+def _measure(split: Callable[..., Floats], r: Repetition, i: int, label: str) -> Floats:
+    """Parts of J of a model, by a function of its rate, the experiment, its samples and its opening."""
     d = r.data[i]
     opening = edges(d.rate, d.bounds, level_of(d.rate)).opening
-    return j_by_phase(r.rates[label][i], d.rate, d.bounds, opening)
+    return split(r.rates[label][i], d.rate, d.bounds, opening)

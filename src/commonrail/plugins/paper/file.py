@@ -17,7 +17,7 @@ from commonrail.base.text import number, numbers
 from commonrail.data.records import record_head
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.claims import claims
-from commonrail.plugins.paper.figures import PHASES, Figures, box, spread
+from commonrail.plugins.paper.figures import PHASES, WINDOWS, Figures, box, spread
 from commonrail.plugins.paper.run import LABELS, METERED, Found, Repetition, Reproduction
 from commonrail.plugins.paper.study import Configuration
 from commonrail.runs.folder import read_record, write_record
@@ -245,10 +245,14 @@ def _search(f: Figures) -> list[dict[str, Any]]:
 
 
 def _phases(f: Figures) -> dict[str, Any]:
+    parts = {
+        name: {label: np.hstack((js, f.windows[name][label][..., 0])) for label, js in models.items()}
+        for name, models in f.phases.items()
+    }
     return {
-        "names": list(PHASES),
-        "J": _each(f.phases, numbers),
-        "median": _each(f.phases, lambda js: numbers(np.median(js, axis=0))),
+        "names": [*PHASES, *WINDOWS],
+        "J": _each(parts, numbers),
+        "median": _each(parts, lambda js: numbers(np.median(js, axis=0))),
     }
 
 

@@ -111,14 +111,14 @@ def rigid_table(record: Record) -> Table:
 
 
 def phases_table(record: Record) -> Table:
-    """Median J by phase."""
+    """Median J by phase and by window."""
     names, medians = record["phases"]["names"], record["phases"]["median"]
     columns: list[Column] = [
         *_data_and_model(record),
         *((p, lambda row, i=i: fixed(medians[row[0]["name"]][row[1]][i], 1)) for i, p in enumerate(names)),
     ]
     note = f"Medians over the seeds; time counts from the opening of the synthetic experiment. {_EDGES}"
-    return tabulated("J by phase, mm³/ms", product(record["data"], record["labels"]), columns, note, 2)
+    return tabulated("J by phase and by window, mm³/ms", product(record["data"], record["labels"]), columns, note, 2)
 
 
 def edges_table(record: Record) -> Table:
@@ -259,8 +259,8 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
 
 # Claims by what they are about, in the order of the page; each stands for those whose identifiers begin so.
 GROUPS = {
-    "Models and prediction": ("ordering", "optimised-everywhere", "no-overfitting", "theoretical-phases", "rigid-"),
-    "Single stiffnesses": ("stiffer", "near-theory", "close-to-theory", "k4", "far-from-theory", "k6"),
+    "Models and prediction": ("ordering", "optimised-", "no-overfitting", "theoretical-", "rigid-", "gains-", "window"),
+    "Single stiffnesses": ("stiffer", "near-theory", "close-to-theory", "k4", "far-from-theory", "k6", "clearance"),
     "Search": ("rapid", "best-configuration", "cheap-configuration"),
 }
 ORDERING, FITTED = "ordering-", "ordering-fitted-"
