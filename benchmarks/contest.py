@@ -17,9 +17,9 @@ from commonrail.calibration.optimisers.base import Settings
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.optimisers.staged import StagedSettings
-from commonrail.calibration.search import goal_of, steps
+from commonrail.calibration.search import steps
 from commonrail.calibration.space import sample_feasible
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Study, goal_of
 from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.quantities.data import QuantityData

@@ -15,7 +15,7 @@ from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import calibrate
-from commonrail.calibration.search import goal_of
+from commonrail.calibration.study import goal_of
 from commonrail.calibration.study_file import load_study
 from commonrail.physics.injector import Source
 from commonrail.physics.meters import LowPass, Meter

@@ -19,9 +19,8 @@ from commonrail.calibration.objective import FitObjective, Goal, Loss, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import equal_ends, fitted_values
-from commonrail.calibration.search import objective_of
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Study, objective_of
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned

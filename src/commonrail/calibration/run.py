@@ -23,9 +23,8 @@ from commonrail.calibration.search import (
     Search,
     SearchResult,
     live_progress,
-    objective_of,
 )
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Study, objective_of
 from commonrail.data.base import DataSet, Score
 from commonrail.data.metering import with_meters
 from commonrail.data.records import JUDGED

@@ -17,7 +17,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Live, in_notebook
 from commonrail.base.errors import ConfigurationError, SimulationError, StudyError
 from commonrail.base.hooks import StopRequest, compiling_seconds
-from commonrail.calibration.objective import NOT_SIMULATED, FitObjective, Goal, Loss, Objective
+from commonrail.calibration.objective import NOT_SIMULATED, FitObjective, Loss, Objective
 from commonrail.calibration.optimisers.base import (
     AGREEING,
     ALIKE,
@@ -32,12 +32,8 @@ from commonrail.calibration.optimisers.base import (
 )
 from commonrail.calibration.optimisers.polish import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.registry import blamed, registered
-from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import Method, Study, longest_for_all
-from commonrail.data.base import DataSet, Role
-from commonrail.data.registry import of_role
-from commonrail.engine.time_step import nice_step
+from commonrail.calibration.study import Method
 
 if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
@@ -163,8 +159,6 @@ def judge_restarts(costs: Floats, noise: float) -> Convergence:
 
 _Begin = Callable[[Optimiser | None], Optimiser]  # begins an optimiser, given the one before it in the row
 
-COARSEST_SCREENING = 1.5e-6  # time step [s] at which candidates are screened, if the stiffest of them bears it
-
 
 class Progress(NamedTuple):
     """Progress of a calibration. `phase` is the optimiser's, such as "evolution"; `seconds` as in `SearchResult`."""
@@ -252,26 +246,6 @@ def _costs(trials: Trials, objective: FitObjective) -> Step:
         scores = objective.costs(trials.x[trials.simulate])
         costs[trials.simulate], statuses[trials.simulate], simulations = scores
     return Step(trials.x, costs, statuses, simulations)
-
-
-def goal_of(study: Study) -> Goal:
-    """Goal of a study's search."""
-    step = min(max(COARSEST_SCREENING, study.time_step), nice_step(longest_for_all(study.injector, study.space)))
-    priors, screening = Priors.of(study.space.parameters), max(step, study.time_step)
-    return Goal(study.loss, priors, study.conditions, screening, study.loss_scale)
-
-
-def objective_of(study: Study, threads: int | None, goal: Goal | None = None) -> Objective:
-    """Objective of a study's fit data, by default with its goal; `StudyError` if it has none."""
-    what = study.injector, study.space.names, fitted_data(study), study.time_step, threads, study.precision
-    return Objective(*what, goal=goal or goal_of(study), same_bits=study.same_bits)
-
-
-def fitted_data(study: Study) -> list[DataSet]:
-    """Data of a study with role fit; `StudyError` if there are none."""
-    if fit := of_role(study.data, Role.FIT):
-        return fit
-    raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
 
 
 @dataclass(frozen=True, kw_only=True)

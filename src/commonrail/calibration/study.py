@@ -24,12 +24,12 @@ from commonrail.base.arguments import (
 )
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
-from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.calibration.objective import Loss, Objective, check_parts
+from commonrail.base.errors import ConfigurationError, StudyError, nearest
+from commonrail.calibration.objective import Goal, Loss, Objective, check_parts
 from commonrail.calibration.optimisers.base import Settings
 from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
-from commonrail.calibration.parameter import Condition, Mark, Parameter, percent_bounds
+from commonrail.calibration.parameter import Condition, Mark, Parameter, Priors, percent_bounds
 from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet, Role
 from commonrail.data.metering import check_meters, meters_of
@@ -259,8 +259,6 @@ class Study(Shown):
         A point that breaks a bound or a constraint costs +inf. The result does not depend on `threads`, by default all
         usable processors. Raises `StudyError` if no data set has role fit.
         """
-        from commonrail.calibration.search import goal_of, objective_of  # which need this module
-
         return objective_of(self, threads, goal_of(self)._replace(space=self.space))
 
     @property
@@ -375,3 +373,28 @@ def step_for_all(injector: Injector, space: Space) -> float:
             "stiffnesses, masses, volumes and lengths, or check their units."
         )
     return step
+
+
+# What a search minimises.
+
+COARSEST_SCREENING = 1.5e-6  # time step [s] at which candidates are screened, if the stiffest of them bears it
+
+
+def goal_of(study: Study) -> Goal:
+    """Goal of a study's search."""
+    step = min(max(COARSEST_SCREENING, study.time_step), nice_step(longest_for_all(study.injector, study.space)))
+    priors, screening = Priors.of(study.space.parameters), max(step, study.time_step)
+    return Goal(study.loss, priors, study.conditions, screening, study.loss_scale)
+
+
+def objective_of(study: Study, threads: int | None, goal: Goal | None = None) -> Objective:
+    """Objective of a study's fit data, by default with its goal; `StudyError` if it has none."""
+    what = study.injector, study.space.names, fitted_data(study), study.time_step, threads, study.precision
+    return Objective(*what, goal=goal or goal_of(study), same_bits=study.same_bits)
+
+
+def fitted_data(study: Study) -> list[DataSet]:
+    """Data of a study with role fit; `StudyError` if there are none."""
+    if fit := of_role(study.data, Role.FIT):
+        return fit
+    raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")

@@ -24,8 +24,8 @@ from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.refits import refits_of
 from commonrail.calibration.result import CERTAINTY, confirms
 from commonrail.calibration.run import Calibration, at_values, calibrate
-from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched, objective_of
-from commonrail.calibration.study import Study
+from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched
+from commonrail.calibration.study import Study, objective_of
 from commonrail.calibration.study_file import load_study
 from commonrail.runs.copies import copy_files, copy_paths, set_in_text
 from commonrail.runs.fingerprint import check_files, content_of, other_targets

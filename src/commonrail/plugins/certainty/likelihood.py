@@ -20,9 +20,8 @@ from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.optimisers.least_squares import answered, differences
 from commonrail.calibration.parameter import Priors
-from commonrail.calibration.search import objective_of
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Study, objective_of
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
 from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
 

@@ -20,9 +20,8 @@ from commonrail.base.units import parse
 from commonrail.calibration.constraints import Products
 from commonrail.calibration.objective import Goal, Loss, Objective, Scores
 from commonrail.calibration.parameter import Parameter, Prior, Priors
-from commonrail.calibration.search import goal_of, objective_of
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import Method, Study
+from commonrail.calibration.study import Method, Study, goal_of, objective_of
 from commonrail.calibration.study_file import load_study, method_of
 from commonrail.calibration.study_keys import Optimisers, read_optimisers
 from commonrail.data.base import Role

@@ -14,8 +14,7 @@ import numpy as np
 from commonrail.base.arguments import file_path, flag, function, instance
 from commonrail.base.errors import CommonrailError, StudyError
 from commonrail.base.hooks import held_interrupts, note
-from commonrail.calibration.search import objective_of
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Study, objective_of
 from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
 from commonrail.engine.threads import usable_threads

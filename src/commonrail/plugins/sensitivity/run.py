@@ -14,9 +14,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.parameter import Parameter
-from commonrail.calibration.search import fitted_data
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Study, fitted_data
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
