@@ -125,19 +125,25 @@ _STARTING = threading.Lock()  # the environment is that of all threads
 
 
 @contextmanager
-def shielded() -> Iterator[None]:
-    """Processes started inside compute on one thread, run no module of the current folder, and get no stop signal."""
-    settings = (*SINGLE_THREADED, SAFE_PATH)
-    before = {name: os.environ.get(name) for name in settings}
-    os.environ.update(dict.fromkeys(settings, "1"))
+def unchanged(*names: str) -> Iterator[None]:
+    """Environment variables are afterwards what they were before."""
+    before = {name: os.environ.get(name) for name in names}
     try:
-        with _blocked_signals():
-            yield
+        yield
     finally:
         for name, value in before.items():
             os.environ.pop(name, None)
             if value is not None:
                 os.environ[name] = value
+
+
+@contextmanager
+def shielded() -> Iterator[None]:
+    """Processes started inside compute on one thread, run no module of the current folder, and get no stop signal."""
+    settings = (*SINGLE_THREADED, SAFE_PATH)
+    with unchanged(*settings), _blocked_signals():
+        os.environ.update(dict.fromkeys(settings, "1"))
+        yield
 
 
 @contextmanager
