@@ -92,7 +92,7 @@ class Verb(click.Command):
         values, _, order = self.make_parser(ctx).parse_args(list(args))
         for param in order:
             if param.multiple and len(set(values[param.name])) < len(values[param.name]):
-                ctx.fail(f"Option '{param.opts[-1]}' is given twice with the same value.")
+                ctx.fail(f"Option '{param.opts[-1]}' is given twice with the same value; name each once.")
             if isinstance(param, click.Option) and not (param.multiple or param.is_flag):
                 if param.name in seen:
                     ctx.fail(f"Option '{param.opts[-1]}' is given twice, and one value is expected.")

@@ -75,6 +75,7 @@ def certainty(
     if local and profile:
         raise InputError("--local omits the profiles, and --profile asks for one; omit either.")
     asked = starts != STARTS or profile or local or combination or limit != LIMIT or posterior
+    read_result(run)
     check_folder(run)
     with held_run(run) as lock:  # until the result is written, nobody else changes the fit that it is about
         study, best = read_fit(run)

@@ -12,7 +12,7 @@ import numpy as np
 from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import CommonrailError, InputError, nearest
-from commonrail.base.hooks import note
+from commonrail.base.hooks import note, quiet
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
 from commonrail.base.text import listed
@@ -37,7 +37,7 @@ from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
 from commonrail.readers.toml import read_model, read_toml, value_text
-from commonrail.runs.folder import new_folder
+from commonrail.runs.folder import final_text, new_folder
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
 
@@ -264,10 +264,11 @@ def _screened(model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path)
             kind = kind_of(block["kind"])
             if not _open(assumed):
                 context = Context(model, step, Reach(study, False), (at / "data")[i])
-                data += kind.read_all(read_model(kind.model, assumed, context.at), context)
+                with quiet():  # who reads the study gets its notes
+                    data += kind.read_all(read_model(kind.model, assumed, context.at), context)
         return screen(model, space, data, step)
     except CommonrailError as error:
-        note(f"The parameters to free are not screened: {error}")
+        note(final_text(f"The parameters to free are not screened: {error}", study.parent))
         return []
 
 
