@@ -23,7 +23,7 @@ TIMES = np.linspace(0.0, 1e-3, 5)
 def curve() -> cr.RateData:
     meter = cr.Meter("bench", {"delay": "5 us"}, sources={"delay": cr.Source("M", "data sheet")})
     noise = cr.Noise(uncertain={"delay": "1 us"})
-    return cr.RateData("curve", cr.Role.FIT, POINT, TIMES, np.ones(4), 1.0, "", "", meter=meter, noise=noise)
+    return cr.RateData("curve", cr.Role.FIT, POINT, TIMES, np.full(4, 1e-6), 1.0, "", "", meter=meter, noise=noise)
 
 
 def quantities() -> cr.QuantityData:
@@ -99,11 +99,11 @@ def test_values_of_an_injector_stay_those_of_its_parameters() -> None:
 
 
 def test_what_was_passed_in_is_not_what_is_kept() -> None:
-    values, rate = dict(INJECTOR.values), np.ones(4)
+    values, rate = dict(INJECTOR.values), np.full(4, 1e-6)
     made, data = replace(INJECTOR, values=values), replace(curve(), rate=rate)
     values["nozzle.holes"], rate[0] = -3.0, -1.0
     assert made == INJECTOR
-    assert data.rate.tolist() == [1.0] * 4
+    assert data.rate.tolist() == [1e-6] * 4
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_two_outputs_of_one_place_are_refused(tmp_path: Path, monkeypatch: pytes
     "line",
     [
         ("map", "--out", "a.json", "--quantity-out", "a.json"),
-        ("sweep", "--vary", "rail_pressure=80MPa", "--out", "a.csv", "--out", "a.csv"),
+        ("sweep", "--vary", "rail_pressure=80MPa", "--out", "a.csv", "--out", "./a.csv"),
     ],
 )
 def test_a_verb_writes_no_two_outputs_to_one_place(

@@ -41,7 +41,7 @@ class Sample:
 
     def truth(self, kind: type[DataSet], injector: Injector, folder: Path) -> Any:
         """Data set whose measured values are those that the injector itself gives."""
-        data = self.read(kind, injector, folder, np.ones(self.count))
+        data = self.read(kind, injector, folder, np.full(self.count, 1e-8))
         values = data.simulated(Simulator(injector, (), STEP, 1), ITSELF)[0]
         return self.read(kind, injector, folder, values)
 

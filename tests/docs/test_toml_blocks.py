@@ -86,13 +86,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "data" / "sister_quantity.csv").rename(folder / "data" / "sister.csv")
     (folder / "data" / "evi.csv").write_bytes((example / "data" / "evi.csv").read_bytes())
     shutil.copy(ROOT / "examples" / "test-plan" / "plan.csv", folder)
-    for name in ("164.toml", "165.toml"):
-        text = (family / name).read_text(encoding="utf-8").replace("../cri2-16/data/", "data/")
-        (folder / name).write_text(text, encoding="utf-8")
-    shutil.copy(family / "start.toml", folder)
-    for name in ("known.toml", "cri2.toml", "types/cri2.toml"):
-        (folder / "types").mkdir(exist_ok=True)
-        shutil.copy(family / "found-on-164.toml", folder / name)
+    (folder / "types").mkdir()
+    copies = {name: name for name in ("164.toml", "165.toml", "start.toml")}
+    copies |= dict.fromkeys(("known.toml", "cri2.toml", "types/cri2.toml"), "found-on-164.toml")
+    for name, source in copies.items():
+        text = (family / source).read_text(encoding="utf-8").replace("../cri2-16/data/", "data/")
+        (folder / name).write_text(text.replace("../cri2-16/injector.toml", "cri2-16"), encoding="utf-8")
     shutil.copy(ROOT / "src/commonrail/physics/catalogue/fuels/iso4113.toml", folder / "hvo.toml")
     for name in ("part.toml", "injector.toml"):
         (folder / name).write_text(tomlkit.dumps(FILES["injector"]), encoding="utf-8")

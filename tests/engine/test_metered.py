@@ -48,7 +48,9 @@ def test_it_is_what_a_study_compares_with_its_data(regulated: Injector, solution
         "bench", {"cutoff": "20 kHz", "delay": "7.3 us", "echo_share": 0.05, "echo_delay": "0.2 ms"}, "cascade"
     )
     bounds = solution.time[::10]
-    curve = RateData("curve", Role.FIT, POINT, bounds, np.ones(len(bounds) - 1), 1.0, "test", "all of it", meter=meter)
+    curve = RateData(
+        "curve", Role.FIT, POINT, bounds, np.full(len(bounds) - 1, 1e-6), 1.0, "test", "all of it", meter=meter
+    )
     compared = curve.simulated(Simulator(regulated, (), 1e-6, 1), ITSELF)[0]
     shown = metered(solution, meter, regulated, POINT).rate.reshape(-1, 10).mean(axis=1)
     np.testing.assert_allclose(shown, compared, atol=1e-9 * compared.max())

@@ -76,8 +76,8 @@ def test_inputs_are_means_over_a_step_and_clocks(regulated: Injector) -> None:
     assert inputs[:, 0] == pytest.approx(middle, rel=1e-12)  # no knot lies inside a step
     assert inputs[12, 4:] == pytest.approx([0.0, -4e-6], abs=1e-12)  # t = 8 us: the second begins
     assert inputs[11, 4:] == pytest.approx([5e-6, 2e-6], abs=1e-12)
-    # rail: the mean of the trace before the first energising, from 100 to 102 MPa
-    assert courses.settings == pytest.approx(np.array([[101e6, 5e6, 0.5e6]]), rel=1e-12)
+    # the rail at the start, before the first sample of its trace
+    assert courses.settings == pytest.approx(np.array([[100e6, 5e6, 0.5e6]]), rel=1e-12)
     assert courses.earliest_end[0] == round((12e-6 + 4e-6 + CHECK_AFTER) / 1e-6)
 
 

@@ -11,7 +11,7 @@ from commonrail.base import hooks
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine import plan, status
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.reference import Model, Resolution, simulate_reference
+from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.physics.fuel import Fuel
@@ -119,28 +119,6 @@ def test_another_batch_at_the_same_point_judges_no_pipe_anew(
 def test_no_pipe_of_the_catalogue_rubs_so_much() -> None:
     for name in ("virtual-lino-2016", "cri2-16", "crin", "direct-acting-kr"):
         assert status.pipe_loss(load_injector(name), 180e6) < status.MOST_LOSS
-
-
-def noisy(level: float, spike: float) -> Trace:
-    """Pressure from 0.6 ms before energising, whose sample at its begin is off by `spike` [Pa]."""
-    time = 5e-6 * np.arange(-120, 300)
-    return Trace.of(time, level + spike * (time == 0.0))
-
-
-def test_the_noise_of_one_sample_does_not_set_the_state_at_rest(regulated: Injector) -> None:
-    """Neither of the lanes nor of the reference, nor the density that makes volumes."""
-    clean, spoilt = (
-        OperatingPoint(noisy(160e6, 20.0 * size), 400e-6, noisy(5e6, size), noisy(0.5e6, 0.4 * size))
-        for size in (0.0, 1e6)
-    )
-    one, other = plan.prepare(regulated, [clean], 1e-6), plan.prepare(regulated, [spoilt], 1e-6)
-    # half of one sample of 5 us in 0.5 ms
-    assert other.courses.settings - one.courses.settings == pytest.approx(
-        5e-3 * np.array([[20e6, 1e6, 0.4e6]]), rel=1e-6
-    )
-    assert other.densities == pytest.approx(one.densities, rel=1e-5)  # 5 kPa of some 1.3 GPa
-    starts = [Model(regulated, point, COARSE, None).start for point in (clean, spoilt)]
-    assert starts[1][1] - starts[0][1] == pytest.approx(0.1e6, rel=1e-6)  # of the feed pipe's first cell
 
 
 def test_the_rail_pressure_is_a_channel_of_both_engines(regulated: Injector) -> None:

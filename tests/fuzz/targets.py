@@ -224,15 +224,16 @@ def _folder(path: Path, *names: str) -> Files:
     return {name: (path / name).read_bytes() for name in names}
 
 
-def _data_of(case: Path) -> list[str]:
-    return [f"data/{path.name}" for path in sorted((case / "data").iterdir())]
+def _files_of(case: Path) -> list[str]:
+    own = [name for name in ("study.toml", "injector.toml") if (case / name).exists()]
+    return [*own, *(f"data/{path.name}" for path in sorted((case / "data").iterdir()))]
 
 
 @cache
 def _studies() -> list[Files]:
     templates = _folder(PACKAGE / "plugins" / "new" / "template", "study.toml", "injector.toml", "data/evi.csv")
     cases = (ROOT / "cases" / name for name in ("cri2-16", "paper"))
-    case, paper = (_folder(at, "study.toml", *_data_of(at)) for at in cases)
+    case, paper = (_folder(at, *_files_of(at)) for at in cases)
     return [templates, templates, templates, case, case, paper]
 
 
@@ -260,9 +261,10 @@ def _truths() -> list[Files]:
 def _types() -> list[Files]:
     small = b'[[parameter]]\nname = "valve.mass"\nvalue = "4 g"\nspread = "1 g"\nlower = "2 g"\nupper = "8 g"\n'
     head = b'format = "commonrail-type/1"\nname = "t"\n'
+    start = (ROOT / "cases" / "family" / "start.toml").read_bytes().replace(b"../cri2-16/injector.toml", b"cri2-16")
     own = {"type.toml": head + b'injector = "injector.toml"\n' + small, **_injectors()[0]}
     noted = {"type.toml": head + small + b"# a note, in which a fault does no harm\n" * 40}
-    return [noted, {"type.toml": (ROOT / "cases" / "family" / "start.toml").read_bytes()}, own]
+    return [noted, {"type.toml": start}, own]
 
 
 @cache

@@ -102,12 +102,12 @@ def test_a_reader_that_fails_is_found(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_some_inputs_are_read_and_some_refused(name: str, tmp_path: Path) -> None:
     """Faults that are all fatal, or none, would try little of what comes after the first check."""
     found = []
-    for seed in range(15):
+    for seed in range(30):
         folder = tmp_path / str(seed)
         folder.mkdir()
         write_input(Random(seed), name, folder)
         found.append(bool(check(name, folder)))
-    assert 1 <= sum(found) <= 14
+    assert 1 <= sum(found) <= 29
 
 
 def test_inputs_repeat() -> None:

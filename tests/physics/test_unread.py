@@ -45,7 +45,12 @@ FIELDS[COMMAND] = ("since_start", "since_end")
 def base(actuation: Actuation) -> cr.Injector:
     """Injector whose currents reach all levels of their drive in the time that is simulated, and no zero among them."""
     injector = cr.load_injector("direct-acting-kr" if actuation is Actuation.DIRECT else "cri2-16")
-    drive = {"drive.quench_voltage": 30.0, "drive.diode_voltage": 30.0, "drive.peak_duration": 60e-6}
+    drive = {
+        "drive.boost_voltage": 65.0,
+        "drive.quench_voltage": 30.0,
+        "drive.diode_voltage": 30.0,
+        "drive.peak_duration": 60e-6,
+    }
     return replace(injector, values={**injector.values, **drive, "drive.peak_current": 10.0, "drive.hold_current": 5.0})
 
 

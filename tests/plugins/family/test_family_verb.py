@@ -186,7 +186,7 @@ def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path)
     for option in ("--models", "--run"):
         used = models if option == "--models" else run
         refused = command("type", file, "--out", tmp_path / "type.toml", option, used)
-        assert (refused.status, refused.sentence.endswith("nothing was overwritten.")) == (2, True)
+        assert (refused.status, "nothing was overwritten" in refused.sentence) == (2, True)
 
 
 def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Command, tmp_path: Path) -> None:

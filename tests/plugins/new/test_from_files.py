@@ -324,7 +324,9 @@ def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
     raw = bench / "raw" / "rates.csv"
     assert "Give --injector and one or more files" in run_command("new", tmp_path / "s", "--from", raw).sentence
     assert "belong to --from" in run_command("new", tmp_path / "s", "--cylinder-pressure", "5MPa").sentence
-    twice = run_command("new", tmp_path / "s", "--injector", "cri2-16", "--from", raw, "--from", raw)
+    twice = run_command(
+        "new", tmp_path / "s", "--injector", "cri2-16", "--from", raw, "--from", raw.parent / ".." / "raw" / raw.name
+    )
     assert "Two of the data files are called rates.csv" in twice.sentence
     for pressure, words in (("5GPa", "--cylinder-pressure must lie between"), ("-3MPa", "and -3 MPa was read")):
         beyond = ("--injector", "cri2-16", "--from", raw, "--cylinder-pressure", pressure)
