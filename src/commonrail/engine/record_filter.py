@@ -13,6 +13,7 @@ TOP, LOWEST = 10e3, 100.0  # upper end of that octave, and lowest cut-off by def
 MARGIN = 4.0  # of a cut-off over the signal: what a corner in the course loses falls with 1/f
 STANDS_OUT = 3.0  # power of a signal over that of the noise, in a band of half an octave
 FEWEST = 32  # samples that tell signal from noise
+NEIGHBOURS = 9  # frequencies whose mean power is compared with that of the noise
 
 
 class Filtered(NamedTuple):
@@ -28,7 +29,13 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
     """Low-pass a record without a shift in time.
 
     Up to the cut-off f_c its cosine transform stays as it is, above √2 f_c nothing is left, between them the gain falls
-    as a half cosine. The transform is that of the record less its regression line.
+    as a half cosine. The transform is that of the record less its regression line. With the default cut-off the noise
+    between the waves is taken off as well, by a Wiener filter: the gain is further multiplied by
+
+        max(1 − 3 N/P, 0)
+
+    P being the power of a frequency and its neighbours, N that of the noise (Wiener 1949, Extrapolation, Interpolation,
+    and Smoothing of Stationary Time Series; three times the noise, since its power scatters).
 
     Parameters
     ----------
@@ -39,6 +46,7 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
         20 kHz; a record of fewer than 32 samples stays as it is.
     """
     from scipy.fft import dct, idct
+    from scipy.ndimage import uniform_filter1d
 
     if cut_off is None and len(time) < FEWEST:
         return Filtered(time, value, np.inf, 0.0)
@@ -48,20 +56,24 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
     record = np.interp(even, time, value)
     line = np.polynomial.Polynomial.fit(even, record, 1)(even)
     content, frequency = dct(record - line, norm="ortho"), np.arange(count) / (2.0 * span)
+    weight = np.ones(count)
     if cut_off is None:
-        cut_off = max(MARGIN * _highest_signal(content**2, frequency), LOWEST)
-    if cut_off >= frequency[-1]:
+        power = content**2
+        top = min(TOP, float(frequency[-1]))
+        noise = np.median(power[(frequency > 0.5 * top) & (frequency <= top)]) / 0.4549  # median of χ² over its mean
+        cut_off = max(MARGIN * _highest_signal(power, frequency, noise, 0.5 * top), LOWEST)
+        mean = np.maximum(uniform_filter1d(power, NEIGHBOURS), np.finfo(float).tiny)
+        weight = np.maximum(1.0 - STANDS_OUT * noise / mean, 0.0)
+    elif cut_off >= frequency[-1]:
         return Filtered(time, value, cut_off, 0.0)
-    gain = 0.5 + 0.5 * np.cos(np.pi * np.clip((frequency / cut_off - 1.0) / (2.0**0.5 - 1.0), 0.0, 1.0))
+    fall = np.clip((frequency / cut_off - 1.0) / (2.0**0.5 - 1.0), 0.0, 1.0)
+    gain = weight * (0.5 + 0.5 * np.cos(np.pi * fall))
     smooth = line + idct(content * gain, norm="ortho")
     return Filtered(even, smooth, cut_off, float(np.mean((record - smooth) ** 2) ** 0.5))
 
 
-def _highest_signal(power: Floats, frequency: Floats) -> float:
-    """Upper end [Hz] of the highest half octave that stands out from the noise, 0 if none does."""
-    top = min(TOP, float(frequency[-1]))
-    noise = np.median(power[(frequency > 0.5 * top) & (frequency <= top)]) / 0.4549  # median of χ² over its mean
-    upper = 0.5 * top
+def _highest_signal(power: Floats, frequency: Floats, noise: float, upper: float) -> float:
+    """Upper end [Hz] of the highest half octave below `upper` that stands out from the noise, 0 if none does."""
     while upper > LOWEST * 2.0**0.5:
         band = power[(frequency > upper / 2.0**0.5) & (frequency <= upper)]
         if len(band) and band.sum() > STANDS_OUT * noise * (len(band) + STANDS_OUT):  # few bins scatter more
