@@ -28,7 +28,7 @@ HERE = Path(__file__).parent
 def judged(rate: Floats, data: cr.RateData) -> tuple[float, float]:
     """NRMSE and error of the injected mass of a rate, both in percent."""
     rms = float(np.sqrt(np.mean((rate - data.rate) ** 2)) / data.rate.max())
-    mass = float(np.sum(rate * data.widths) / np.sum(data.rate * data.widths)) - 1.0
+    mass = float(np.sum(rate * np.diff(data.bounds)) / np.sum(data.rate * np.diff(data.bounds))) - 1.0
     return 100.0 * rms, 100.0 * mass
 
 
@@ -75,7 +75,7 @@ def alike(where: Place, known: dict[Place, cr.RateData], simulated: dict[Place, 
     ended = (abs(simulated[where] - beside) > APART * own.rate.max()) & (own.bounds[1:] > 1e-6 * where[1])
     until = int(np.argmax(ended)) if ended.any() else len(own.rate)
     pairs = (own.rate, at_times_of(own, other, other.rate)), (simulated[where], beside)
-    masses = [[float(np.sum((rate * own.widths)[:until])) for rate in pair] for pair in pairs]
+    masses = [[float(np.sum((rate * np.diff(own.bounds))[:until])) for rate in pair] for pair in pairs]
     measured, explained = (100.0 * (mine / others - 1.0) for mine, others in masses)
     return 1e6 * float(own.bounds[until]), measured, explained
 
@@ -94,7 +94,7 @@ def main(run: str | None) -> None:
     simulator = Simulator(injector, (), study.time_step)
     curves = [d.changed(meter=meters[0]) for d in study.data if isinstance(d, cr.RateData)]
     known, table = {place(d): d for d in curves}, []
-    simulated = {place(d): d.score(simulator).rate for d in curves}
+    simulated = {place(d): d.score(simulator).values for d in curves}
     print("trace               role         NRMSE    mass     trivial model")
     for d in sorted(curves, key=place):
         found, plain = judged(simulated[place(d)], d), trivial(d, known)
