@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -102,3 +104,21 @@ def test_a_lock_that_cannot_be_taken_leaves_the_folder_free(tmp_path: Path) -> N
         Lock(tmp_path / LOCK)
     (tmp_path / LOCK).unlink()
     Lock(tmp_path / LOCK).close()
+
+
+@pytest.mark.skipif(lock_module.fcntl is None, reason="this system has no such locks")
+def test_a_file_system_without_locks_is_not_told_as_another_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_locks(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    path = tmp_path / LOCK
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:  # SQLite reports both cases alike
+        other.execute("PRAGMA journal_mode=MEMORY")
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(BlockingIOError):
+            Lock(path)
+        monkeypatch.setattr(lock_module.fcntl, "lockf", without_locks)
+        with pytest.raises(OutputError, match="no locks"):
+            Lock(path)

@@ -6,6 +6,7 @@ where the system can do that, and its handle is kept: it tells whether the folde
 
 from __future__ import annotations
 
+import errno
 import os
 import sqlite3
 import time
@@ -114,6 +115,7 @@ class Lock:
                 self._connection.close()
                 if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY:
                     raise
+                _refuse_without_locks(path)
                 raise BlockingIOError(str(path)) from None
 
     @property
@@ -145,6 +147,21 @@ class Lock:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
+
+
+def _refuse_without_locks(path: Path) -> None:
+    """Refuse (`OutputError`) a file system without locks, which SQLite reports as a file that somebody else holds."""
+    if fcntl is None:
+        return
+    with path.open("rb+") as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno == errno.ENOLCK:
+                raise OutputError(
+                    f"{path}: the file system gives no locks ({error.strerror}), as a network drive without them; put "
+                    "the run on a local disk."
+                ) from None
 
 
 def is_folder_held(folder: Path) -> bool:
