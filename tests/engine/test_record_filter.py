@@ -74,3 +74,10 @@ def test_a_stated_cut_off_counts_without_a_shift_in_time() -> None:
     assert np.abs(filtered.value - slow)[50:-50].max() < 0.02  # the record ends within a period
     assert low_pass(time, fast, 50e3).value is fast
     assert Trace.of(time, slow + fast).low_pass("1 kHz") == Trace.of(filtered.time, filtered.value)
+
+
+def test_a_record_too_slow_or_too_short_to_show_its_noise_stays_as_it_is() -> None:
+    for interval, count in ((100e-6, 1000), (1e-6, 40)):
+        time = interval * np.arange(count)
+        value = RAIL + 5e6 * np.exp(-time / 2e-3) * np.sin(2 * np.pi * 2.7e3 * time)
+        assert low_pass(time, value).value is value

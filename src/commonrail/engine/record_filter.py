@@ -13,6 +13,7 @@ TOP, LOWEST = 10e3, 100.0  # upper end of that octave, and lowest cut-off by def
 MARGIN = 4.0  # of a cut-off over the signal: what a corner in the course loses falls with 1/f
 STANDS_OUT = 3.0  # power of a signal over that of the noise, in a band of half an octave
 FEWEST = 32  # samples that tell signal from noise
+CHI = 0.4549  # median of χ² with one degree of freedom over its mean
 NEIGHBOURS = 9  # frequencies whose mean power is compared with that of the noise
 
 
@@ -43,10 +44,9 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
         An uneven record is first interpolated, linearly, at the median of its intervals.
     cut_off : float, optional
         [Hz]. By default four times the frequency up to which the record stands out from its noise, from 100 Hz to
-        20 kHz; a record of fewer than 32 samples stays as it is.
+        20 kHz; a record that is too short or too slow to show its noise, below 20 kHz, stays as it is.
     """
     from scipy.fft import dct, idct
-    from scipy.ndimage import uniform_filter1d
 
     if cut_off is None and len(time) < FEWEST:
         return Filtered(time, value, np.inf, 0.0)
@@ -57,13 +57,17 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
     line = np.polynomial.Polynomial.fit(even, record, 1)(even)
     content, frequency = dct(record - line, norm="ortho"), np.arange(count) / (2.0 * span)
     weight = np.ones(count)
+    octave = (frequency > 0.5 * TOP) & (frequency <= TOP)
+    if cut_off is None and (frequency[-1] < 0.99 * TOP or np.count_nonzero(octave) < NEIGHBOURS):
+        return Filtered(time, value, np.inf, 0.0)
     if cut_off is None:
         power = content**2
-        top = min(TOP, float(frequency[-1]))
-        noise = np.median(power[(frequency > 0.5 * top) & (frequency <= top)]) / 0.4549  # median of χ² over its mean
-        cut_off = max(MARGIN * _highest_signal(power, frequency, noise, 0.5 * top), LOWEST)
-        mean = np.maximum(uniform_filter1d(power, NEIGHBOURS), np.finfo(float).tiny)
-        weight = np.maximum(1.0 - STANDS_OUT * noise / mean, 0.0)
+        noise = float(np.median(power[octave])) / CHI
+        cut_off = max(MARGIN * _highest_signal(power, frequency, noise), LOWEST)
+        # corners and ends of the record reach into that octave, less so into the last one
+        steady = min(noise, float(np.median(power[frequency > 0.5 * frequency[-1]])) / CHI)
+        mean = np.convolve(power, np.full(NEIGHBOURS, 1.0 / NEIGHBOURS), "same")
+        weight = np.maximum(1.0 - STANDS_OUT * steady / np.maximum(mean, np.finfo(float).tiny), 0.0)
     elif cut_off >= frequency[-1]:
         return Filtered(time, value, cut_off, 0.0)
     fall = np.clip((frequency / cut_off - 1.0) / (2.0**0.5 - 1.0), 0.0, 1.0)
@@ -72,8 +76,9 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
     return Filtered(even, smooth, cut_off, float(np.mean((record - smooth) ** 2) ** 0.5))
 
 
-def _highest_signal(power: Floats, frequency: Floats, noise: float, upper: float) -> float:
-    """Upper end [Hz] of the highest half octave below `upper` that stands out from the noise, 0 if none does."""
+def _highest_signal(power: Floats, frequency: Floats, noise: float) -> float:
+    """Upper end [Hz] of the highest half octave below 5 kHz that stands out from the noise, 0 if none does."""
+    upper = 0.5 * TOP
     while upper > LOWEST * 2.0**0.5:
         band = power[(frequency > upper / 2.0**0.5) & (frequency <= upper)]
         if len(band) and band.sum() > STANDS_OUT * noise * (len(band) + STANDS_OUT):  # few bins scatter more
