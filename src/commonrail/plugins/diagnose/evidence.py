@@ -32,6 +32,7 @@ RESOLUTION = 0.01e-9  # of a bench [m³], also where nothing is injected: an est
 # is not normal; chosen by the logarithmic score on other parts than those of the trial.
 FREEDOM = 30.0
 DEPARTS = 2.0  # standard deviations of measured sound parts beyond which a result departs from them; chosen
+SLIGHT = 0.02  # of these standard deviations: a fault that moves a result less does not act on it; chosen
 SPARE_DRAWS = 8  # parts that must be there beyond the dimensions of the fit that yields a covariance
 
 Simulate = Callable[[Parts], Floats]  # quantities (parts, tests) [m³], NaN where a simulation failed
@@ -148,11 +149,12 @@ def judge(
     `found`: sound parts first; `measured` (tests,) [m³]; `sound`: probability before it that the part is sound, all
     faults being equally likely; `fails` (tests,): results outside their bands; `freedom`: degrees of freedom of the
     covariances, above 2. A fault has the probability zero if at each size it moves a result that fails, or departs
-    from sound parts, the other way.
+    from sound parts, the other way by more than `SLIGHT`.
     """
     prior = np.log(np.where([r.fault is None for r in found], sound, (1.0 - sound) / max(len(found) - 1, 1)))
     middle, scatter = found[0].mean[0], found[0].scatter[0]
-    departure = (measured - middle) / np.hypot(np.sqrt(np.diag(scatter)), noise.deviation(middle))
+    deviation = np.hypot(np.sqrt(np.diag(scatter)), noise.deviation(middle))
+    departure = (measured - middle) / deviation
     departs = np.where(np.asarray(fails) | (np.abs(departure) > DEPARTS), np.sign(departure), 0.0)
     logs, weights, fits = [], [], []
     for r in found:
@@ -165,7 +167,7 @@ def judge(
         distance = np.einsum("sti,sti->s", x, np.linalg.solve(matrix, x))
         tails = (freedom + len(measured)) * np.log1p(distance / (freedom - 2.0))
         log = -0.5 * (tails + np.linalg.slogdet(matrix)[1]) - np.log(scale).sum(axis=1)
-        contrary = np.any((r.mean - middle) * departs < 0.0, axis=1)
+        contrary = np.any((r.mean - middle) * departs < -SLIGHT * deviation, axis=1)
         allowed = np.where(contrary, -np.inf, log)
         logs.append(logsumexp(allowed) - np.log(len(log)))
         shown = log if contrary.all() else allowed
