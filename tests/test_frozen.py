@@ -1,4 +1,4 @@
-"""What studies are made of cannot be changed, at any depth, nor made without its checks; it has a hash and travels."""
+"""The parts of a study are deeply immutable, always validated, hashable and can be pickled."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def outside(data: PlanData, row: Floats) -> list[bool]:
 
 
 def contrary(data: PlanData, found: Sequence[Response], row: Floats, j: Judged) -> bool:
-    """Whether the fault that is named first moves a test that fails the plan away from its result."""
+    """Return whether the fault named first moves a test that fails the plan away from its result."""
     first, sound = j.order[0], found[0].mean[0]
     shift = j.weights[first] @ (found[first].mean - sound)
     return found[first].fault is not None and bool(np.any(outside(data, row) & ((row - sound) * shift < 0.0)))

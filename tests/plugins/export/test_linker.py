@@ -42,7 +42,7 @@ def test_the_first_link_for_a_target_says_that_a_c_library_is_built(
 def test_a_cache_of_the_linker_that_others_can_write_to_is_not_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What zig has built is linked into libraries: whoever writes it runs code where these are loaded."""
+    """Libraries are linked with the files in zig's cache: another user who could write there would run code in them."""
     shared = tmp_path / "commonrail"
     shared.mkdir()
     shared.chmod(0o777)
