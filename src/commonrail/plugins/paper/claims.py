@@ -330,7 +330,8 @@ def _edge(
 def _by_phase(claim: str, j: Floats, lowest: str) -> Claim:
     """Parts of J (seeds, phases), or of a gain in it, in rise, middle and descent: one is the lowest."""
     figure = " / ".join(f"{spread(part).median:.0f}".replace("-", "−") for part in j[:, 1:].T)
-    true = np.argmin(j[:, 1:], axis=1) == PHASES.index(lowest) - 1
+    is_lowest = np.argmin(j[:, 1:], axis=1) == PHASES.index(lowest) - 1
+    true = is_lowest & np.isfinite(j[:, 1:]).all(axis=1)  # argmin takes a phase that is not a number
     return judged(claim, f"rise / middle / descent: {figure} (medians)", true)
 
 
