@@ -42,3 +42,7 @@ def test_a_hold_below_the_peak_does_not_shorten_an_energising(rate: float, withi
 def test_a_current_that_fades_has_no_end() -> None:
     time, value, _ = current(100e3, 1, 0.5, 400e-6)
     assert np.isinf([one.error for one in read_energisings(time, value)]).all()
+
+
+def test_a_record_of_less_than_two_averages_shows_no_energising() -> None:
+    assert read_energisings(1e-6 * np.arange(8), np.array([0.0, 0.0, 5.0, 9.0, 9.0, 9.0, 0.0, 0.0])) == []

@@ -62,6 +62,8 @@ def read_energisings(time: Floats, value: Floats) -> list[Reading]:
     """
     many = max(int(FINEST / float(np.median(np.diff(time)))), 1)
     time, value = (array[: len(array) // many * many].reshape(-1, many).mean(axis=1) for array in (time, value))
+    if len(time) < 2:
+        return []  # shorter than two averages: no edge to be read
     current, on = flow_of(time, value)
     step, n = float(np.median(np.diff(time))), len(time)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]))).reshape(-1, 2).tolist()
