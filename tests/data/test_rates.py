@@ -24,5 +24,5 @@ def test_a_curve_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str) -
     text = data.read_text(encoding="utf-8")
     assert old in text
     data.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(cr.CommonrailError):
+    with pytest.raises(cr.CommonrailError, match=r"(study\.toml|evi\.csv)"):
         cr.load_study(tmp_path / "own" / "study.toml")

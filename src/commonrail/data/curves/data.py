@@ -39,6 +39,7 @@ from commonrail.engine.simulate import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import QUANTITIES, Given, Meter, shown_rates
+from commonrail.readers.location import located
 
 LARGEST_RATE = 0.1  # [m³/s] a thousand times that of a large truck's injector
 
@@ -126,7 +127,8 @@ class RateData(DataSet):
             name = f"{model.name}, {curve.label}" if curve.label else model.name
             source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
             read = curve.point, curve.bounds, curve.rate, model.weight, source, model.synthetic, curve.mass_density
-            found.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise))
+            with located(context.at):
+                found.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise))
         return tuple(found)
 
     @classmethod
