@@ -27,13 +27,11 @@ from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.data.base import DataSet
 from commonrail.data.noise import NOISE, Correlation, Noise
 from commonrail.data.simulator import Simulator
-from commonrail.plugins.certainty.estimate import Estimate, library, starts_from
-from commonrail.plugins.certainty.lack_of_fit import assess_residuals, of_missing
+from commonrail.plugins.certainty.estimate import estimate, library, starts_from
+from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.likelihood import Likelihood
-from commonrail.plugins.certainty.missing import missing_delay
-from commonrail.plugins.certainty.one_sided import Within, estimate_within
-from commonrail.plugins.certainty.run import friction_withdraws
-from commonrail.plugins.certainty.verdict import verdicts_of, withdrawal
+from commonrail.plugins.certainty.run import assess, drawn
+from commonrail.plugins.certainty.uncertain import with_uncertain_free
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int], Floats]
@@ -210,7 +208,7 @@ class Benches:
             parameters.append(cr.Parameter("fuel.temperature", *bounds, "K", mark="E", source="virtual", prior=prior))
         self.space = cr.Space(parameters, bed.constraints)
         self.bounds = np.arange(0.0, END + 0.5 * INTERVAL, INTERVAL)
-        self.first = Likelihood.of(self.bench(0).study, 1)
+        self.first = Likelihood.of(with_uncertain_free(self.bench(0).study), 1)
         self.library = library(self.first, MEMBERS, seed=5)
 
     def bench(self, seed: int) -> Bench:
@@ -245,23 +243,20 @@ class Benches:
         simulator = Simulator(self.injector, tuple(values), TRUE_STEP, 1)
         return data.simulated(simulator, np.array([list(values.values())]))[0]
 
-    def fit(self, bench: Bench) -> Estimate:
-        """Estimate of a bench, as that of `within`."""
-        return self.within(bench).found
-
-    def within(self, bench: Bench) -> Within:
-        """Estimate of a bench from members of the library, and that with what is fitted as the study states it."""
-        own = Likelihood.of(bench.study, 1)
+    def fit(self, bench: Bench) -> Certainty:
+        """Certainty of a bench from members of the library."""
+        study = with_uncertain_free(bench.study)
+        own = Likelihood.of(study, 1)
         apart = [a.at_zero - b.at_zero for a, b in zip(own.blocks, self.first.blocks, strict=True)]
         unit, errors = self.library
         starts = starts_from(own, (unit, errors + np.concatenate(apart)), self.bed.starts)
-        return estimate_within(bench.study, own, starts, 1)
+        result, draws = drawn(estimate(own, starts, first=self.space.dimension), 0)
+        return assess(study, result, draws, self.space.dimension, {}, threads=1)
 
 
 class Row(NamedTuple):
     """Figures of a bed: coverage of each parameter and of all, widths, half-widths in percent of the value, share of
-    intervals printed, pinned parameters, wrong ones among them, alarms, simulations and processor time of a fit and of
-    the test of a delay."""
+    intervals printed, pinned parameters, wrong ones among them, alarms, simulations and processor time of a fit."""
 
     benches: int
     each: Floats
@@ -274,8 +269,6 @@ class Row(NamedTuple):
     alarms: float
     simulations: float
     seconds: float
-    test_simulations: float = 0.0
-    test_seconds: float = 0.0
 
 
 def row(bed: Bed, many: int) -> Row:
@@ -285,26 +278,16 @@ def row(bed: Bed, many: int) -> Row:
     for seed in range(many):
         bench = benches.bench(seed)
         begin = time.process_time()
-        within = benches.within(bench)
-        one, whole, study = within.found, within.whole, within.study
-        middle = time.process_time()
-        delay = missing_delay(study, whole, 1)
-        tests, freed = assess_residuals(study, whole, delay, 1, priors_from=len(one.unit))
-        tested = freed + (0 if delay is None else delay.simulated)
-        low, high = one.interval()
-        judged = verdicts_of(one, low, high, withdrawal(one, tests))
-        friction = friction_withdraws(study, whole, judged, 1)
-        if friction is not None:
-            tests, tested = [*tests, of_missing(friction, within.level)], tested + friction.simulated
-            judged = verdicts_of(one, low, high, withdrawal(one, tests))
-        cost.append((one.simulated, middle - begin, tested, time.process_time() - middle))
-        found.append(one.point - bench.truth)
+        one = benches.fit(bench)
+        cost.append((one.estimate.simulated, time.process_time() - begin))
+        low, high, point = one.low, one.high, one.estimate.point[: one.d]
+        found.append(point - bench.truth)
         inside.append((low <= bench.truth) & (bench.truth <= high))
         half.append(0.5 * (high - low) / bench.truth)
-        printed.append(np.full(len(low), one.settled) & np.isfinite(high))
-        pinned.append([j.verdict is ParameterVerdict.PINNED for j in judged])
-        right.append(np.abs(one.point - bench.truth) <= [j.half for j in judged])
-        alarms.append(any(test.found for test in tests))
+        printed.append(np.full(len(low), one.estimate.settled and not one.draws.refusal))
+        pinned.append([j.verdict is ParameterVerdict.PINNED for j in one.verdicts])
+        right.append(np.abs(point - bench.truth) <= [j.half for j in one.verdicts])
+        alarms.append(any(test.found for test in one.tests))
     held, shown, called = np.array(inside), np.array(printed), np.array(pinned)
     relative = np.std(found, axis=0, ddof=1) / benches.bench(0).truth
     mean = np.array([np.mean(h[s]) if s.any() else np.nan for h, s in zip(np.array(half).T, shown.T, strict=True)])
@@ -349,7 +332,7 @@ def misses(found: Row, promise: Promise) -> list[str]:
 
 HEAD = """\
 | bed | benches | coverage of each, % | all, % | width | half-width, % | printed, % | pinned, % | wrong, % | \
-alarms, % | simulations, s a fit + test of a delay |
+alarms, % | simulations, s a fit |
 |---|---|---|---|---|---|---|---|---|---|---|"""
 
 
@@ -358,7 +341,7 @@ def line(name: str, r: Row) -> str:
     each, widths = (" ".join(f"{v:{form}}" for v in values) for values, form in ((r.each, ".0f"), (r.widths, ".2f")))
     halves = " ".join(f"{v:.2g}" for v in r.halves)
     error = np.sqrt(r.every * (100.0 - r.every) / r.benches)
-    effort = f"{r.simulations:.0f} + {r.test_simulations:.0f}, {r.seconds:.2f} + {r.test_seconds:.2f}"
+    effort = f"{r.simulations:.0f}, {r.seconds:.2f}"
     return (
         f"| {name} | {r.benches} | {each} | {r.every:.1f} ± {error:.1f} | {widths} | {halves} | {r.printed:.0f} | "
         f"{r.pinned:.0f} | {r.wrong:.1f} | {r.alarms:.1f} | {effort} |"

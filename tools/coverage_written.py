@@ -169,16 +169,15 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
             break
         study, start = benches.study(NOISES[noise], seed)
         try:
-            near = cr.certify(study, start, threads=1).estimate  # stands for the fit: the start is none
-            one = cr.certify(study, dict(zip(near.likelihood.names, near.point.tolist(), strict=True)), threads=1)
+            one = cr.certify(study, start, threads=1)
         except cr.SimulationError:
             failed += 1
             continue
         withdrawn += bool(one.withdrawn)
-        simulations += one.simulated
+        simulations += one.estimate.simulated
         pinned = np.array([v.verdict is ParameterVerdict.PINNED for v in one.verdicts])
         half = np.array([v.half for v in one.verdicts])
-        rows.append((one.estimate.point, one.low, one.high, pinned, half))
+        rows.append((one.estimate.point[: one.d], one.low, one.high, pinned, half))
     point, low, high, pinned, half = (np.array(column) for column in zip(*rows, strict=True))
     return Found(
         bed,

@@ -193,7 +193,7 @@ def fit_bench(bench: Path) -> None:
     command(["calibrate", str(bench / "fit" / "study.toml"), "--no-live", "--threads", "1", "--out", str(run)])
     record = json.loads((run / "result.json").read_text(encoding="utf-8"))
     if record["certainty"]["withdrawn"]:
-        command(["certainty", str(run), "--adopt", "--threads", "1"])
+        command(["certainty", str(run), "--threads", "1"])
 
 
 def fits(folder: Path) -> Iterator[tuple[dict[str, float], dict[str, Any]]]:

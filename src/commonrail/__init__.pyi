@@ -63,8 +63,6 @@ from .physics.meters import Meter as Meter
 from .physics.variants import Variant as Variant
 from .plugins.certainty.file import Certainty as Certainty
 from .plugins.certainty.likelihood import Likelihood as Likelihood
-from .plugins.certainty.posterior import Posterior as Posterior
-from .plugins.certainty.posterior import sample_posterior as sample_posterior
 from .plugins.certainty.run import certify as certify
 from .plugins.compare.run import Comparison as Comparison
 from .plugins.compare.run import compare as compare

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
@@ -52,7 +53,8 @@ class Identified(dict[str, dict[str, Any]]):
     """Findings of each free parameter by name; `influence` is None where the best values could not be simulated.
 
     `sections` are those of result.json on the fit as a whole, by their keys, "identifiability" being
-    `Influence.record`; `bands` has the section "band" of a data set by its name.
+    `Influence.record`; `bands` has the section "band" of a data set by its name. `estimate` are the most likely values
+    [SI] that take the place of those of the search, if any do, and `draws` (m, d) [SI] are draws of the parameters.
     """
 
     def __init__(self, influence: Influence | None = None) -> None:
@@ -60,6 +62,8 @@ class Identified(dict[str, dict[str, Any]]):
         self.influence = influence
         self.sections: dict[str, Any] = {}
         self.bands: dict[str, dict[str, Any]] = {}
+        self.estimate: Mapping[str, float] | None = None
+        self.draws: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,8 @@ class FinishedFit:
         Best values [SI], then other optima that explain the data as well.
     threads : int or None
         None: all usable processors.
+    starts : int
+        Starts of further searches.
     shared : dict
         What a function leaves to those after it, by the name of its part.
     """
@@ -83,6 +89,7 @@ class FinishedFit:
     identified: Identified
     optima: Floats
     threads: int | None
+    starts: int = 1
     shared: dict[str, Any] = field(default_factory=dict)
 
 
@@ -92,7 +99,7 @@ def plain_objective(study: Study, threads: int | None) -> Objective:
     return objective_of(replace(study, precision=Precision.F64), threads, goal)
 
 
-def identify(calibration: Calibration, threads: int | None = None) -> Identified:
+def identify(calibration: Calibration, threads: int | None = None, *, starts: int = 1) -> Identified:
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
     Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
@@ -104,7 +111,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     best = np.array([calibration.best[name] for name in study.space.names])
     found = identify_at(study.space, objective, best)
     if found.influence:
-        fit = FinishedFit(calibration, found, np.array([best, *_others(calibration)]), threads)
+        fit = FinishedFit(calibration, found, np.array([best, *_others(calibration)]), threads, starts)
         for part in registry.entries("after_fit").values():
             check_stop()
             try:
@@ -192,17 +199,3 @@ def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
     """
     half, single = (NORMAL * abs(spread) / change if change > 0.0 else np.inf for change in (joint, alone))
     return ParameterVerdict.by_width(half, single, value).value
-
-
-JOINT = 0.05  # probability that noise alone moves the most likely values so far from the true ones
-
-
-def outside_joint_region(gain: float, parameters: int) -> bool:
-    """True if values lie outside the joint region of 95 % of so many parameters about the most likely values.
-
-    `gain`: 2 ln L of the most likely values less that of the values, compared with the quantile of chi-squared with as
-    many degrees of freedom as parameters (Wilks 1938). False where it is not known (NaN).
-    """
-    from scipy.special import chdtri  # slow to import
-
-    return bool(gain > chdtri(parameters, JOINT))

@@ -14,7 +14,6 @@ from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, PluginError, StudyError
 from commonrail.base.hooks import note
-from commonrail.base.input import check_sum, read_arrays
 from commonrail.base.output import write_text
 from commonrail.base.text import significant
 from commonrail.data.records import Record, Traces
@@ -26,7 +25,6 @@ from commonrail.report.fit.diagnostics import (
     loading_matrix,
     pair_figures,
     parity_figure,
-    profile_figures,
 )
 from commonrail.report.fit.figures import error_maps, figures_of
 from commonrail.report.fit.record import rerun_lines
@@ -43,7 +41,7 @@ from commonrail.report.fit.verdict import (
 )
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind, kind_of
-from commonrail.runs.folder import POSTERIOR, RESULT, TRACES, final_text
+from commonrail.runs.folder import DRAWS, RESULT, TRACES, final_text, read_draws
 from commonrail.runs.journal import JOURNAL, best_course, held_run
 from commonrail.runs.traces import read_traces
 
@@ -101,7 +99,7 @@ def _page(record: Record, folder: Path, live: bool = True) -> str:
         folder.as_posix() or "RUN",
         bench=(folder / BENCH).is_file(),
         course=_course(folder),
-        draws=_draws(folder),
+        draws=_draws(folder, record),
         live=_live(record, folder) if live else "",
     )
 
@@ -124,15 +122,12 @@ def _course(folder: Path) -> Floats | None:
     return None
 
 
-def _draws(folder: Path) -> dict[str, Floats]:
-    """Draws of the posterior by parameter [SI]; none without a file, or of chains that do not agree."""
-    path = folder / POSTERIOR
-    if not path.is_file():
+def _draws(folder: Path, record: Record) -> dict[str, Floats]:
+    """Draws of the posterior by parameter [SI]; none without a file."""
+    if not (folder / DRAWS).is_file():
         return {}
-    check_sum(path)
-    arrays = read_arrays(path, "points", "names", "refused")
-    draws = arrays["points"].reshape(-1, arrays["points"].shape[-1])
-    return {} if str(arrays["refused"]) else {str(name): draws[:, i] for i, name in enumerate(arrays["names"])}
+    names = [str(parameter["name"]) for parameter in record["parameters"]]
+    return dict(zip(names, read_draws(folder, names).T, strict=True))
 
 
 KEYS = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
@@ -186,7 +181,6 @@ def report_html(
         parameters=rows,
         cures={p["name"]: p["cure"] for p in (certainty or {}).get("parameters", ()) if p.get("cure")},
         loadings=drawings(filter(None, [loading_matrix(record)]), name="loading"),
-        profiles=small_drawings(profile_figures(record), "profile"),
         pairs=small_drawings(pair_figures(record, draws), "pair"),
         judgement_lines=judgement_lines(record),
         judgement_tables=[*judgement_tables(record), *likelihood_tables(record)],

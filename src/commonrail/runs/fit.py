@@ -13,16 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from commonrail.base.arguments import file_path, flag, instance, thread_count, whole
-from commonrail.base.errors import CommonrailError, ConfigurationError, InputError, StudyError
+from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.base.hooks import held_interrupts, quiet
 from commonrail.base.input import SUMS, sha256
 from commonrail.base.output import PART, summed, write_text, writing
 from commonrail.calibration.identifiability import Identified, identify
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Convergence
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.refits import refits_of
-from commonrail.calibration.result import CERTAINTY, confirms
 from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched
 from commonrail.calibration.study import Study, objective_of
@@ -30,15 +29,11 @@ from commonrail.calibration.study_file import load_study
 from commonrail.runs.copies import copy_files, copy_paths, set_in_text
 from commonrail.runs.fingerprint import check_files, content_of, other_targets
 from commonrail.runs.folder import (
-    LIKELY,
-    POSTERIOR,
     STUDY,
-    earlier_certainty,
     refuse_used,
-    write_judgement,
     write_results,
 )
-from commonrail.runs.journal import ADOPTED, JOURNAL, LOCK, Input, Journal, State, read_about
+from commonrail.runs.journal import ESTIMATED, JOURNAL, LOCK, STARTS, Input, Journal, State, read_about
 
 if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
@@ -404,30 +399,23 @@ def resume(
     return STUDIES.resume(path, work, study=study, generations=generations, as_begun=as_begun)
 
 
-def adopt_likely(folder: str | Path, *, threads: int | None = None, listener: Listener = Listener()) -> Calibration:
-    """Take the most likely values that `commonrail certainty` has found in a run as its calibrated values.
+def estimate_again(
+    folder: str | Path, *, starts: int, threads: int | None = None, listener: Listener = Listener()
+) -> Calibration:
+    """Search the most likely values of a finished run once more, from so many starts; all of the run follows.
 
-    All of the run follows, as if the search had ended there, and stays so when the run is resumed, until a longer
-    search ends at other values. Arguments and errors are those of `resume`.
-
-    Raises
-    ------
-    InputError
-        If the run has no most likely values of several starts.
+    Arguments and errors are those of `resume`; so does a run that is resumed later.
     """
     path = file_path(folder, "folder")
-    if earlier_certainty(path) is None:
-        cure = f"`commonrail certainty {shlex.quote(str(path))}` finds them"
-        raise InputError(f"{path}: there are no most likely values; {cure}.")
-    return STUDIES.resume(path, _work(listener, threads, None, adopt=True), as_begun=True)
+    return STUDIES.resume(path, _work(listener, threads, None, starts=whole(starts, "starts", 1)), as_begun=True)
 
 
 def _work(
-    listener: Listener, threads: int | None, workers: Workers | None, *, strict: bool = False, adopt: bool = False
+    listener: Listener, threads: int | None, workers: Workers | None, *, strict: bool = False, starts: int = 0
 ) -> Work[Study, Calibration]:
     """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written.
 
-    `adopt`: take the most likely values in place of the search's best. Ctrl-C in the judgement raises
+    `starts`: of the search for the most likely values, 0 for those of the run. Ctrl-C in the judgement raises
     `KeyboardInterrupt`: the fit is kept, and `resume` judges it.
     """
     if workers is not None:
@@ -451,67 +439,26 @@ def _work(
         )
         calibration = replace(calibration, warnings=before + calibration.warnings)
         journal.check_place()
-        calibration, kept = _with_certainty(journal.folder, calibration, threads, listener, adopt=adopt)
-        files = () if not kept else (POSTERIOR,) if adopt else (LIKELY, POSTERIOR)
-        # the fit is kept whatever happens to its judgement
-        write_results(journal.folder, calibration, _and_certainty(Identified(), kept), files)
-        journal.describe({ADOPTED: repr(calibration.cost) if "taken" in kept else ""})
+        write_results(journal.folder, calibration, Identified())  # the fit is kept whatever happens to its judgement
         listener.note("judging how well the data determine each parameter ...")
+        many = starts or int(journal.about.get(STARTS) or 1)
         with held_interrupts() as stop:
             if calibration.status == State.INTERRUPTED:
                 stop.asked = False  # that was the search; its best values are judged
-            identified = _and_certainty(identify(calibration, threads), kept)
+            identified = identify(calibration, threads, starts=many)
             refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
+        if identified.estimate:
+            calibration = at_values(calibration, identified.estimate, threads)
         identified.sections |= {"refits": refits} if refits else {}
         journal.check_place()
-        write_judgement(journal.folder, calibration, identified)
+        facts = {STARTS: str(many)} if starts else {}
+        journal.describe(facts | {ESTIMATED: repr(calibration.cost) if identified.estimate else ""})
+        write_results(journal.folder, calibration, identified)
         if refits.get("interrupted"):
             raise KeyboardInterrupt
         return calibration
 
     return work
-
-
-def _with_certainty(
-    folder: Path, calibration: Calibration, threads: int | None, listener: Listener, *, adopt: bool
-) -> tuple[Calibration, dict[str, Any]]:
-    """The calibration, with the most likely values if they are or were adopted, and what `certainty` knows of it.
-
-    Nothing is known of it if the search has other best values than `certainty` has looked at.
-    """
-    earlier = earlier_certainty(folder)
-    if earlier is None:
-        return calibration, {}
-    kept, searched = earlier
-    if searched != calibration.best:
-        again = f"commonrail certainty {shlex.quote(str(folder))}"
-        listener.note(f"the best values have changed: `{again}` tells how certain these are.")
-        return calibration, {}
-    if adopt:
-        taken = {one["name"]: float(one["value"]) for one in kept["parameters"]}
-        kept |= {"searched": searched, "taken": taken, "gain": 0.0}
-    if "taken" not in kept:
-        return calibration, kept
-    verdict = calibration.convergence
-    if confirms(kept) or not kept["settled"]:  # too few starts confirm nothing: the search's own verdict stays
-        many = f"{kept['agreeing']} of {kept['starts']} starts"
-        figures = {"starts": kept["starts"], "agreeing": kept["agreeing"], "cut_short": False}
-        verdict = Convergence.of(kept["settled"], f"{many} lead to the most likely values, which were adopted", figures)
-    found = at_values(calibration, kept["taken"], threads)
-    told = tuple(
-        warning for warning in found.warnings if warning.code != "share"
-    )  # weights play no part in these values
-    return replace(found, convergence=verdict, warnings=told), kept
-
-
-def _and_certainty(identified: Identified, kept: Mapping[str, Any]) -> Identified:
-    """Findings with what an earlier `commonrail certainty` knows, in place of the local look."""
-    if kept:
-        identified.sections[CERTAINTY] = dict(kept)
-        for one in kept["parameters"]:
-            known = {key: one[key] for key in ("standard_error", "verdict")}
-            identified[one["name"]] = {**identified.get(one["name"], {}), **known}
-    return identified
 
 
 def warn_of_targets(

@@ -12,12 +12,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from commonrail.base.arguments import file_path, instance, mapping
+from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import check_unheld_stop, note
-from commonrail.base.input import check_sums
-from commonrail.base.output import PART, summed, write_text, writing
-from commonrail.calibration.result import CERTAINTY, result_record
+from commonrail.base.input import check_sum, check_sums, read_arrays
+from commonrail.base.output import PART, replacing, summed, write_text, writing
+from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import load_study
@@ -122,8 +125,7 @@ def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
 
 
 RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
-LIKELY = "most-likely.toml"  # injector with the most likely values, which `commonrail certainty` leaves
-POSTERIOR = "posterior.npz"  # draws that its option --posterior leaves
+DRAWS = "draws.npz"  # draws of the parameters from the posterior of the fit
 MEMBER = "member-{}.toml"  # injectors of the other optima whose mean is scored, from number 2 on
 
 _COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # of courses in time, which have no mean
@@ -223,28 +225,40 @@ def write_results(
     folder: Path,
     calibration: Calibration,
     identified: Mapping[str, Mapping[str, Any]],
-    keep: Sequence[str] = (),
 ) -> None:
-    """Write calibrated.toml, the other members, result.json and traces.csv, and their checksums.
-
-    `keep`: files that an earlier `commonrail certainty` has left and that are still of this fit.
-    """
+    """Write calibrated.toml, the other members, result.json, traces.csv and draws.npz, and their checksums."""
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
     others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
-    former = {path.name for path in folder.glob(MEMBER.format("*"))} | {LIKELY, POSTERIOR}
-    with summed(folder, *former - set(keep)):
+    former = {path.name for path in folder.glob(MEMBER.format("*"))} | {DRAWS}
+    with summed(folder, *former):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
         for name, injector in others.items():
             dump_injector(injector, folder / name, notes)
         write_record(folder / RESULT, result_record(calibration, identified))
         _write_traces(folder / TRACES, calibration)
+        draws = getattr(identified, "draws", None)
+        if draws is not None:
+            names = np.array(calibration.study.space.names)
+            with replacing(folder / DRAWS, "wb") as stream:
+                np.savez(stream, points=draws, names=names)
 
 
-def write_judgement(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write result.json again, with what was judged since `write_results`; the other files stay."""
-    with summed(folder):
-        write_record(folder / RESULT, result_record(calibration, identified))
+def read_draws(folder: str | Path, names: Sequence[str], most: int | None = None) -> Floats:
+    """Draws (m, d) [SI] of a run folder, for parameters of these names, at most so many of them.
+
+    Raises `InputError` if there are none, or they are of other parameters.
+    """
+    path = file_path(folder, "folder") / DRAWS
+    again = f"`commonrail certainty {shlex.quote(str(folder))}` draws them"
+    if not path.is_file():
+        raise InputError(f"{path}: there are no draws; {again}.")
+    check_sum(path)
+    arrays = read_arrays(path, "points", "names")
+    points = np.asarray(arrays["points"], float)
+    if arrays["names"].tolist() != list(names) or points.ndim != 2 or points.shape[1] != len(names):
+        raise InputError(f"{path}: the draws are of other parameters than the study has; {again}.")
+    return points if most is None else points[:: max(len(points) // most, 1)]
 
 
 def read_result(folder: Path) -> dict[str, Any]:
@@ -283,19 +297,6 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     if set(best) != set(study.space.names):
         raise InputError(f"{folder}: {RESULT} has other parameters than {STUDY}; calibrate again.")
     return study, best
-
-
-def earlier_certainty(folder: Path) -> tuple[dict[str, Any], dict[str, float]] | None:
-    """Result of `commonrail certainty` in a record, and the best values of the search that it is about.
-
-    None without a whole result, or where the calibration alone has looked at its certainty.
-    """
-    with suppress(InputError, KeyError, TypeError, AttributeError):
-        record = read_result(folder)
-        found = dict(record[CERTAINTY])
-        if found["starts"] > 1 or found["profiles"] or {"posterior", "taken"} & found.keys():
-            return found, dict(found.get("searched") or {p["name"]: p["best"] for p in record["parameters"]})
-    return None
 
 
 def _write_traces(path: Path, calibration: Calibration) -> None:

@@ -250,7 +250,8 @@ def now() -> str:
 
 
 JOURNAL, LOCK = "journal.sqlite", "journal.lock"
-ADOPTED = "adopted"  # fact of a run: objective of the most likely values, if they are the calibrated ones
+ESTIMATED = "estimated"  # fact of a run: objective of the most likely values, if they are the calibrated ones
+STARTS = "starts"  # fact of a run: starts of the search for the most likely values, if more than the search's own
 
 
 @contextmanager
@@ -427,7 +428,7 @@ def read_about(folder: Path) -> dict[str, Any]:
         return about | {
             "generations done": len(generations),
             "refinements": len(refinements),
-            "best": float(about.get(ADOPTED) or min((row[1] for row in steps), default=math.inf)),
+            "best": float(about.get(ESTIMATED) or min((row[1] for row in steps), default=math.inf)),
             "seconds": max((float(row[4]) for row in steps), default=0.0),
             "changed": max((row[2] or row[1] for row in read_rows(connection, "session")), default=None),
         }

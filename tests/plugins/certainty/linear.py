@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from commonrail.data.noise import NOISE, Noise
 from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import Block
-from commonrail.plugins.certainty.nuisance import Nuisance
 
 Floats = NDArray[np.float64]
 
@@ -37,24 +35,10 @@ def space(dimension: int = 3, constraints: Sequence[str] = (), scale: str = "lin
     return Space(parameters, constraints)
 
 
-class Uncertain(NamedTuple):
-    """Quantity of unit deviation with the change of the residuals by a number of deviations, at points (m, d)."""
-
-    key: str
-    change: Callable[[float, Floats], Floats]
-    sides: tuple[float, ...] = (1.0,)  # one side alone is taken as linear, and never fitted
-
-
-def linear(key: str, change: Floats) -> Uncertain:
-    """Quantity that changes the residuals in proportion."""
-    return Uncertain(key, lambda deviations, points: deviations * change)
-
-
 def likelihood(
     measured: Sequence[Floats],
     designs: Sequence[Floats],
     noises: Sequence[Noise] = (),
-    nuisances: Sequence[Uncertain] = (),
     room: Space | None = None,
 ) -> Likelihood:
     """Likelihood of blocks of measured values under linear models; values beyond 1e6 count as failed."""
@@ -69,13 +53,13 @@ def likelihood(
     def residuals(points: Floats) -> Floats:
         return np.asarray(points @ together.T - target)
 
-    def nuisance(one: Uncertain) -> Nuisance:
-        def moved(deviations: float, points: Floats) -> Floats:
-            return residuals(points) + one.change(deviations, points)
+    return Likelihood(room or space(together.shape[1]), blocks, residuals)
 
-        return Nuisance(f"{one.key} of bench", one.key, 1.0, "1", moved, one.sides)
 
-    return Likelihood(room or space(together.shape[1]), blocks, residuals, list(map(nuisance, nuisances)))
+def interval(found: Estimate) -> tuple[Floats, Floats]:
+    """Ends of the intervals by the curvature."""
+    half = found.half_widths() * np.abs(found.likelihood.scaled(found.unit))
+    return found.point - half, found.point + half
 
 
 def fitted(own: Likelihood, starts: int = 1) -> Estimate:

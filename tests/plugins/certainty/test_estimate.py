@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from commonrail.data.noise import Correlation, Law, Noise
 from commonrail.plugins.certainty.lack_of_fit import lack_of_fit
-from tests.plugins.certainty.linear import TRUTH, Floats, design, fitted, likelihood, linear, space
+from tests.plugins.certainty.linear import TRUTH, Floats, design, fitted, interval, likelihood, space
 
 WHITE = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE)
 Draw = Callable[[np.random.Generator, int], Floats]
@@ -40,7 +40,7 @@ def test_white_noise_gives_the_interval_of_least_squares() -> None:
     found = fitted(likelihood([y], [x], [WHITE]))
     best, rest, *_ = np.linalg.lstsq(x, y, rcond=None)
     error = np.sqrt(rest[0] / 297 * np.diag(np.linalg.inv(x.T @ x)))
-    low, high = found.interval()
+    low, high = interval(found)
     assert (np.abs(found.point - best) < 0.04 * error).all()  # the search ends 1e-3 of 2 ln L below the top
     np.testing.assert_allclose(high - low, 2 * student.ppf(0.975, 297) * error, rtol=1e-4)
 
@@ -49,7 +49,7 @@ def test_a_stated_sigma_is_taken_and_the_quantile_is_the_normal_one() -> None:
     x = design()
     found = fitted(likelihood([curve(normal, 2)], [x], [Noise(correlation=Correlation.WHITE, sigma=0.5)]))
     error = 0.5 * np.sqrt(np.diag(np.linalg.inv(x.T @ x)))
-    low, high = found.interval()
+    low, high = interval(found)
     np.testing.assert_allclose(high - low, 2 * 1.959964 * error, rtol=1e-6)
 
 
@@ -63,9 +63,9 @@ def test_a_sigma_of_few_repeats_widens_the_intervals_until_they_cover() -> None:
         sigma = 0.2 * float(np.sqrt(rng.chisquare(2.0) / 2.0))
         noise = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=sigma, freedom=2.0)
         found = fitted(likelihood([curve(normal, 500 + seed, 60)], [x], [noise]))
-        low, high = found.interval()
+        low, high = interval(found)
         inside.append((low <= TRUTH) & (high >= TRUTH))
-        sizes.append(lack_of_fit(found)[0].size)
+        sizes.append(lack_of_fit(found, 3)[0].size)
     assert 0.90 <= np.mean(inside) <= 0.99
     # the test of the residuals' size knows that σ is uncertain: its probabilities are uniform
     assert np.mean(np.array(sizes, float) < 0.1) == pytest.approx(0.1, abs=0.075)  # three standard errors
@@ -77,7 +77,7 @@ def test_intervals_cover_the_truth(draw: Draw) -> None:
     x, inside, points, half = design(), [], [], []
     for seed in range(100):
         found = fitted(likelihood([curve(draw, 100 + seed)], [x]))
-        low, high = found.interval()
+        low, high = interval(found)
         inside.append((low <= TRUTH) & (high >= TRUTH))
         points.append(found.point)
         half.append(0.5 * (high - low))
@@ -97,25 +97,15 @@ def test_blocks_of_other_units_have_their_own_scale() -> None:
     assert (found.covariance.freedom < 15).all()  # the map of 12 values decides, and it has few
 
 
-def test_an_uncertain_quantity_adds_its_variance_whatever_its_shape() -> None:
-    x = design()
-    shift = 0.3 * x[:, 0]  # as if the first parameter were 0.3 larger
-    nuisance = linear("gain", shift)
-    found = fitted(likelihood([curve(normal, 4)], [x], [WHITE], [nuisance]))
-    np.testing.assert_allclose(found.covariance.nuisances[0], [-0.3 / 9.9, 0.0, 0.0], atol=1e-9)
-    assert found.covariance.total[0, 0] == pytest.approx(found.covariance.noise[0, 0] + (0.3 / 9.9) ** 2)
-
-
 def test_a_discrepancy_of_one_length_is_that_of_generalised_least_squares() -> None:
     x, n = design(60), 60
     noise = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.2, discrepancy=0.1, length=0.2)
-    own = likelihood([curve(normal, 6, n)], [x], [noise])
-    found = fitted(own)
+    found = fitted(likelihood([curve(normal, 6, n)], [x], [noise]))
     t = np.linspace(0.0, 1.0, n)
     k = 0.01 * np.exp(-0.5 * ((t[:, None] - t) / 0.2) ** 2)
-    plus = np.linalg.inv(x.T @ x) @ x.T
-    expected = plus @ (0.04 * np.eye(n) + k) @ plus.T / 9.9**2
-    np.testing.assert_allclose(found.covariance.total, expected, rtol=1e-3)  # bumps half a length apart
+    expected = np.linalg.inv(x.T @ np.linalg.solve(0.04 * np.eye(n) + k, x)) / 9.9**2
+    # bumps a length apart add up to a variance that is even to 1.4 %
+    np.testing.assert_allclose(np.diag(found.covariance.noise), np.diag(expected), rtol=0.03)
 
 
 def test_a_white_discrepancy_has_more_degrees_of_freedom_than_the_noise_beside_it() -> None:
@@ -134,30 +124,12 @@ def test_a_parameter_that_nothing_holds_has_no_interval() -> None:
     assert np.isfinite(found.half_widths()[:2]).all()
 
 
-def test_a_logarithmic_parameter_has_an_interval_of_the_same_width() -> None:
-    own = [likelihood([curve(normal, 8)], [design()], [WHITE], room=space(scale=s)) for s in ("linear", "log")]
-    (low, high), (low_log, high_log) = (fitted(one).interval() for one in own)
-    np.testing.assert_allclose(high_log - low_log, high - low, rtol=1e-2)
-
-
 def test_an_active_ordering_is_kept_and_the_interval_is_not_cut() -> None:
     x = design()
     y = x @ [2.0, 2.005, 5.0] + 0.2 * np.random.default_rng(9).standard_normal(300)
     free, held = (fitted(likelihood([y], [x], [WHITE], room=space(constraints=c))) for c in ([], ["b < a"]))
     assert held.point[0] == pytest.approx(held.point[1], rel=1e-6)
     np.testing.assert_allclose(held.half_widths(), free.half_widths(), rtol=0.1)  # s² is larger there
-
-
-def test_the_logarithm_of_the_likelihood_is_that_of_the_normal_density() -> None:
-    y, x = curve(normal, 10), design()
-    own = fitted(likelihood([y], [x], [WHITE])).likelihood
-    points = np.array([TRUTH, TRUTH + 0.1, [np.nan, 1.0, 1.0]])
-    sigma = own.noises[0].scale
-    expected = [-0.5 * np.sum(((x @ p - y) / sigma) ** 2) - 300 * np.log(sigma * np.sqrt(2 * np.pi)) for p in points]
-    found = own.log_likelihood(points)
-    np.testing.assert_allclose(found[:2], expected[:2], rtol=1e-12)
-    assert found[2] == -np.inf
-    assert own.failed == 1
 
 
 def test_several_starts_that_agree_settle_a_search() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,19 +28,6 @@ def prediction(measured: bool = True) -> cr.Prediction:
     return cr.Prediction([Band(data, values, edges, measured, edges)], (0.5, 0.9), "made up", {})
 
 
-def posterior(r_hat: float = 1.01) -> cr.Posterior:
-    """Posterior of 2 chains of 300 steps over two parameters, with a likelihood that scales them by 10 and 100."""
-    own = SimpleNamespace(
-        names=("nozzle.holes", "valve.lift"),
-        units=("1", "m"),
-        space=SimpleNamespace(from_unit=lambda unit: unit * np.array([10.0, 100.0])),
-    )
-    unit = np.random.default_rng(1).uniform(size=(2, 300, 2))
-    estimate: Any = SimpleNamespace(likelihood=own, point=np.array([5.0, 50.0]))
-    sizes = np.array([450.0, 500.0])
-    return cr.Posterior(estimate, unit, np.zeros((2, 300)), np.array([1.0, r_hat]), sizes, 0.3, 700, 2, 1)
-
-
 def plan() -> cr.Plan:
     """Plan of two measurements, made up."""
     ones = tuple(
@@ -57,8 +43,6 @@ def plan() -> cr.Plan:
     [
         (prediction(), "2 values of map with bands of 50 and 90 %", "Measured values inside the bands"),
         (prediction(measured=False), "2 values of map with bands", "28.95 to 30.95|27 to 29"),
-        (posterior(), "600 draws of 2 parameters; chains agree; largest R-hat 1.01, at least 450", "Posterior"),
-        (posterior(1.2), "refused: R-hat of valve.lift is 1.2", "Refused"),
         (plan(), "2 measurements at cost 2; standard deviation times 0.700", "Standard errors at the best values"),
     ],
 )
@@ -77,20 +61,9 @@ def test_frames_have_a_row_for_each_value_with_units() -> None:
     assert frame["upper_90 [mm3]"].tolist() == pytest.approx([3.1, 29.0])
     assert frame["measured [mm3]"].tolist() == pytest.approx([2.0, 30.0])
     assert prediction(measured=False).to_pandas()["measured [mm3]"].isna().all()
-    draws = posterior().to_pandas()
-    assert len(draws) == 600
-    assert draws["valve.lift [m]"].max() == pytest.approx(100.0, rel=0.05)  # the largest of 600 below 100
     measurements = plan().to_pandas()
     assert measurements["energising_time [us]"].tolist() == pytest.approx([300.0, 500.0])
     assert measurements["expected [mm3]"].tolist() == pytest.approx([5.0, 10.0])
-
-
-def test_draws_are_drawn_in_pairs() -> None:
-    (figure,) = posterior().plot().figures
-    _, likely = figure.panels[0].series
-    assert (likely.x, likely.y) in (((5.0,), (50.0,)), ((50.0,), (5.0,)))
-    with pytest.raises(cr.SimulationError):
-        posterior(1.2).plot()
 
 
 def test_data_of_unlike_units_name_theirs_in_a_column() -> None:
@@ -105,11 +78,6 @@ def test_data_of_unlike_units_name_theirs_in_a_column() -> None:
     frame = both.to_pandas()
     assert frame["unit"].tolist() == ["m3", "m3", "m3/s", "m3/s"]
     assert frame["predicted"].tolist() == pytest.approx([2.1e-9, 28e-9] * 2)  # SI: no unit is that of all
-
-
-def test_draws_that_do_not_agree_are_not_handed_on() -> None:
-    with pytest.raises(cr.SimulationError, match="The posterior cannot be used"):
-        posterior(1.2).to_pandas()
 
 
 def test_figures_of_analyses_name_their_output_or_point() -> None:

@@ -110,5 +110,4 @@ def covariance_at(likelihood: Likelihood, end: Ascent) -> tuple[Covariance, Floa
     slopes = end.slopes[0]
     if np.isnan(slopes[0, 0]):
         slopes = forward_slopes(likelihood, end.unit, end.errors)[0]
-    nothing = np.zeros((0, likelihood.size))
-    return covariance_of(likelihood, end.unit[0], slopes, end.errors[0], nothing), slopes
+    return covariance_of(likelihood, end.unit[0], slopes, end.errors[0]), slopes

@@ -4,27 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
-from commonrail.base.output import summed
 from commonrail.base.text import number
-from commonrail.calibration.result import CERTAINTY
-from commonrail.calibration.study import Study
-from commonrail.physics.injector import Source
-from commonrail.physics.meters import is_of_meter, known_quantity
+from commonrail.plugins.certainty.draws import Draws
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit
-from commonrail.plugins.certainty.one_sided import Within
-from commonrail.plugins.certainty.profile import Profile, Ripple
-from commonrail.plugins.certainty.verdict import Assessment, sensitivity_records
-from commonrail.readers.injector_writer import dump_injector
-from commonrail.runs.folder import LIKELY, POSTERIOR, RESULT, read_result, write_record
+from commonrail.plugins.certainty.verdict import Assessment
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,120 +25,121 @@ class Certainty(Shown):
     Attributes
     ----------
     estimate : Estimate
-        Most likely values and their local intervals; `estimate.likelihood` is the likelihood with its fitted noise.
+        Most likely values of the study's parameters and of the uncertain quantities of the bench, which follow them;
+        `estimate.likelihood` is the likelihood with its fitted noise.
+    draws : Draws
+        From the posterior of all of these.
+    d : int
+        Number of the study's parameters.
     level : float
         Share of intervals that hold the truth.
     low, high : (d,)
-        Ends of the intervals [SI]: of the profile where there is a finished one, else local.
-    estimators : list of str
-        Estimator of each parameter's interval.
-    profiles : mapping of str to Profile
+        Ends of the intervals [SI].
+    correlation : (d + k, d + k)
+        Of the draws.
     tests : list of LackOfFit
-        For each data set, and for a delay that all curves share.
-    visible : float
-        Smallest delay of the meter [s] that the test of a delay finds in 9 of 10 benches like this one; NaN without
-        that test.
     withdrawn : str
         Reason why no parameter is called pinned, empty if there is none.
     verdicts : list of Assessment
-    adopted : int
-        Times that a profile met a better optimum, which then took the place of the first.
-    combinations : mapping of str to (float, float)
-        Value and half width [SI] of each stated combination.
-    simulated : int
-        Points simulated.
-    within : Within
-        The same estimate with the quantities that were fitted as the study states them, see `one_sided`.
-    gain : float
-        2 ln L of the most likely values less that of the values that the search started from, under the same noise.
-    ripple : Ripple or None
-        Comparison of the curvature with the simulated likelihood; None where profiles were asked for, or quantities
-        were fitted as stated.
+    combinations : mapping of str to (float, float, float)
+        Value and ends of the interval [SI] of each stated combination.
     """
 
     presenter = "commonrail.plugins.certainty.notebook:CERTAINTY"
 
     estimate: Estimate
+    draws: Draws
+    d: int
     level: float
     low: Floats
     high: Floats
-    estimators: list[str]
-    profiles: Mapping[str, Profile]
+    correlation: Floats
     tests: list[LackOfFit]
-    visible: float
     withdrawn: str
     verdicts: list[Assessment]
-    adopted: int
-    combinations: Mapping[str, tuple[float, float]]
-    simulated: int
-    within: Within
-    gain: float
-    ripple: Ripple | None = None
+    combinations: Mapping[str, tuple[float, float, float]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the study's parameters."""
+        return self.estimate.likelihood.names[: self.d]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Most likely values [SI] of the study's parameters."""
+        return dict(zip(self.names, self.estimate.point[: self.d].tolist(), strict=True))
+
+    @cached_property
+    def points(self) -> Floats:
+        """Draws (m, d) [SI] of the study's parameters, equally likely."""
+        return self.estimate.likelihood.space.from_unit(self.draws.unit)[:, : self.d]
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, the key "certainty" of a result."""
-        estimate = self.estimate
+        estimate, draws = self.estimate, self.draws
         return {
             "level": self.level,
             "starts": estimate.starts,
             "agreeing": estimate.agreeing,
             "settled": estimate.settled,
-            "adopted": self.adopted,
-            "gain": number(self.gain),
-            "simulated": self.simulated,
+            "simulated": estimate.simulated,
+            "draws": {
+                "k_hat": number(draws.k_hat),
+                "effective": number(draws.effective),
+                "gap": number(draws.gap),
+                "rounds": draws.rounds,
+                "converged": draws.converged,
+                "walked": draws.walked,
+                "checked": draws.checked,
+                "refused": draws.refusal,
+            },
             "withdrawn": self.withdrawn,
-            "parameters": [_parameter(self, i) for i in range(len(estimate.likelihood.names))],
-            "fitted_as_stated": [
-                {"name": name, "value": value, "unit": known_quantity(name).unit}
-                for name, value in self.within.fitted.items()
-            ],
+            "parameters": [_parameter(self, i) for i in range(self.d)],
+            "bench": [_of_bench(self, i) for i in range(self.d, len(estimate.unit))],
             "combinations": [
-                {"sum": text, "value": value, "half_width": number(half)}
-                for text, (value, half) in self.combinations.items()
+                {"sum": text, "value": value, "lower": low, "upper": high}
+                for text, (value, low, high) in self.combinations.items()
             ],
             "noise": _noise(estimate),
+            "discrepancy": max(noise.share for noise in estimate.likelihood.noises),
             "tests": [test._asdict() for test in self.tests],
-            "visible_delay": number(self.visible),
-            "sensitivity": sensitivity_records(estimate),
-            "profiles": [_profile(profile) for profile in self.profiles.values()],
         }
 
 
-def _parameter(found: Certainty, i: int) -> dict[str, Any]:
-    estimate = found.estimate
-    likelihood, value = estimate.likelihood, float(estimate.point[i])
-    low, high, judged = float(found.low[i]), float(found.high[i]), found.verdicts[i]
-    error = float(np.sqrt(estimate.covariance.total[i, i]) * abs(likelihood.scaled(estimate.unit)[i]))
+def _parameter(certainty: Certainty, i: int) -> dict[str, Any]:
+    estimate = certainty.estimate
+    value, low, high = float(estimate.point[i]), float(certainty.low[i]), float(certainty.high[i])
+    judged = certainty.verdicts[i]
     return {
-        "name": likelihood.names[i],
+        "name": certainty.names[i],
         "value": value,
         "lower": number(low),
         "upper": number(high),
         "percent": number(50.0 * (high - low) / abs(value)) if value else None,
-        "standard_error": number(error),
-        "estimator": found.estimators[i],
-        "ripple": None if found.ripple is None else number(float(found.ripple.ratios[i])),
+        "standard_error": number(float(np.std(certainty.points[:, i]))),
         "verdict": judged.verdict.value,
         "sentence": judged.sentence,
         "cure": judged.cure,
-        "moved_by": _moved_by(estimate, i),
         "shares": _shares(estimate, i),
     }
 
 
-def _moved_by(estimate: Estimate, i: int) -> list[dict[str, Any]]:
-    """Percent of the value for one standard deviation of each uncertain quantity."""
-    likelihood = estimate.likelihood
-    scale, value = float(likelihood.scaled(estimate.unit)[i]), abs(float(estimate.point[i]))
-    return [
-        {
-            "name": nuisance.name,
-            "deviation": nuisance.deviation,
-            "unit": nuisance.unit,
-            "percent": float(100.0 * move[i] * scale / value) if value else None,
-        }
-        for nuisance, move in zip(likelihood.nuisances, estimate.covariance.nuisances, strict=True)
-    ]
+def _of_bench(certainty: Certainty, i: int) -> dict[str, Any]:
+    """Uncertain quantity of the bench: what is stated, and what the data make of it."""
+    estimate = certainty.estimate
+    parameter = estimate.likelihood.space.parameters[i]
+    points = estimate.likelihood.space.from_unit(certainty.draws.unit)[:, i]
+    prior = parameter.prior
+    return {
+        "name": parameter.name,
+        "unit": parameter.unit,
+        "stated": None if prior is None else prior.value,
+        "deviation": None if prior is None else prior.sigma,
+        "source": parameter.source,
+        "value": float(estimate.point[i]),
+        "standard_error": number(float(np.std(points))),
+        "correlations": dict(zip(certainty.names, certainty.correlation[i, : certainty.d].tolist(), strict=True)),
+    }
 
 
 def _shares(estimate: Estimate, i: int) -> dict[str, float | None]:
@@ -181,50 +173,3 @@ def _noise(estimate: Estimate) -> list[dict[str, Any]]:
             likelihood.blocks, likelihood.noises, costs, estimate.covariance.used, strict=True
         )
     ]
-
-
-def _profile(profile: Profile) -> dict[str, Any]:
-    ends = ("low", profile.low), ("high", profile.high)
-    return {
-        "name": profile.name,
-        **{side: {"value": end.value, "finished": end.finished, "wall": end.wall} for side, end in ends},
-        "points": [[float(x), float(fall)] for x, fall in profile.points],
-    }
-
-
-# Certainty of a fit in its run folder: in result.json, with the injector of the most likely values beside it.
-
-
-def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Path:
-    """Write the most likely values of a fit as an injector with its meters, most-likely.toml; return its path.
-
-    `write_certainty`, which follows, writes its checksum.
-
-    `folder`: run folder; `study`: of the run; `values`: [SI], of all free parameters. Raises `OutputError` if the file
-    cannot be written.
-    """
-    source = Source("F", f'most likely values of "{study.title}"')
-    fitted = {name: value for name, value in values.items() if not is_of_meter(name)}
-    meters = tuple(meter.with_best(values, source) for meter in study.meters)
-    path = folder / LIKELY
-    dump_injector(study.injector.with_values(fitted), path, dict.fromkeys(fitted, source.text), meters=meters)
-    return path
-
-
-def write_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the certainty of a fit into its result.json, and return the whole record.
-
-    `folder`: run folder; `certainty`: of `Certainty.record`; with a key "posterior" if posterior.npz was written.
-    Raises `InputError` if the folder is not a run folder. Raises `OutputError` if the file cannot be written.
-    """
-    folder = file_path(folder, "folder")
-    record = read_result(folder)
-    adopted = {key: value for key, value in record.get(CERTAINTY, {}).items() if key in ("searched", "taken")}
-    record[CERTAINTY] = {**certainty, **adopted}
-    known = {one["name"]: one for one in certainty["parameters"]}
-    for parameter in record["parameters"]:
-        parameter.update({key: known[parameter["name"]][key] for key in ("standard_error", "verdict")})
-    former = () if "posterior" in certainty else (POSTERIOR,)  # that of a former certainty has other noise
-    with summed(folder, *former):
-        write_record(folder / RESULT, record)
-    return record

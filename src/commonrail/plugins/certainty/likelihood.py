@@ -22,12 +22,10 @@ from commonrail.calibration.optimisers.least_squares import answered, difference
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, objective_of
-from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noise, row_weights, with_shots
-from commonrail.plugins.certainty.nuisance import Nuisance, nuisances_of
+from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noises, row_weights, with_shots
 
 # Step of a one-sided difference, in positions between the bounds, on the way to the optimum: valleys of many parameters
-# bend within 1e-3; the ripple of a PWM drive is that wide, and that of quantities, whose injections end between two
-# steps.
+# bend within 1e-3; the switching of a PWM drive is that wide.
 FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
 FINER = 4.0  # parts of the time step of a study with which its error is found
 
@@ -45,8 +43,6 @@ class Likelihood:
         One for each data set; their rows are all residuals.
     residuals : function of (m, d)
         Residuals (m, n) of points [SI], simulated − measured, in the units of the blocks; NaN where a simulation fails.
-    nuisances : sequence of Nuisance
-        What is uncertain and not fitted.
     forward : float
         Step of one-sided differences, in positions between the bounds.
 
@@ -68,12 +64,11 @@ class Likelihood:
         space: Space,
         blocks: Sequence[Block],
         residuals: Callable[[Floats], Floats],
-        nuisances: Sequence[Nuisance] = (),
         *,
         forward: float = FORWARD,
         finer: Callable[[Floats], Floats] | None = None,
     ) -> None:
-        self.space, self.blocks, self.nuisances = space, tuple(blocks), tuple(nuisances)
+        self.space, self.blocks = space, tuple(blocks)
         self.names, self.size = space.names, int(self.blocks[-1].rows.stop)
         self.units = tuple(parameter.unit for parameter in space.parameters)
         self.priors, self.finer = Priors.of(space.parameters), finer
@@ -112,38 +107,38 @@ class Likelihood:
             fine = replace(exact, time_step=study.time_step / FINER, same_bits=False)
             return residuals(points, objective_of(fine, threads, goal))
 
-        nuisances = nuisances_of(objective, np.sqrt(weights))
         rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)
         forward = FORWARD_ROUGH if rough else FORWARD
-        return cls(study.space, with_shots(blocks, objective.data), residuals, nuisances, forward=forward, finer=finer)
+        return cls(study.space, with_shots(blocks, objective.data), residuals, forward=forward, finer=finer)
 
     def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
         """The same likelihood with other noise; it counts simulations of its own."""
-        other = Likelihood(
-            self.space, self.blocks, self._residuals, self.nuisances, forward=self.forward, finer=self.finer
-        )
+        other = Likelihood(self.space, self.blocks, self._residuals, forward=self.forward, finer=self.finer)
         other.noises = tuple(noises)
         return other
 
-    def with_space(
-        self, space: Space, residuals: Callable[[Floats], Floats], nuisances: Sequence[Nuisance] = ()
-    ) -> Likelihood:
-        """A likelihood of the same blocks with other parameters, its arguments as those of the class; without noise."""
-        return Likelihood(space, self.blocks, residuals, nuisances, forward=self.forward)
+    def with_residuals(self, residuals: Callable[[Floats], Floats]) -> Likelihood:
+        """The same likelihood, with its noise, whose residuals (m, n) of points (m, d) another function gives."""
+        other = Likelihood(self.space, self.blocks, residuals, forward=self.forward)
+        other.noises = self.noises
+        return other
 
     def estimated(
-        self, errors: Floats, used: Sequence[float], off: Floats | None = None, *, correlated: bool = True
+        self,
+        errors: Floats,
+        used: Sequence[float],
+        off: Floats | None = None,
+        *,
+        correlated: bool = True,
+        like: Sequence[FittedNoise] | None = None,
     ) -> Likelihood:
         """The same likelihood with the noise that residuals (n,) at the best values show.
 
         `used`: parameters that each block pays for; `off` (d, n): courses that the residuals may be off by, see
-        `noise_fit.estimate`; `correlated`: estimate autocorrelations too.
+        `noise_fit.estimate`; `correlated`: estimate autocorrelations too; `like`: as for `fit_noises`.
         """
         off = np.zeros((0, self.size)) if off is None else off
-        pairs = zip(self.blocks, used, strict=True)
-        return self.with_noises(
-            [fit_noise(b, errors[b.rows], own, off[:, b.rows], correlated=correlated) for b, own in pairs]
-        )
+        return self.with_noises(fit_noises(self.blocks, errors, used, off, correlated=correlated, like=like))
 
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted.
@@ -173,19 +168,6 @@ class Likelihood:
             for block, noise in zip(self.blocks, self.noises, strict=True)
         ]
         return np.stack(parts, axis=-1)
-
-    def log_likelihood(self, points: Floats) -> Floats:
-        """Natural logarithm of the density of the data (m,) at points (m, d) [SI]; −inf where a simulation failed."""
-        constant = sum(
-            block.size * (noise.density.constant + 2.0 * np.log(noise.scale)) + np.log1p(noise.power)
-            for block, noise in zip(self.blocks, self.noises, strict=True)
-        )
-        found = -0.5 * (self.block_costs(self.whiten(self.residuals(points))).sum(axis=-1) + constant)
-        return np.where(np.isfinite(found), found, -np.inf)
-
-    def log_prior(self, points: Floats) -> Floats:
-        """Natural logarithm of the priors (m,) without constants; −inf beyond bounds and constraints."""
-        return np.asarray(np.where(self.space.satisfies(points), -0.5 * self.priors.costs(points), -np.inf))
 
     def column(self, name: str) -> int:
         """Place of a parameter among those that vary; `ConfigurationError` if there is none of this name."""

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from scipy import special
+from scipy import ndimage, special
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
@@ -268,12 +268,17 @@ WHITE = Autoregression(np.empty(0))
 FAR, FAR_SHARE, FAR_LEAST = 4.0, 0.01, 50  # deviations, share and number of values by which outliers are recognised
 # Share of the largest measured value. The filters of a meter leave some 1e-13 of it by rounding where the flow is zero.
 _ROUNDING = 1e-9
+NEGLIGIBLE = 1e-10  # power of a course over the largest, below which it is left out
 _CLIP = 3.0  # deviations to which outliers are cut before the autocorrelation is estimated
 
 
 @dataclass(frozen=True)
 class FittedNoise:
-    """Noise of a block as it was fitted."""
+    """Noise of a block as it was fitted.
+
+    The covariance of a value's errors is that of autoregressive noise of one scale, and that of `courses`, each of
+    which all values may be off by together.
+    """
 
     law: Law  # not "auto"
     scale: float  # of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation
@@ -282,7 +287,9 @@ class FittedNoise:
     known: bool = False  # the scale is stated, or that of repeated measurements: it does not come from the residuals
     growth: Growth = EVEN  # standard deviations of the values relative to each other
     scatter: float = 0.0  # what all values are off by together, as a share of them
-    whole: Floats = field(default_factory=lambda: np.zeros(1))  # (n,) or (1,), one standard deviation of that
+    courses: Floats = field(default_factory=lambda: np.empty((0, 0)))  # (k, n), one standard deviation of each
+    share: float = 0.0  # discrepancy of the model that was estimated, as a share of the values
+    drift: Floats | None = None  # (k, n), those of the courses that are a slow drift, which was estimated
 
     @property
     def density(self) -> DensityLaw:
@@ -309,33 +316,60 @@ class FittedNoise:
         return max(float(self.density.slope(unequal(innovations)).mean()), 0.05)
 
     def at(self, rate: Floats) -> FittedNoise:
-        """The same noise of a curve with other rates (m,), in the same unit."""
-        return replace(self, growth=self.growth.at(rate), whole=self.scatter * rate)
+        """The same noise of a curve with other rates (m,), in the same unit; without an estimated discrepancy."""
+        return replace(self, growth=self.growth.at(rate), courses=self.scatter * rate[None], share=0.0)
 
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n).
 
-        With the whitened course u of what the values are off by together, in deviations of the law, their covariance is
-        1 + u uᵀ; its root keeps what is square to u, and divides the rest by √(1 + |u|²).
+        With the whitened courses U (k, n), in deviations of the law, their covariance is 1 + UᵀU; its root keeps what
+        is square to them, and divides what lies along a principal axis of U by √(1 + λ), λ being its power.
         """
-        found, power = self._innovations(errors), self.power
-        if not power:
-            return found
-        whole = self._innovations(self.whole)
-        loss = (1.0 - 1.0 / math.sqrt(1.0 + power)) / float(whole @ whole)
-        return np.asarray(found - np.multiply.outer(found @ whole, loss * whole))
+        innovations = self._innovations(errors)
+        axes, powers = self._axes
+        if not len(powers):
+            return innovations
+        return np.asarray(innovations - ((innovations @ axes.T) * (1.0 - 1.0 / np.sqrt(1.0 + powers))) @ axes)
+
+    def explained(self, errors: Floats) -> Floats:
+        """Most likely sum (n,) of the courses within residuals (n,)."""
+        moves = self._innovations(self.courses) / self.density.deviation
+        u = self._innovations(errors) / self.density.deviation
+        return np.asarray(np.linalg.solve(np.eye(len(moves)) + moves @ moves.T, moves @ u) @ self.courses)
 
     @property
-    def power(self) -> float:
-        """|u|² of `whiten`, zero where the values are off by nothing together."""
-        if not self.whole.any():
-            return 0.0
-        whole = self._innovations(self.whole) / self.density.deviation
-        return float(whole @ whole)
+    def absorbed(self) -> float:
+        """Number of values that the courses follow: the trace of their influence."""
+        powers = self._axes[1]
+        return float(np.sum(powers / (1.0 + powers)))
+
+    def log_determinant(self, n: int) -> float:
+        """Logarithm of the determinant of the covariance of n values."""
+        return 2.0 * n * math.log(self.scale) + float(np.sum(np.log1p(self._axes[1])))
+
+    @cached_property
+    def _axes(self) -> tuple[Floats, Floats]:
+        """Principal axes (k, n) of the whitened courses, orthonormal, and their powers (k,)."""
+        if not self.courses.any():
+            return np.empty((0, self.courses.shape[1])), np.empty(0)
+        moves = self._innovations(self.courses) / self.density.deviation
+        values, vectors = np.linalg.eigh(moves @ moves.T)
+        seen = values > NEGLIGIBLE * values.max()
+        return np.asarray((vectors[:, seen] / np.sqrt(values[seen])).T @ moves), values[seen]
 
     def _innovations(self, errors: Floats) -> Floats:
-        """Those of noise that is independent from sample to sample, correlation apart."""
+        """Those of noise that is independent from sample to sample, the courses left aside."""
         return self.autoregression.whiten(errors / self.growth.shape) / self.scale
+
+
+# Discrepancy of a model, in proportion to the values, with which data sets of any number of samples are comparable: the
+# time that a needle's motion takes; distances in a map between which an error of the model changes; chosen.
+LENGTH, TIME_LENGTH, PRESSURE_LENGTH = 50e-6, 0.2e-3, 40e6  # [s], [s], [Pa]
+SMALL_VALUE = 0.03  # of the largest value of a map, below which its discrepancy is no smaller
+HEIGHT = (2.0 / math.pi) ** 0.25  # of bumps a length apart whose squares add up to 1
+LEAST_NEAR = 3  # samples of a curve within a length, from which it may have a discrepancy
+MOST_BUMPS = 150  # along an axis: of a longer record they are farther apart
+HALF_PERIODS = 3  # of a drift: cosines of half a period to one and a half over the record
 
 
 @dataclass(frozen=True)
@@ -364,29 +398,59 @@ class Block:
         """Residuals (n,) below which a value that was measured as exactly zero, or is not judged, is met exactly."""
         return np.where(self.at_zero == 0.0, _ROUNDING * np.max(np.abs(self.at_zero), initial=0.0), 0.0)
 
-    def courses(self, deviation: float, length: float, pressure_length: float = math.inf) -> Floats:
+    def courses(self, deviations: Floats, length: float, pressure_length: float = math.inf) -> Floats:
         """Courses (k, n) with independent unit weights that add up to a discrepancy with a correlation in between.
 
-        Along a course in time they are bumps half a length apart, whose sum has a Gaussian correlation; a map has the
-        roots of its covariance. Without a length there are none: white discrepancy is part of the noise.
+        They are bumps a length apart, whose sum has a Gaussian correlation and a variance that is even to 1.4 %: along
+        a course in time, or over the energising times and rail pressures of a map. Without a length there are none:
+        white discrepancy is part of the noise.
 
-        `deviation`: standard deviation, in the unit of the residuals; `length`, `pressure_length`: distances over which
-        it is correlated [s], [Pa].
+        `deviations` (n,): standard deviation at each value, in the unit of the residuals; `length`, `pressure_length`:
+        distances over which it is correlated [s], [Pa].
         """
-        if not (deviation and length):
+        if not (length and deviations.any()):
             return np.zeros((0, self.size))
-        if self.ordered:
-            times = self.places[:, 0]
-            centres = np.arange(times.min() - 2.0 * length, times.max() + 2.0 * length, 0.5 * length)
-            height = deviation * math.sqrt(0.5 * math.sqrt(2.0 / math.pi))
-            return np.asarray(height * np.exp(-(((times - centres[:, None]) / length) ** 2)))
-        apart = (self.places[:, None] - self.places[None]) / np.array([length, pressure_length])
-        values, vectors = np.linalg.eigh(np.exp(-0.5 * np.sum(apart**2, axis=-1)))
-        return np.asarray((deviation * vectors * np.sqrt(np.maximum(values, 0.0))).T)
+        live = self.places[deviations > 0.0]
+        bumps = np.ones((1, self.size))
+        for axis, reach in enumerate((length, pressure_length)[: 1 if self.ordered else 2]):
+            if not math.isfinite(reach) or not np.ptp(live[:, axis]):
+                continue
+            reach = max(reach, float(np.ptp(live[:, axis])) / min(MOST_BUMPS, max(0.5 * len(live), 1.0)))
+            low, high = live[:, axis].min() - 2.0 * reach, live[:, axis].max() + 2.0 * reach
+            centres = np.arange(low, high, reach)
+            own = HEIGHT * np.exp(-(((self.places[:, axis] - centres[:, None]) / reach) ** 2))
+            bumps = (bumps[:, None] * own[None]).reshape(-1, self.size)
+        bumps = deviations * bumps
+        size = np.sum(bumps**2, axis=1)
+        return np.asarray(bumps[size > NEGLIGIBLE * size.max()])
 
     def stated_courses(self) -> Floats:
         """Courses of the discrepancy that the study states."""
-        return self.courses(self.noise.discrepancy, self.noise.length, self.noise.pressure_length)
+        whole = np.full(self.size, self.noise.discrepancy)
+        return self.courses(whole, self.noise.length, self.noise.pressure_length)
+
+    def model_courses(self, rate: Floats) -> Floats:
+        """Courses (k, n) of a discrepancy of one unit, in proportion to the values: what no parameter can mend.
+
+        `rate` (n,): simulated values, in the unit of the residuals. Of a curve the largest within a length counts, so
+        that an edge that comes too late is one.
+        """
+        if self.ordered:
+            interval = float(np.median(np.diff(self.places[:, 0]))) if self.size > 1 else LENGTH
+            near = round(LENGTH / interval)
+            if near < LEAST_NEAR:  # of so few samples a length it could not be told from noise
+                return np.zeros((0, self.size))
+            around = ndimage.maximum_filter1d(np.abs(rate), 2 * near + 1, mode="nearest")
+            return self.courses(ndimage.gaussian_filter1d(around, near, mode="nearest"), LENGTH)
+        floor = SMALL_VALUE * float(np.max(np.abs(rate), initial=0.0)) if self.size else 0.0
+        judged = self.offset != 0.0
+        return self.courses(np.where(judged, np.maximum(np.abs(rate), floor), 0.0), TIME_LENGTH, PRESSURE_LENGTH)
+
+    def drift_courses(self) -> Floats:
+        """Constant and cosines (1 + `HALF_PERIODS`, n) over the record of one unit of the residuals."""
+        times = self.places[:, 0] - self.places[:, 0].min()
+        phase = np.pi * times / max(float(np.ptp(times)), 1e-300)
+        return np.asarray(np.cos(np.arange(HALF_PERIODS + 1)[:, None] * phase) * self.offset)
 
 
 def spread(block: Block, courses: Floats, size: int) -> Floats:
@@ -454,6 +518,7 @@ def fit_noise(
     *,
     correlated: bool = True,
     rate: Floats | None = None,
+    more: Floats | None = None,
 ) -> FittedNoise:
     """Noise of a block from its residuals at the best values.
 
@@ -461,14 +526,37 @@ def fit_noise(
     courses that the fitted values may be off by, see `estimate`; `correlated`: estimate the
     autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate` (n,):
     rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no noise:
-    weights by measured ones would favour values that are too low.
+    weights by measured ones would favour values that are too low. `more` (k, n): courses that the values are off by
+    besides those that the study states.
     """
-    if block.shots is not None:
-        return block.shots
-    off = np.zeros((0, len(errors))) if off is None else off
     rate = errors - block.at_zero if rate is None else rate
-    whole = block.noise.scatter * rate
-    errors = _apart(errors, whole, block.noise.sigma)
+    off = np.zeros((0, len(errors))) if off is None else off
+    whole = block.noise.scatter * rate[None] if block.noise.scatter else None
+    stated = block.stated_courses() if block.noise.discrepancy else None
+    courses = _stacked(np.zeros((0, len(errors))), whole, stated, more)
+    if block.shots is not None:
+        return replace(block.shots, courses=courses)
+    if not len(courses):
+        return _fit(block, errors, used, off, correlated, rate)
+    noise = replace(_rough(block, errors), courses=courses)
+    for _ in range(PASSES):  # the noise is what the courses leave
+        rest, spent = errors - noise.explained(errors), used + noise.absorbed
+        noise = replace(_fit(block, rest, spent, off, correlated, rate), courses=courses, scatter=block.noise.scatter)
+    return noise
+
+
+PASSES = 3  # of noise and courses in turn
+
+
+def _rough(block: Block, errors: Floats) -> FittedNoise:
+    """White noise of differences between neighbours, which courses hardly contain, or of a third of the residuals."""
+    size = np.diff(errors) / math.sqrt(2.0) if block.ordered and len(errors) > 1 else errors / 3.0
+    scale = max(float(np.sqrt(np.mean(unequal(size) ** 2))), 1e-6 * float(np.max(np.abs(errors), initial=0.0)))
+    return FittedNoise(Law.GAUSSIAN, max(scale, np.finfo(float).tiny ** 0.25), math.inf)
+
+
+def _fit(block: Block, errors: Floats, used: float, off: Floats, correlated: bool, rate: Floats) -> FittedNoise:
+    """Noise whose courses are taken away from the errors (n,)."""
     growth = _growth(block, errors, rate, off) if correlated else EVEN
     errors, off = errors / growth.shape, off / growth.shape
     law = _law(block, errors, off, correlated)
@@ -487,17 +575,112 @@ def fit_noise(
     else:
         freedom = max(sample_count(errors) - used, 1.0)
         scale = max(scale_of(law, regression.whiten(errors), freedom), np.finfo(float).tiny ** 0.25)
-    is_known = sigma is not None
-    return FittedNoise(law, scale, freedom, regression, is_known, growth, block.noise.scatter, whole)
+    return FittedNoise(law, scale, freedom, regression, sigma is not None, growth)
 
 
-def _apart(errors: Floats, whole: Floats, sigma: float | None) -> Floats:
-    """Errors (n,) without their likely part of what all are off by together: it is no noise of single samples.
+# Size of a discrepancy or of a drift: that of the largest likelihood, if it gains more than chance does.
 
-    `whole` (n,): one standard deviation of that; `sigma`: of a sample, None where it is not known.
+SHARES = np.geomspace(0.004, 0.4, 9)  # of the values
+# Of 2 ln L, below which there is no discrepancy: under outliers, whose law courses do not have, chance gained 20.
+SHARE_GAIN = 30.0
+LEAST_SCORE = 4.0  # standard deviations of the score, below which no size is tried
+DRIFTS = np.geomspace(0.2, 6.0, 5)  # in standard deviations of the noise
+
+
+def cost_of(block: Block, noise: FittedNoise, errors: Floats) -> float:
+    """−2 ln L of residuals (n,) of a block under its noise, two for each order of the autoregression (AIC)."""
+    n = sample_count(errors)
+    cost = float(np.sum(noise.density.cost(noise.whiten(errors)))) + n * noise.density.constant
+    return cost + noise.log_determinant(n) + 2.0 * noise.autoregression.order
+
+
+def fit_noises(
+    blocks: Sequence[Block],
+    errors: Floats,
+    used: Sequence[float],
+    off: Floats,
+    *,
+    correlated: bool = True,
+    like: Sequence[FittedNoise] | None = None,
+) -> list[FittedNoise]:
+    """Noise of all blocks of a fit, with a discrepancy of the model that is one share of the values of all of them.
+
+    One share makes data sets comparable: by scales of their own a curve of 900 samples would outweigh a map of 88
+    quantities. Where a study states discrepancies, or gains nothing by one, there is none. `errors`, `off` as for
+    `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken, which are otherwise estimated.
     """
-    power = float(whole @ whole)
-    return errors - whole * (float(whole @ errors) / (power + (sigma or 0.0) ** 2)) if power else errors
+    parts = [(b, errors[b.rows], own, off[:, b.rows]) for b, own in zip(blocks, used, strict=True)]
+    drifts = [_drift(*part) if correlated else None for part in parts] if like is None else [one.drift for one in like]
+    first = [
+        replace(fit_noise(*part, correlated=correlated, more=more), drift=more)
+        for part, more in zip(parts, drifts, strict=True)
+    ]
+    if any(block.noise.discrepancy for block in blocks) or not correlated:
+        return first
+    courses = [b.model_courses(e - b.at_zero) for b, e, _, _ in parts]
+    if like is None and not any(_shows(*three) for three in zip(first, parts, courses, strict=True)):
+        return first
+
+    def trial(size: float) -> tuple[float, list[FittedNoise]]:
+        noises = [
+            replace(fit_noise(*part, more=_stacked(size * own, drift)), share=size, drift=drift)
+            for part, own, drift in zip(parts, courses, drifts, strict=True)
+        ]
+        return sum(cost_of(b, noise, e) for noise, (b, e, _, _) in zip(noises, parts, strict=True)), noises
+
+    if like is not None:
+        share = max(noise.share for noise in like)
+        return trial(share)[1] if share else first
+    begin = sum(cost_of(b, noise, e) for noise, (b, e, _, _) in zip(first, parts, strict=True)) - SHARE_GAIN
+    return _lowest(trial, SHARES, begin) or first
+
+
+def _shows(noise: FittedNoise, part: tuple[Block, Floats, float, Floats], courses: Floats) -> bool:
+    """True if residuals lie along courses (k, n) by more than noise: score test of a component of their variance.
+
+    q = Σ (c·u)² over the whitened courses c has the mean Σ c·c and the variance 2 Σ (c·c′)².
+    """
+    if not len(courses):
+        return False
+    u, moves = noise.whiten(part[1]) / noise.density.deviation, noise.whiten(courses)
+    gram = moves @ moves.T
+    return bool(np.sum((moves @ u) ** 2) - np.trace(gram) > LEAST_SCORE * math.sqrt(2.0 * float(np.sum(gram**2))))
+
+
+def _stacked(*courses: Floats | None) -> Floats:
+    return np.vstack([one for one in courses if one is not None])
+
+
+Trial = TypeVar("Trial")
+
+
+def _lowest(trial: Callable[[float], tuple[float, Trial]], sizes: Floats, limit: float) -> Trial | None:
+    """Trial of the lowest cost below a limit, of sizes in rising order until two costs in a row rise; None for none."""
+    best, last, rises = None, math.inf, 0
+    for size in sizes.tolist():
+        cost, result = trial(size)
+        if cost < limit:
+            limit, best = cost, result
+        rises = rises + 1 if cost > last else 0
+        last = cost
+        if rises == 2:
+            break
+    return best
+
+
+def _drift(block: Block, errors: Floats, used: float, off: Floats) -> Floats | None:
+    """Courses (k, n) of a slow drift of the record, in their size; None where it gains no more than chance."""
+    if not block.ordered or block.noise.sigma is not None or block.shots is not None or sample_count(errors) < LEAST:
+        return None
+    plain = fit_noise(block, errors, used, off)
+    if plain.law is not Law.GAUSSIAN:  # outliers pull courses after them
+        return None
+    courses = plain.sigma * block.drift_courses() / max(float(np.max(np.abs(block.offset))), 1e-300)
+
+    def trial(size: float) -> tuple[float, Floats]:
+        return cost_of(block, fit_noise(block, errors, used, off, more=size * courses), errors), size * courses
+
+    return _lowest(trial, DRIFTS, cost_of(block, plain, errors) - GAIN)
 
 
 def _growth(block: Block, errors: Floats, rate: Floats, off: Floats) -> Growth:

@@ -46,11 +46,8 @@ if TYPE_CHECKING:
 class Bands(StrEnum):
     """Source of the bands about the map of a run."""
 
-    LAPLACE = "laplace"
-    """Linear about the best values."""
-
-    POSTERIOR = "posterior"
-    """Draws of `commonrail certainty --posterior`."""
+    DRAWS = "draws"
+    """Draws of the parameters that the run has."""
 
     NONE = "none"
     """No bands."""
@@ -100,7 +97,7 @@ def map_(
     ] = Beyond.EXTRAPOLATE,
     bands: Annotated[
         Bands | None,
-        Option(help="Bands of 50 % and 90 % about the map of a run. [default: laplace, if a map was fitted]"),
+        Option(help="Bands of 50 % and 90 % about the map of a run. [default: draws, if a map was fitted]"),
     ] = None,
     measured: Annotated[
         Path | None, Option(metavar="FILE", help="Measured map that the model is compared with, CSV or Excel.")
@@ -251,12 +248,11 @@ def _fit(model: NamedModel, wanted: Bands | None) -> tuple[Study, dict[str, floa
         return None
     if model.run is None:
         raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
-    from commonrail.plugins.certainty.posterior_file import read_draws
-    from commonrail.runs.folder import read_fit
+    from commonrail.runs.folder import read_draws, read_fit
 
     try:
         study, best = read_fit(model.run)
-        return study, best, read_draws(model.run, study.space.names) if wanted is Bands.POSTERIOR else None
+        return study, best, read_draws(model.run, study.space.names)
     except CommonrailError as error:
         if wanted is not None:
             raise

@@ -11,8 +11,6 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.calibration.influence import around_position
-from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet, widths_of
 from commonrail.data.curves.data import RateData
@@ -21,10 +19,7 @@ from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes, prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of
-from commonrail.plugins.certainty.nuisance import nuisances_of
 from commonrail.plugins.next.study import Candidate, Criterion, Problem, place_of, planned
-
-# Draws of the parameters that the data leave open, so that a plan does not depend on one point estimate.
 
 # Information on a position that is known to lie between its bounds and no more: a uniform distribution has the
 # variance 1/12.
@@ -46,29 +41,7 @@ def slope_weights(estimate: Estimate) -> Floats:
     return found
 
 
-def laplace_draws(estimate: Estimate, n: int, seed: int) -> Floats:
-    """Positions (s, d): the most likely ones, then draws of the normal distribution that the curvature there gives.
-
-    Draws beyond bounds and constraints are pulled back to them.
-    """
-    likelihood, unit = estimate.likelihood, estimate.unit
-    tangents = likelihood.whiten(estimate.slopes)
-    information = (tangents * slope_weights(estimate)) @ tangents.T + prior_information(likelihood, unit)
-    shifts = estimate.covariance.nuisances
-    covariance = np.linalg.inv(information) + np.where(np.isfinite(shifts), shifts, 0.0).T @ shifts
-    normal = np.random.default_rng(seed).standard_normal((n - 1, len(unit)))
-    drawn = unit + normal @ np.linalg.cholesky(covariance).T
-    inside = FeasibleSet.of(likelihood.space).within(np.repeat(unit[None], n - 1, axis=0), drawn)
-    return np.vstack([unit, inside])
-
-
-def posterior_draws(estimate: Estimate, points: Floats, n: int, seed: int) -> Floats:
-    """Positions (s, d), at most `n`: the most likely, then some of the posterior's (m, d) [SI], none twice."""
-    chosen = np.random.default_rng(seed).permutation(len(points))[: n - 1]
-    return np.vstack([estimate.unit, estimate.likelihood.space.to_unit(points[chosen])])
-
-
-# Errors that measurements share: uncertain quantities of the bench, and what the model cannot do.
+# Errors that measurements share: what the model cannot do, beside the uncertain quantities among the parameters.
 #
 # Each is a load of unit variance on the values, made and planned alike. Loads become further unknowns with unit prior
 # information, see `criteria`; those of a single curve are part of its covariance instead.
@@ -111,10 +84,9 @@ class Response(NamedTuple):
     """Measurement that could be made, as a linear model at each draw.
 
     `value` is the quantity at the most likely values [m³], NaN where that is not the kind's value or the simulation
-    failed; `scale` the unit of the rows, for a quantity its tolerance [m³], NaN for a curve. `rows` (s, r, d + m) are
-    derivatives of the whitened values with respect to the positions, then their changes for one standard deviation of
-    each uncertain quantity of the bench, zero at the `failed` draws; `plain` (s, d) are derivatives of a quantity in
-    tolerances, zero for a curve.
+    failed; `scale` the unit of the rows, for a quantity its tolerance [m³], NaN for a curve. `rows` (s, r, d) are
+    derivatives of the whitened values with respect to the positions, zero at the `failed` draws; `plain` (s, d) are
+    derivatives of a quantity in tolerances, zero for a curve.
     """
 
     candidate: Candidate
@@ -126,15 +98,11 @@ class Response(NamedTuple):
 
 
 class Responder(NamedTuple):
-    """Simulation of candidates at positions (s, d), the most likely first.
-
-    The simulator has the parameters of the space; `uncertain` are names of uncertain quantities of the bench.
-    """
+    """Simulation of candidates at positions (s, d), the most likely first; the simulator has the space's parameters."""
 
     simulator: Simulator
     space: Space
     unit: Floats
-    uncertain: tuple[str, ...] = ()
 
     @property
     def best(self) -> Floats:
@@ -164,20 +132,6 @@ class Responder(NamedTuple):
         found = data.residuals(data.simulated(self.simulator, points)).reshape(len(near), 2, self.unit.shape[1], -1)
         return np.asarray((found[:, 1] - found[:, 0]) / np.array([one.width for one in near])[..., None])
 
-    def _with_loads(self, data: DataSet, slopes: Floats) -> Floats:
-        """Derivatives (s, d + m, n): below the others those for one standard deviation of each uncertain quantity.
-
-        A quantity that has no effect on the data set has zeros.
-        """
-        if not self.uncertain:
-            return slopes
-        of = self.simulator
-        objective = Objective(of.injector, of.names, [data], of.time_step, of.threads, same_bits=of.same_bits)
-        none = np.zeros(len(data.measured))
-        shifts = {one.name: one.shift(self.best[0]) for one in nuisances_of(objective, np.ones(len(none)))}
-        loads = np.array([shifts.get(name, none) for name in self.uncertain])
-        return np.concatenate([slopes, np.repeat(loads[None], len(slopes), axis=0)], axis=1)
-
     def _of_map(self, candidates: Sequence[Candidate], data: QuantityData, noise: FittedNoise) -> list[Response]:
         best = data.simulated(self.simulator, self.best)[0]
         data = replace(data, quantity=np.maximum(np.where(np.isfinite(best), best, 0.0), 0.0))
@@ -185,7 +139,7 @@ class Responder(NamedTuple):
         slopes = self._slopes(data)
         sound = np.asarray(np.isfinite(slopes).all(axis=1) & np.isfinite(best))  # (s, n)
         plain = np.where(sound[:, None], slopes, 0.0)
-        rows = np.where(sound[:, None], self._with_loads(data, plain), 0.0) / noise.scale
+        rows = plain / noise.scale
         failed = np.count_nonzero(~sound, axis=0)
         return [
             Response(one, float(best[i]), float(tolerance[i]), rows[:, None, :, i], plain[..., i], int(failed[i]))
@@ -195,10 +149,9 @@ class Responder(NamedTuple):
     def _of_curve(self, candidate: Candidate, data: DataSet, noise: FittedNoise) -> Response:
         slopes = self._slopes(data)
         sound: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
-        both = self._with_loads(data, np.where(sound[:, None, None], slopes, 0.0))
         best = data.simulated(self.simulator, self.best)[0]
         noise = noise.at(data.residual_scale * np.nan_to_num(best))
-        tangents = decorrelated(noise.whiten(np.where(sound[:, None, None], both, 0.0)), block_of(data, 0), noise)
+        tangents = decorrelated(noise.whiten(np.where(sound[:, None, None], slopes, 0.0)), block_of(data, 0), noise)
         # the rows of R of a QR decomposition tell as much as all samples
         rows = np.array([np.linalg.qr(one.T, mode="r") for one in tangents])
         value = float(np.sum(best * widths_of(data))) if isinstance(data, RateData) else float("nan")
@@ -212,21 +165,19 @@ def problem_of(
     data: Sequence[DataSet],
     unit: Floats,
     responses: Sequence[Response],
-    aim: tuple[Criterion, Sequence[int]],
+    aim: tuple[Criterion, Sequence[int], int],
 ) -> Problem:
     """Problem of design about draws (s, d), of candidates with these responses.
 
-    The unknowns are the positions, the uncertain quantities of the bench, and the loads of stated discrepancies. Data
-    sets are in the order of the likelihood's blocks, whose noise is taken for granted. The aim is the criterion, and
-    the columns of the parameters that it is about.
+    The unknowns are the positions and the loads of stated discrepancies. Data sets are in the order of the likelihood's
+    blocks, whose noise is taken for granted. The aim is the criterion, the columns of the parameters that it is about,
+    and the number of parameters that a prediction depends on: those of the bench, which follow, do not act on it.
     """
     loads, planned = _discrepancies(likelihood, data, responses)
     rows = _rows(responses, planned, [likelihood.noises[_first(data, one)].scale for one in responses])
     s, d, size = len(unit), unit.shape[1], rows.shape[-1]
-    shared = np.vstack([found.shifts, loads])
     slopes = central_slopes(likelihood, unit)
-    both = np.concatenate([slopes, np.repeat(shared[None], s, axis=0)], axis=1)
-    tangents = _whitened(likelihood, both)
+    tangents = likelihood.whiten(np.concatenate([slopes, np.repeat(loads[None], s, axis=0)], axis=1))
     information = (tangents * slope_weights(found)) @ tangents.transpose(0, 2, 1)
     information += np.diag(np.concatenate([np.zeros(d), np.ones(size - d)]))
     information[:, :d, :d] += np.array([prior_information(likelihood, at) for at in unit])
@@ -271,21 +222,12 @@ def _rows(responses: Sequence[Response], planned: Floats, scales: Sequence[float
     return rows
 
 
-def _whitened(likelihood: Likelihood, slopes: Floats) -> Floats:
-    """Whitened derivatives of the data, discrepancies of curves among their noise."""
-    tangents = likelihood.whiten(slopes)
-    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        if block.ordered:
-            tangents[..., block.rows] = decorrelated(tangents[..., block.rows], block, noise)
-    return tangents
-
-
 def _aims(
     found: Estimate,
     responses: Sequence[Response],
     planned: Floats,
     size: int,
-    aim: tuple[Criterion, Sequence[int]],
+    aim: tuple[Criterion, Sequence[int], int],
 ) -> Floats:
     """Rows (s, k, D): named parameters relative to their values, or predictions in tolerances.
 
@@ -293,6 +235,7 @@ def _aims(
     the curves are predicted, in units of their noise.
     """
     s, d = responses[0].plain.shape
+    own = np.arange(d) < aim[2]
     if aim[0] is not Criterion.V:
         relative = found.likelihood.scaled(found.unit) / np.maximum(np.abs(found.point), 1e-300)
         wide = np.zeros((len(aim[1]), size))
@@ -301,8 +244,8 @@ def _aims(
     maps = [i for i, one in enumerate(responses) if math.isfinite(one.scale)]
     if maps:
         aims = np.zeros((s, len(maps), size))
-        aims[:, :, :d] = np.stack([responses[i].plain for i in maps], axis=1)
+        aims[:, :, :d] = np.stack([responses[i].plain for i in maps], axis=1) * own
         aims[:, :, size - len(planned) :] = planned[:, maps].T
         return aims
-    curves = np.concatenate([one.rows[..., :d] for one in responses], axis=1)
+    curves = np.concatenate([one.rows[..., :d] for one in responses], axis=1) * own
     return np.concatenate([curves, np.zeros((*curves.shape[:2], size - d))], axis=2)

@@ -19,15 +19,14 @@ from commonrail.data.base import DataSet, Role
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
-from commonrail.plugins.certainty.estimate import Estimate, estimate
-from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.noise_fit import FittedNoise
+from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.next.problem import (
     Responder,
     Response,
     has_discrepancy,
-    laplace_draws,
-    posterior_draws,
     problem_of,
 )
 from commonrail.plugins.next.study import (
@@ -270,7 +269,6 @@ def next_measurements(
     candidates: Sequence[Candidate] | None = None,
     settings: DesignSettings | None = None,
     *,
-    posterior: Floats | None = None,
     threads: int | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Plan:
@@ -284,9 +282,6 @@ def next_measurements(
     candidates : sequence of Candidate, optional
         Measurements that could be made; by default points within the range of the data, of their kind.
     settings : DesignSettings, optional
-    posterior : (m, d), optional
-        Parameters [SI] drawn from the posterior, in the order of the study's, see `Posterior.points`, from which the
-        draws are taken; by default they are those of the normal approximation.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     note : function of str
@@ -301,26 +296,25 @@ def next_measurements(
     """
     instance(study, Study, "study")
     settings = settings or DesignSettings()
-    likelihood = Likelihood.of(study, thread_count(threads))
-    begin = likelihood.space.to_unit(likelihood.space.point(best))[None]
-    columns = [likelihood.column(name) for name in settings.parameters or likelihood.names]
+    threads = thread_count(threads)
+    names = settings.parameters or study.space.names
+    columns = [_column(study, name) for name in names]
     wanted = list(candidates_of(study) if candidates is None else candidates)
-    data = in_order(of_role(study.data, Role.FIT))
+    free = with_uncertain_free(study)
+    data = in_order(free.data)
     _check(wanted, data)
     note("fitting the noise of the data ...")
-    found = estimate(likelihood, begin)
+    certainty = certify(study, best, threads=threads, seed=settings.seed)
+    found, likelihood = certainty.estimate, certainty.estimate.likelihood
     noises, notes = _trusted(found, data)
-    many = settings.draws, settings.seed
-    unit = laplace_draws(found, *many) if posterior is None else posterior_draws(found, posterior, *many)
+    chosen_draws = np.random.default_rng(settings.seed).permutation(len(certainty.draws.unit))[: settings.draws - 1]
+    unit = np.vstack([found.unit, certainty.draws.unit[chosen_draws]])
     note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
-    simulator = Simulator(
-        study.injector, likelihood.names, study.time_step, thread_count(threads), same_bits=study.same_bits
-    )
+    simulator = Simulator(free.injector, likelihood.names, study.time_step, threads, same_bits=study.same_bits)
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
-    uncertain = tuple(one.name for one in likelihood.nuisances)
-    responses = Responder(simulator, likelihood.space, unit, uncertain).of(wanted, data, by_kind)
-    trusted = found.likelihood.with_noises(noises)
-    problem = problem_of(found, trusted, data, unit, responses, (settings.criterion, columns))
+    responses = Responder(simulator, likelihood.space, unit).of(wanted, data, by_kind)
+    trusted = likelihood.with_noises(noises)
+    problem = problem_of(found, trusted, data, unit, responses, (settings.criterion, columns, study.space.dimension))
     rules = _rules(wanted, data, settings)
     plan = select(problem, rules)
     if not plan:
@@ -328,7 +322,7 @@ def next_measurements(
             "No candidate may be measured within the budget and the distance to the points that there are, or none "
             "tells anything; state other rail pressures and energising times, or a smaller distance."
         )
-    before, after = (_standard_errors(found, problem, chosen) for chosen in ([], plan))
+    before, after = (_standard_errors(study, found, problem, chosen) for chosen in ([], plan))
     failed = sum(one.failed for one in responses)
     measurements = tuple(_measurements(problem, plan, responses))
     return Plan(measurements, rules.cost(plan), settings, len(responses), before, after, failed, tuple(notes))
@@ -387,8 +381,18 @@ def _measurements(problem: Problem, plan: Sequence[int], responses: Sequence[Res
         yield Measurement(one.candidate, one.value, deviation, math.exp(problem.score(plan[:k]) - first))
 
 
-def _standard_errors(found: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
-    """Standard error of each parameter [SI] at the most likely values, after a plan."""
+def _standard_errors(study: Study, found: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
+    """Standard error of each parameter of a study [SI] at the most likely values, after a plan."""
     scale = found.likelihood.scaled(found.unit)
     deviations = np.sqrt(np.diag(problem.covariance(plan)[0])[: len(scale)]) * scale
-    return dict(zip(found.likelihood.names, deviations.tolist(), strict=True))
+    return dict(zip(study.space.names, deviations.tolist(), strict=False))
+
+
+def _column(study: Study, name: str) -> int:
+    """Place of a parameter among the free ones; `ConfigurationError` if there is none of this name."""
+    names = study.space.names
+    if name not in names:
+        raise ConfigurationError(
+            f"{name} is no free parameter of the study{nearest(name, names)}; free are {', '.join(names)}."
+        )
+    return names.index(name)

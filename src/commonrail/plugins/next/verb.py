@@ -58,9 +58,6 @@ def next_(
     ] = "30us",
     draws: Annotated[int, Option(min=1, max=1000, help="Draws of the parameters that are averaged over.")] = 12,
     seed: Annotated[int, Option(min=0, help="Seed of the draws.")] = 0,
-    posterior: Annotated[
-        bool, Option("--posterior", help="Take the draws of `commonrail certainty --posterior`.")
-    ] = False,
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the plan among the data.")] = None,
     threads: Threads = None,
@@ -77,7 +74,6 @@ def next_(
       commonrail next runs/first --criterion d --parameter nozzle.discharge_maximum --rail-pressure 40:160:20MPa
     """
     from commonrail.base.arguments import chosen
-    from commonrail.plugins.certainty.posterior_file import read_posterior
     from commonrail.plugins.next.file import plan_record, write_plan
     from commonrail.plugins.next.page import plan_html, plan_lines, plan_tables
     from commonrail.plugins.next.run import DesignSettings, candidates_of, next_measurements
@@ -108,8 +104,7 @@ def next_(
         () if dwell is None else read_axis(dwell, "s", "--dwell").tolist(),
         0.0 if first_energising_time is None else parse(first_energising_time, "s", "--first-energising-time"),
     )
-    drawn = read_posterior(run, study.space.names) if posterior else None
-    plan = next_measurements(study, best, candidates, settings, posterior=drawn, threads=threads, note=say)
+    plan = next_measurements(study, best, candidates, settings, threads=threads, note=say)
     if out is not None:
         write_plan(out, plan)
     if report is not None:

@@ -11,7 +11,6 @@ import numpy as np
 from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError, nearest
-from commonrail.base.hooks import note as warn
 from commonrail.base.text import number
 from commonrail.calibration.identifiability import plain_objective
 from commonrail.calibration.influence import around
@@ -29,8 +28,7 @@ from commonrail.engine.time_step import DEFAULT_STEP, longest_step, medium_of, s
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import is_of_meter
 from commonrail.physics.variants import Variant
-from commonrail.plugins.certainty.posterior_file import RefusedDrawsError, read_posterior
-from commonrail.runs.folder import POSTERIOR, RESULT, read_fit, read_result
+from commonrail.runs.folder import DRAWS, RESULT, read_draws, read_fit, read_result
 
 # Fan of a page: several fits that explain the data almost as well as the best one, or parts that scatter.
 
@@ -77,18 +75,14 @@ def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan
 def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int | None = None) -> Fan | None:
     """Draws from the posterior of a run if it has one that may be used, else fits little worse than the best one [SI].
 
-    InputError if posterior.npz is damaged.
+    InputError if draws.npz is damaged.
     """
     names = tuple(study.space.names)
-    if (run / POSTERIOR).is_file():
-        try:
-            draws = read_posterior(run, names)
-        except RefusedDrawsError as error:
-            warn(f"{error} The page shows fits near the best one instead.")
-        else:
-            chosen = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
-            note = f"Fan: {len(chosen)} draws of the {len(draws)} from the posterior of the run."
-            return _of_injector(Fan("draws", note, names, chosen))
+    if (run / DRAWS).is_file():
+        draws = read_draws(run, names)
+        chosen = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
+        note = f"Fan: {len(chosen)} draws of the {len(draws)} from the posterior of the run."
+        return _of_injector(Fan("draws", note, names, chosen))
     found = _on_level(study, np.array([best[name] for name in names]), threads)
     if found is None:
         return None

@@ -10,11 +10,8 @@ from scipy import special
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.text import number
-from commonrail.calibration.optimisers.least_squares import FeasibleSet
-from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet
 from commonrail.data.records import point_record
-from commonrail.plugins.certainty.covariance import student
 
 Edges = tuple[Floats, Floats]
 
@@ -31,8 +28,6 @@ class Band(NamedTuple):
     edges: Mapping[float, tuple[Floats, Floats]]  # lower and upper edges by level
     measured: bool  # the data set has measured values, not operating points alone
     alone: Mapping[float, tuple[Floats, Floats]]  # edges by what the parameters may be alone
-    optima: int = 1  # number of optima over which the band is the union of theirs
-    drawn: bool = False  # the edges are quantiles of simulated draws, not linear
 
     @property
     def counted(self) -> Bools:
@@ -66,20 +61,16 @@ class Band(NamedTuple):
         """JSON-able record of the band of one level, as result.json keeps it for a data set.
 
         Returns half widths about the predicted values of a map ("half_widths", to the farther edge), None where a value
-        is not judged; edges ("lower", "upper") of a course, of the union over several optima, and of draws; counts of
-        measured values inside.
+        is not judged; edges ("lower", "upper"); counts of measured values inside.
         """
         low, high = self.edges[level]
         half = np.where(self.counted, np.maximum(high - self.values, self.values - low), np.nan)
-        several = {"optima": self.optima} if self.optima > 1 else {}
-        edges = {"lower": _short(low), "upper": _short(high)}
-        course = self.data.bounds is not None
         return {
             "level": level,
             "estimator": estimator,
-            **({} if course else {"half_widths": _shown(half)}),
-            **(edges if course or several or self.drawn else {}),
-            **several,
+            **({} if self.data.bounds is not None else {"half_widths": _shown(half)}),
+            "lower": _short(low),
+            "upper": _short(high),
             "values": int(np.count_nonzero(self.data.judged)),
             "covered": self.covered(level),
             "covered_by_parameters_alone": self._inside(self.alone[level]),
@@ -113,40 +104,22 @@ class Band(NamedTuple):
         }
 
 
-def band_from_slopes(
-    values: Floats, slopes: Floats, covariance: Floats, deviations: Floats, freedom: float, levels: Sequence[float]
-) -> dict[float, Edges]:
-    """Edges of bands by the linear (Laplace) approximation.
-
-    `values` (n,); `slopes` (n, d): derivatives with respect to the positions between the bounds; `covariance` (d, d):
-    of the positions; `deviations` (n,): standard deviations of the scatter; `freedom`: degrees of freedom of the
-    scatter.
-    """
-    variance = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
-    total = np.sqrt(np.maximum(variance, 0.0) + deviations**2)
-    halves = {level: float(student(np.array([freedom]), level)[0]) * total for level in levels}
-    return {level: (values - half, values + half) for level, half in halves.items()}
-
-
 def band_from_draws(
     drawn: Floats,
     deviations: Floats,
     freedom: float,
     levels: Sequence[float],
-    stretch: Floats | None = None,
 ) -> dict[float, Edges]:
     """Edges of bands from predictions of drawn parameters.
 
     `drawn` (m, n): predictions; NaN where a simulation failed. A value that fails for half of the draws or more has no
-    edges; `deviations` (n,): standard deviations of the scatter; `freedom`: degrees of freedom of the scatter;
-    `stretch` (m,): factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by
-    default the scatter has its own, by the degrees of freedom.
+    edges; `deviations` (n,): standard deviations of the scatter; `freedom`: degrees of freedom of the scatter.
     """
     # a draw that fails at one operating point still tells of the others
     sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
     wide: Floats = np.ascontiguousarray(drawn[:, sound].T)
     if deviations[sound].any():
-        wide = _scattered(wide, deviations[sound], freedom, stretch, np.random.default_rng(0))
+        wide = _scattered(wide, deviations[sound], freedom, np.random.default_rng(0))
     edges = np.full((2 * len(levels), drawn.shape[1]), np.nan)
     if sound.any():
         edges[:, sound] = _quantiles(wide, [0.5 * (1.0 + side * level) for level in levels for side in (-1.0, 1.0)])
@@ -165,30 +138,18 @@ def _quantiles(rows: Floats, shares: Sequence[float]) -> Floats:
     return np.asarray(low + (places - below) * (high - low)).T
 
 
-def _scattered(
-    drawn: Floats, deviations: Floats, freedom: float, stretch: Floats | None, rng: np.random.Generator
-) -> Floats:
+def _scattered(drawn: Floats, deviations: Floats, freedom: float, rng: np.random.Generator) -> Floats:
     """Predictions (n, replicates · m) of drawn parameters (n, m) with scatter; see `band_from_draws`.
 
     All values share the scatter, since edges are of each value alone: what is left of chance moves them together.
-    Normal scatters are equally likely ones, so that few replicates will do; a stretch is drawn.
+    Normal scatters are equally likely ones, so that few replicates will do.
     """
     many = drawn.shape[1]
     size = REPLICATES * many
     scatter = rng.permutation(special.ndtri((np.arange(size) + 0.5) / size)).reshape(REPLICATES, many)
-    if stretch is not None:
-        scatter *= stretch
-    elif np.isfinite(freedom):
+    if np.isfinite(freedom):
         scatter /= np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
     return (drawn[:, None] + scatter * deviations[:, None, None]).reshape(len(drawn), -1)
-
-
-def union(edges: Sequence[Mapping[float, Edges]]) -> dict[float, Edges]:
-    """Bands from the lowest to the highest edge of several, by level."""
-    return {
-        level: (np.min([one[level][0] for one in edges], axis=0), np.max([one[level][1] for one in edges], axis=0))
-        for level in edges[0]
-    }
 
 
 def _shown(values: Floats) -> list[float | None]:
@@ -198,51 +159,3 @@ def _shown(values: Floats) -> list[float | None]:
 def _short(values: Floats) -> list[float | None]:
     """Values with the digits that a figure shows."""
     return [number(float(f"{v:.{DIGITS}g}")) for v in values.tolist()]
-
-
-# Draws about the best values, for bands that a linear model would carry beyond what is physical.
-#
-# At a steep flank a value is far from linear in the parameters: rates and quantities end at zero, and the linear band
-# goes on below it. Draws of the same distribution, simulated, do not.
-
-DRAWS = 400  # the 5 % quantile of so many scatters by a tenth of the half width of a 90 % band
-SEED = 0
-# Share of the largest value by which a band may fall below zero, and a prediction that counts as never negative: the
-# fuel that flows back as a needle closes is a thousandth of the largest rate.
-SLACK = 0.01
-
-
-def falls_below_zero(values: Floats, alone: Mapping[float, Edges]) -> bool:
-    """True if a band by the parameters alone falls below zero where no predicted value does.
-
-    `values` (n,): predicted; `alone`: lower and upper edges by level.
-    """
-    found = np.isfinite(values)
-    floor = -SLACK * float(np.max(values, where=found, initial=0.0))
-    if not found.any() or values[found].min() < floor:
-        return False
-    return any(bool((low[found] < floor).any()) for low, _ in alone.values())
-
-
-class Drawn(NamedTuple):
-    """Drawn parameters."""
-
-    values: Floats  # (DRAWS, d), [SI], within bounds and constraints
-    stretch: Floats  # (DRAWS,), factor of each draw's distance from the mean, by the uncertain scale of the covariance
-
-
-def drawn_about(space: Space, point: Floats, covariance: Floats, freedom: float = np.inf) -> Drawn:
-    """Parameters drawn from Student's t distribution, brought within bounds and constraints.
-
-    `point` (d,): mean [SI]; `covariance` (d, d): of the positions between the bounds, for the normal distribution of
-    the same scale; `freedom`: degrees of freedom of the scale; the distribution is normal where it is exactly known.
-    """
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    unit = np.tile(space.to_unit(point), (DRAWS, 1))
-    rng = np.random.default_rng(SEED)
-    normal, stretch = rng.standard_normal(unit.shape), np.ones(DRAWS)
-    if np.isfinite(freedom):
-        stretch = 1.0 / np.sqrt(rng.chisquare(freedom, DRAWS) / freedom)
-    ends = unit + stretch[:, None] * (normal @ root.T)
-    return Drawn(space.from_unit(FeasibleSet.of(space).within(unit, ends)), stretch)

@@ -1,8 +1,9 @@
-"""Predictions of a fit with bands, by its curvature (Laplace) or by draws from its posterior.
+"""Predictions of a fit with bands, by draws of its parameters.
 
 A band holds what the parameters may be, and the scatter of measured values about the best prediction: the residual
-level of the fit, with the stated discrepancy. Where at least `scatter.LEAST` values of a map are fitted, all of it is
-scaled by what the fit predicts of each value that is held out; with fewer, a stated tolerance is the least scatter.
+level of the fit, with the discrepancy of the model. Where at least `scatter.LEAST` values of a map are fitted, all of
+it is scaled by what the fit predicts of each value that is held out; with fewer, a stated tolerance is the least
+scatter.
 """
 
 from __future__ import annotations
@@ -14,13 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import fraction, instance, instances, thread_count
+from commonrail.base.arguments import array, fraction, instance, instances, thread_count
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, SimulationError
-from commonrail.base.text import listed
 from commonrail.calibration.identifiability import FinishedFit
-from commonrail.calibration.influence import around
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
@@ -29,32 +28,16 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.plugins.certainty.estimate import (
-    Estimate,
-    bounded,
-    estimate,
-    estimate_at,
-    with_outliers,
-    with_step_error,
-)
-from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes
+from commonrail.plugins.certainty.estimate import Estimate
+from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.noise_fit import coordinates_of
-from commonrail.plugins.certainty.one_sided import Within
-from commonrail.plugins.prediction.band import (
-    Band,
-    Edges,
-    band_from_draws,
-    band_from_slopes,
-    drawn_about,
-    falls_below_zero,
-    union,
-)
-from commonrail.plugins.prediction.scatter import Scatter, curve_scatter, floored, scatter_of
+from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.prediction.band import Band, Edges, band_from_draws
+from commonrail.plugins.prediction.scatter import Scatter, curve_scatter, scatter_of
 
 LEVELS = (0.5, 0.9)
 LEVEL = 0.9  # of the bands that a result keeps
-FAR = 3.0  # standard errors of a parameter, beyond which an optimum is another one
-MOST_FAILED = 0.5  # share of draws that fail at a predicted value, from which the linear band is kept
+DRAWS = 200  # simulated draws: the 5 % quantile of so many scatters by a seventh of the half width of a 90 % band
 SAME = 1e-9  # relative distance beyond the fitted range that is rounding
 # Width of a band beyond the fitted energising times over that within. Virtual benches of cri2-16, 230 to 285 us where
 # 300 to 1000 us are fitted: 90 % bands held 60 to 92 %, at the worst point 1.95 times too narrow (normal distribution).
@@ -100,10 +83,9 @@ class _Fit(NamedTuple):
 
     simulator: Simulator
     estimate: Estimate
-    points: Floats  # (k, d), calibrated values [SI], then other optima that explain the data as well
+    points: Floats  # (1 + m, d), calibrated values [SI], then draws
     scatter: Mapping[str, Scatter]  # by the kind of the data
     curves: Mapping[str, Scatter]  # of fitted curves, by their names
-    draws: Floats | None = None  # (m, d), from the posterior, if they are wanted
 
     def scatter_about(self, data: DataSet) -> Scatter:
         """Scatter of the measured values of a data set: a fitted curve has its own, all others that of their kind."""
@@ -130,8 +112,8 @@ def predict(
     points : sequence of OperatingPoint
         Of which quantities per stroke are predicted; none for the data of the study, fitted and validated.
     draws : (m, d), optional
-        Parameters [SI] drawn from the posterior, in the order of the study's, see `Posterior.points`; by default the
-        linear approximation about the best values.
+        Parameters [SI] drawn from the posterior, in the order of the study's, such as `Certainty.points`; by default
+        they are drawn anew.
     levels : sequence of float
         Shares of the measured values that bands are to hold.
     threads : int, optional
@@ -142,7 +124,7 @@ def predict(
     ConfigurationError
         If an argument is of another kind, or quantities are wanted of a study that fits none.
     SimulationError
-        If the best values cannot be simulated, or no parameter has an interval.
+        If the best values cannot be simulated.
     """
     instance(study, Study, "study")
     wanted = instances(points, OperatingPoint, "points")
@@ -151,7 +133,10 @@ def predict(
         raise ConfigurationError("levels must be shares between 0 and 1, such as (0.5, 0.9).")
     sets: Sequence[DataSet] = [_asked(study, wanted)] if wanted else study.data
     threads = thread_count(threads)
-    fit = _fit_at(study, best, threads)._replace(draws=draws)
+    fit = _fit_at(study, best, threads)
+    if draws is not None:
+        chosen = array(draws, "1", "draws", 2)
+        fit = fit._replace(points=np.vstack([fit.points[:1], chosen[:: max(len(chosen) // DRAWS, 1)]]))
     bands = [_band(data, fit, shares, not wanted) for data in sets]
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
 
@@ -182,32 +167,24 @@ def predict_rate(
 
 def _fit_at(study: Study, best: Mapping[str, float], threads: int | None) -> _Fit:
     """Fit with its best values [SI]."""
-    point = study.space.point(best)
-    likelihood = Likelihood.of(study, threads)
-    return _fit(study, estimate(likelihood, likelihood.space.to_unit(point)[None]), point[None], threads)
+    return _fit(study, certify(study, best, threads=threads), study.space.point(best), threads)
 
 
 def judge(fit: FinishedFit) -> None:
     """Add the bands of all data about the calibrated values, if the certainty of the fit is known."""
-    if CERTAINTY in fit.shared:
-        within = fit.shared[CERTAINTY].within
-        fit.identified.bands.update(assessed_bands(fit.calibration.study, within, fit.optima, fit.threads))
+    if CERTAINTY not in fit.shared:
+        return
+    study = fit.calibration.study
+    certainty: Certainty = fit.shared[CERTAINTY]
+    best = fit.calibration.best if fit.identified.estimate is None else fit.identified.estimate
+    fit.identified.bands.update(assessed_bands(study, certainty, study.space.point(best), fit.threads))
 
 
 def assessed_bands(
-    study: Study, within: Within, points: Floats, threads: int | None = None
+    study: Study, certainty: Certainty, point: Floats, threads: int | None = None
 ) -> dict[str, dict[str, Any]]:
-    """Bands of all data of a study about its calibrated values, as records of result.json by the name of the data set.
-
-    `within`: of the study. Bands are those of the model that predicts: without the friction that was fitted as stated;
-    `points` (k, d): calibrated values [SI], then other optima that explain the data as well: a band is the union of
-    theirs.
-    """
-    threads, found = thread_count(threads), within.found
-    if within.fitted:
-        likelihood = Likelihood.of(study, threads)
-        found = estimate(likelihood, likelihood.space.to_unit(points[0])[None])
-    fit = _fit(study, found, points, threads)
+    """Bands of all data of a study about its calibrated values (d,) [SI], as records by the name of the data set."""
+    fit = _fit(study, certainty, point, thread_count(threads))
     bands = {}
     for data in study.data:
         if data.kind in fit.scatter:
@@ -216,26 +193,24 @@ def assessed_bands(
     return {name: band.judgement(LEVEL, _label(fit, [band])) for name, band in bands.items()}
 
 
-def _fit(study: Study, found: Estimate, points: Floats, threads: int | None) -> _Fit:
+def _fit(study: Study, certainty: Certainty, point: Floats, threads: int | None) -> _Fit:
     fitted = in_order(of_role(study.data, Role.FIT))
-    wide = floored(found, fitted)
     simulator = Simulator(study.injector, study.space.names, study.time_step, threads, same_bits=study.same_bits)
-    return _Fit(simulator, wide, points, scatter_of(wide, fitted), curve_scatter(wide, fitted))
+    draws = certainty.points[:: max(len(certainty.points) // DRAWS, 1)]
+    estimate = certainty.estimate
+    return _Fit(
+        simulator, estimate, np.vstack([point, draws]), scatter_of(estimate, fitted), curve_scatter(estimate, fitted)
+    )
 
 
 def _label(fit: _Fit, bands: Sequence[Band]) -> str:
     """Name of the estimator of bands."""
     kinds = {band.data.kind for band in bands}
-    label = "draws from the posterior" if fit.draws is not None else "Laplace: linear about the best values"
-    if drawn := [band.data.name for band in bands if band.drawn]:
-        whose = "" if len(drawn) == len(bands) else f" of {listed(drawn)}"
-        label += f", simulated draws{whose} because a linear band falls below zero"
-    label += "; noise and discrepancy included"
+    label = "draws from the posterior; noise and discrepancy included"
     scaled = [one for kind, one in fit.scatter.items() if kind in kinds and one.left_out]
     if scaled:
         label += f", scaled by the predictions of {sum(one.left_out for one in scaled)} fitted values held out in turn"
-    label += _beyond(fit, bands)
-    return f"{label}; union over {len(fit.points)} optima" if len(fit.points) > 1 else label
+    return label + _beyond(fit, bands)
 
 
 def _beyond(fit: _Fit, bands: Sequence[Band]) -> str:
@@ -294,72 +269,11 @@ def _band(data: DataSet, fit: _Fit, levels: tuple[float, ...], measured: bool) -
             "some, or predict another kind."
         )
     scatter = fit.scatter_about(data)
-    if fit.draws is not None:
-        drawn = data.simulated(fit.simulator, np.vstack([fit.points[:1], fit.draws]))
-        values = drawn[0]
-        spread = values + scatter.calibration * (drawn[1:] - values)
-        deviations = scatter.calibration * scatter.deviations(data, values)
-        edges, alone = (band_from_draws(spread, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
-        return Band(data, values, _widened(edges, values, _is_beyond(fit, data)), measured, alone)
-    found = [_local(data, fit, point, levels) for point in fit.points]
-    edges, alone = union([one.edges for one in found]), union([one.alone for one in found])
-    edges = _widened(edges, found[0].values, _is_beyond(fit, data))
-    return Band(data, found[0].values, edges, measured, alone, len(found), any(one.drawn for one in found))
-
-
-class _Local(NamedTuple):
-    """Predicted values (n,) of one optimum, edges of its bands by level, those of the parameters alone, and whether
-    they are of draws."""
-
-    values: Floats
-    edges: dict[float, Edges]
-    alone: dict[float, Edges]
-    drawn: bool
-
-
-def _local(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -> _Local:
-    """Band about one optimum: linear, or of draws where a linear one would fall below zero."""
-    place = around(fit.estimate.likelihood.space, point)
-    values = data.simulated(fit.simulator, place.values)
-    if not np.isfinite(values[0]).any():
+    drawn = data.simulated(fit.simulator, fit.points)
+    values = drawn[0]
+    if not np.isfinite(values).any():
         raise SimulationError(f"{data.name} cannot be simulated with the best values, so it has no band.")
-    about = _about(fit.estimate, point)
-    if not np.isfinite(np.diag(about.covariance.total)).any():
-        raise SimulationError(
-            f"{data.name} has no band: no parameter of the fit has an interval, so nothing bounds what it predicts; "
-            "take draws from the posterior, state priors, or free fewer parameters."
-        )
-    scatter = fit.scatter_about(data)
-    covariance = scatter.calibration**2 * bounded(about)
-    deviations = scatter.calibration * scatter.deviations(data, values[0])
-    edges, alone = (
-        band_from_slopes(values[0], place.slopes(values), covariance, d, scatter.freedom, levels)
-        for d in (deviations, 0.0 * deviations)
-    )
-    if falls_below_zero(values[0], alone):
-        draws = drawn_about(fit.estimate.likelihood.space, point, covariance, scatter.freedom)
-        drawn = data.simulated(fit.simulator, draws.values)
-        if np.isfinite(drawn[:, np.isfinite(values[0])]).mean(axis=0).min() > MOST_FAILED:
-            edges, alone = (
-                band_from_draws(drawn, d, scatter.freedom, levels, draws.stretch)
-                for d in (deviations, 0.0 * deviations)
-            )
-            return _Local(values[0], edges, alone, True)
-    return _Local(values[0], edges, alone, False)
-
-
-def _about(found: Estimate, point: Floats) -> Estimate:
-    """Estimate whose covariance is about given values [SI].
-
-    The distance of the calibrated values from the most likely ones, which another loss or an unfinished search leaves,
-    is an error of theirs; another optimum has a covariance of its own.
-    """
-    likelihood, unit = found.likelihood, found.likelihood.space.to_unit(point)
-    away = unit - found.unit
-    variance = np.diag(found.covariance.total)
-    if np.all(away**2 <= FAR**2 * np.where(np.isfinite(variance), variance, 1.0)):
-        return found.with_errors(away[None])
-    errors = likelihood.residuals(point[None])[0]
-    return with_outliers(
-        with_step_error(estimate_at(likelihood, unit, errors, central_slopes(likelihood, unit[None])[0]))
-    )
+    spread = np.maximum(values + scatter.calibration * (drawn[1:] - values), np.minimum(drawn[1:], 0.0))
+    deviations = scatter.calibration * scatter.deviations(data, values)
+    edges, alone = (band_from_draws(spread, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
+    return Band(data, values, _widened(edges, values, _is_beyond(fit, data)), measured, alone)

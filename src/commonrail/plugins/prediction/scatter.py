@@ -11,10 +11,9 @@ import numpy as np
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.data.base import DataSet
 from commonrail.data.noise import Law
-from commonrail.plugins.certainty.covariance import covariance_of
-from commonrail.plugins.certainty.estimate import Estimate, wider, with_outliers
+from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import prior_slopes_at, weights_of
-from commonrail.plugins.certainty.noise_fit import sample_count, scale_of, stated_courses
+from commonrail.plugins.certainty.noise_fit import FittedNoise, sample_count, scale_of, spread
 
 LEAST = 8  # values held out, from which their scatter is believed
 HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
@@ -33,13 +32,14 @@ class Scatter(NamedTuple):
     left_out: int = 0  # number of those values
     least: float = 1.0  # share of the factor at a rate of zero; less than 1 where the noise grows with the rate
     slope: float = 0.0  # rise over that for one SI unit of the rate
+    share: float = 0.0  # discrepancy of the model as a share of the values
 
     def deviations(self, data: DataSet, values: Floats) -> Floats:
         """Standard deviations (n,) about predicted values (n,)."""
-        stated = data.discrepancy(values)
-        if stated is not None:
-            return self.factor * stated
-        return self.factor * self.least * (1.0 + self.slope * np.maximum(np.nan_to_num(values), 0.0))
+        size, stated = np.nan_to_num(values), data.discrepancy(values)
+        if stated is None:
+            stated = self.least * (1.0 + self.slope * np.maximum(size, 0.0))
+        return np.hypot(self.factor * stated, self.share * np.abs(size))
 
 
 class LeftOut(NamedTuple):
@@ -52,15 +52,18 @@ class LeftOut(NamedTuple):
 def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     """Values held out one at a time, by the linear model about the estimate and without a further simulation.
 
-    With the influence H of the fit, uncertain quantities and discrepancies among what is fitted, the error of the value
-    i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
+    With the influence H of the fit, courses that values are off by together among what is fitted, the error of the
+    value i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
 
     `rows` (m,): rows of the residuals.
     """
-    likelihood, d = found.likelihood, len(found.unit)
+    d, pairs = len(found.unit), zip(found.likelihood.blocks, found.likelihood.noises, strict=True)
+    courses = [spread(block, noise.courses.reshape(-1, block.size), found.likelihood.size) for block, noise in pairs]
+    plain = [replace(noise, courses=np.empty((0, 0))) for noise in found.likelihood.noises]
+    likelihood = found.likelihood.with_noises(plain)
     innovations = likelihood.whiten(found.errors)
     robust = np.sqrt(weights_of(likelihood, innovations))
-    wide = np.vstack([found.slopes, found.shifts, stated_courses(likelihood.blocks)])
+    wide = np.vstack([found.slopes, *courses])
     tangents = robust * likelihood.whiten(wide)
     prior_slopes = prior_slopes_at(likelihood, found.unit)
     held = np.eye(len(wide))
@@ -77,30 +80,20 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     return LeftOut(rest[free] / root, float(np.count_nonzero(free) ** 2 / max(float(np.sum(related**2)), 1e-300)))
 
 
-def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
-    """Estimate whose scales of noise are no smaller than stated tolerances, of data with too few values to hold out.
+def _noises(found: Estimate, fitted: Sequence[DataSet]) -> list[FittedNoise]:
+    """Noises whose scales are no smaller than stated tolerances, of data with too few values to hold out.
 
     `fitted`: in the order of the blocks.
     """
-    likelihood = found.likelihood
     few = [
         data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
     ]
-    noises = [
+    return [
         replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, known=True)
         if low and not noise.known and noise.sigma < 1.0
         else noise
-        for low, noise in zip(few, likelihood.noises, strict=True)
+        for low, noise in zip(few, found.likelihood.noises, strict=True)
     ]
-    wide = likelihood.with_noises(noises)
-    covariance = covariance_of(wide, found.unit, found.slopes, found.errors, found.shifts)
-    fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
-    covariance = covariance._replace(
-        nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear),
-        discrepancy=found.covariance.discrepancy,  # the errors of time step and drift are in it, but not in the blocks
-    )
-    covariance = wider(covariance, found.covariance)
-    return with_outliers(replace(found, likelihood=wide, covariance=covariance))
 
 
 def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
@@ -109,8 +102,9 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
     Where none are, residuals that exceed a stated noise, or that of repeated shots, count in its place: the model's
     own error is in them.
 
-    `found`: of `floored`; `fitted`: in the order of the blocks.
+    `fitted`: in the order of the blocks.
     """
+    found = replace(found, likelihood=found.likelihood.with_noises(_noises(found, fitted)))
     scatter: dict[str, Scatter] = {}
     levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
     tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
@@ -133,7 +127,7 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
 def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
     """Scatter of each fitted curve by its name: its own, which for a mean of many strokes is that of the mean.
 
-    `found`: of `floored`; `fitted`: in the order of the blocks.
+    `fitted`: in the order of the blocks.
     """
     blocks = found.likelihood.blocks
     return {data.name: _of_set(found, i, data)[1] for i, data in enumerate(fitted) if blocks[i].ordered}
@@ -152,6 +146,7 @@ def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatte
         min(noise.freedom, tail),
         least=noise.growth.least,
         slope=noise.growth.slope * data.residual_scale,
+        share=noise.share,
     )
     if not (noise.known or block.shots is not None):
         return one, one

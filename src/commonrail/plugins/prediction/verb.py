@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,16 +26,6 @@ if TYPE_CHECKING:
     from commonrail.engine.operating_point import OperatingPoint
 
 
-class Bands(StrEnum):
-    """Source of what the parameters may be."""
-
-    LAPLACE = "laplace"
-    """Linear about the best values."""
-
-    POSTERIOR = "posterior"
-    """Draws of `commonrail certainty --posterior`."""
-
-
 @verb
 def predict(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
@@ -53,7 +42,6 @@ def predict(
     ] = None,
     cylinder_pressure: CylinderPressure = None,
     return_pressure: ReturnPressure = None,
-    bands: Annotated[Bands, Option(help="What the parameters may be.")] = Bands.LAPLACE,
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for predictions and bands.")] = None,
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the bands.")] = None,
     threads: Threads = None,
@@ -72,18 +60,17 @@ def predict(
       commonrail predict runs/first
       commonrail predict runs/first --rail-pressure 40:160:20MPa --energising-time 200:1400:100us --out bands.csv
     """
-    from commonrail.plugins.certainty.posterior_file import read_draws
     from commonrail.plugins.prediction.file import write_bands
     from commonrail.plugins.prediction.page import coverage_table, points_table, prediction_html
     from commonrail.plugins.prediction.run import predict as run_prediction
-    from commonrail.runs.folder import read_fit
+    from commonrail.runs.folder import DRAWS, read_draws, read_fit
 
     check_file(out, "--out")
     check_report(report)
     check_distinct(out, report)
     study, best = read_fit(run)
     points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
-    draws = read_draws(run, study.space.names) if bands is Bands.POSTERIOR else None
+    draws = read_draws(run, study.space.names) if (run / DRAWS).is_file() else None
     say(SIMULATING)
     found = run_prediction(study, best, points, draws=draws, threads=threads)
     if out is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
@@ -117,51 +117,9 @@ def loading_matrix(record: Record) -> HeatMap | None:
     )
 
 
-def profile_figures(record: Record) -> list[Figure]:
-    """Profiles of the likelihood, one of each parameter that has one with a finished end."""
-    found = record.get("certainty") or {}
-    known, names = {p["name"]: p for p in record["parameters"]}, names_of(record)
-    likely = {p["name"]: p["value"] for p in found.get("parameters", ())}
-    return [
-        _profile([*one["points"], (likely[one["name"]], 0.0)], known[one["name"]], names[one["name"]], found["level"])
-        for one in found.get("profiles", ())
-        if one["low"]["finished"] or one["high"]["finished"]
-    ]
-
-
-def _profile(seen: Sequence[Sequence[float]], p: Record, name: str, level: float) -> Figure:
-    """Falls of 2 ln L at values [SI] of a parameter, the most likely one last; `level` is that of its interval."""
-    unit, factor = _unit(p)
-    x, y = zip(*sorted((factor * value, fall) for value, fall in seen if fall <= FALL), strict=True)
-    best, limit, optimum = factor * p["best"], _limit(level), factor * seen[-1][0]
-    between = np.linspace(x[0], x[-1], 61)  # the root of the fall is all but straight
-    root = np.interp(between, x, np.sign(np.array(x) - optimum) * np.sqrt(np.maximum(y, 0.0)))
-    series = [
-        Series("", "solid", points(between), points(root**2), family=0),
-        Series("", "solid", x, y, MARKERS, 0),
-        Series("", "level", (x[0], x[-1]), (limit, limit)),
-    ]
-    if x[0] <= best <= x[-1]:
-        series.append(Series("", "best", (best, best), (0.0, limit)))
-    return Figure(name, PROFILE_CAPTION, _axis(p["name"], unit), (Panel("fall of 2 ln L", tuple(series)),))
-
-
 def _axis(name: str, unit: str) -> str:
     """Title of an axis."""
     return f"{name}, {unit}" if unit else name
-
-
-PROFILE_CAPTION = (
-    "Largest likelihood at each value of the parameter, the others fitted; between the computed points a guide. "
-    "Dotted: limit of the interval; red: calibrated value."
-)
-
-
-def _limit(level: float) -> float:
-    """Quantile of chi-squared with one degree of freedom."""
-    from statistics import NormalDist
-
-    return NormalDist().inv_cdf(0.5 + 0.5 * level) ** 2
 
 
 def _unit(p: Record) -> tuple[str, float]:

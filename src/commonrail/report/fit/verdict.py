@@ -15,7 +15,6 @@ from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.base import View
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
-from commonrail.report.fit.certainty import difference
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
 
 # Result of a calibration in sentences.
@@ -234,8 +233,8 @@ MANY_STARTS = 16  # from which further ones are not advised: ends then differ be
 WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 
 
-# Turns of the steps: a bound that is hit falsifies the search, which the values to adopt come from, which a map shows.
-BOUNDS, SEARCH, ADOPT, OTHER, USE = range(5)
+# Turns of the steps: a bound that is hit falsifies the search, whose values a map shows.
+BOUNDS, SEARCH, OTHER, USE = range(4)
 
 
 class Step(NamedTuple):
@@ -279,7 +278,7 @@ def verdict(record: Record, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     folder = shlex.quote(run)
     subjects = {
-        "fit": [*_better(record, folder), *_misses(record)],
+        "fit": [*_misses(record)],
         "search": list(_ending(record, folder)),
         "data": list(_plausibility(record, folder)),
         "unseen": list(_prediction(record)),
@@ -369,17 +368,6 @@ def _search_tile(record: Record, level: str) -> list[Tile]:
     return [Tile("search", figure, f"{search_words(found)} after {generations}", level)]
 
 
-def _better(record: Record, folder: str) -> Iterator[_Point]:
-    """Most likely values that fit better than the calibrated ones by more than noise explains."""
-    found = difference(record)
-    if found is None or not found.matters:
-        return
-    adopt = Step(
-        "Adopt the most likely values as the calibrated ones.", f"commonrail certainty {folder} --adopt", ADOPT
-    )
-    yield _Point(CARE, found.sentence, adopt if record["certainty"]["starts"] > 1 else _full(folder, record))
-
-
 def _misses(record: Record) -> Iterator[_Point]:
     """Fit that is far off what was measured."""
     for view, own in by_kind(of_role(record["data"], "fit")):
@@ -395,11 +383,7 @@ def _full(folder: str, record: Record) -> Step:
     if starts > 1:
         text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
         return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", SEARCH)
-    text = "Compute full intervals of the parameters, and search for their most likely values from several starts"
-    differs = difference(record)
-    if differs and differs.matters and not record["certainty"].get("profiles"):
-        return Step(f"{text}, which are then adopted.", f"commonrail certainty {folder} --adopt", SEARCH)
-    return Step(f"{text}.", f"commonrail certainty {folder}", SEARCH)
+    return Step("Search for the most likely values from several starts.", f"commonrail certainty {folder}", SEARCH)
 
 
 def _ending(record: Record, folder: str) -> Iterator[_Point]:
@@ -484,8 +468,7 @@ def _parameters(record: Record, folder: str) -> Iterator[_Point]:
     loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
-        profiled = record.get("certainty", {}).get("starts", 1) > 1
-        yield _Point(CARE, reason, _plan(record, folder) if profiled else _full(folder, record))
+        yield _Point(CARE, reason, _plan(record, folder))
 
 
 def _plan(record: Record, folder: str) -> Step:
