@@ -143,7 +143,24 @@ def read_decimal(text: str) -> float:
 
 _NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S | re.A)
 # What quantities of a stroke are counted by: "mg/Hub", "mm3/Takt".
-_STROKE = re.compile(r"/(?:inj|injection|str|stk|shot|hub|takt|einspritzung)\.?$", re.I)
+_STROKE = re.compile(r"/(?:inj|injection|str|stk|shot|hub|takt|einspritzung|(?-i:H))\.?$", re.I)
+# Units as words and abbreviations of headings, in small letters.
+_WORDS = {
+    **dict.fromkeys(("sec", "second", "seconds", "sek", "sekunde", "sekunden"), "s"),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
+    **dict.fromkeys(("usec", "microsecond", "microseconds", "mikrosekunden"), "us"),
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("amp", "amps", "ampere", "amperes"), "A"),
+    **dict.fromkeys(("percent", "prozent"), "%"),
+    **dict.fromkeys(("celsius", "deg c", "grad c", "grad celsius"), "degC"),
+    "bar": "bar",
+    "ccm": "cm3",
+    "cc": "cm3",
+    "cmm": "mm3",
+}
+# A pressure that is said to be absolute, or above that of the air: "bar(a)", "bar abs", "barg", "MPa (rel)".
+_GAUGE = re.compile(r"([kMh]?Pa|m?bar)[ _]*\(?(?:(abs|a)|(gauge|rel|g))\.?\)?", re.I)
+ATMOSPHERE = 101325.0  # [Pa]
 _LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "·": " ", "⋅": " "})
 
 
@@ -223,6 +240,16 @@ def compatible(a: str, b: str) -> bool:
     return _known(a, "").kind == _known(b, "").kind
 
 
+def is_everyday(unit: str) -> bool:
+    """Tell whether a text is a unit that the field writes every day, without asking pint."""
+    return _of_table(_plain(unit)) is not None
+
+
+def same_scale(one: str, other: str) -> bool:
+    """Tell whether two units are the same under different names; InputError for an unknown unit."""
+    return _known(one, "") == _known(other, "")
+
+
 def fits(unit: str, kind: str) -> bool:
     """Tell whether a text is a unit of the same kind of quantity as another; False for an unknown unit."""
     try:
@@ -293,12 +320,25 @@ def _known(unit: str, where: str, wanted: str = "") -> Scale:
 
 @lru_cache(maxsize=512)
 def _scale(unit: str) -> Scale | None:
+    text = _plain(unit)
+    return _of_table(text) or _ask_pint(text)
+
+
+def _plain(unit: str) -> str:
+    """Spelling of a unit in the table: powers as plain digits, single spaces, "/stroke" for what counts strokes."""
     text = unicodedata.normalize("NFKC", unit).translate(_LOOKALIKES)
     # A power is a letter followed by digits; what is left of other powers is refused below.
     text = re.sub(r"(?<=[A-Za-z])\s*(?:\*\*|\^)\s*(?=-?\d)", "", text).replace("**", "^")
     text = re.sub(r"\s*/\s*", "/", " ".join(text.replace("*", " ").split()))
-    text = _STROKE.sub("/stroke", f"1{text}" if text.startswith("/") else text)
-    return FAST.get(text) or _ask_pint(text)
+    return _STROKE.sub("/stroke", f"1{text}" if text.startswith("/") else text)
+
+
+def _of_table(text: str) -> Scale | None:
+    """Scale of a plain spelling in the table, of a word for it, or of a pressure with its reference."""
+    if match := _GAUGE.fullmatch(text):
+        scale = _of_table(match[1])
+        return scale and scale._replace(offset=ATMOSPHERE if match[3] else 0.0)
+    return FAST.get(text) or FAST.get(_WORDS.get(text.lower(), ""))
 
 
 def _ask_pint(text: str) -> Scale | None:
